@@ -1,0 +1,70 @@
+"""``python -m mvuav_ros NAME …`` runs the executable of that name; so do the console scripts.
+
+Nothing large is imported here: a node is to end cleanly even while it is still importing.
+"""
+
+import os
+import signal
+import sys
+from importlib import import_module
+from types import FrameType
+
+NODES = {
+    'marker_tracker': 'mvuav_ros.nodes.marker_tracker',
+    'runway_detector': 'mvuav_ros.nodes.runway_detector',
+    'video_source': 'mvuav_ros.nodes.video_source',
+    'vision_process': 'mvuav_ros.nodes.vision_process',
+}
+EXECUTABLES = {**NODES, 'mvuav': 'mvuav_ros.cli.app'}
+
+
+def main() -> None:
+    """Hand over to the executable named first on the command line."""
+    if len(sys.argv) < 2 or sys.argv[1] not in EXECUTABLES:
+        sys.exit(f'usage: python -m mvuav_ros {"|".join(EXECUTABLES)} …')
+    sys.argv[0:2] = [sys.argv[1]]
+    _run(sys.argv[0])
+
+
+def marker_tracker() -> None:
+    """The console script."""
+    _run('marker_tracker')
+
+
+def runway_detector() -> None:
+    """The console script."""
+    _run('runway_detector')
+
+
+def video_source() -> None:
+    """The console script."""
+    _run('video_source')
+
+
+def vision_process() -> None:
+    """The console script."""
+    _run('vision_process')
+
+
+def mvuav() -> None:
+    """The console script."""
+    _run('mvuav')
+
+
+def _run(name: str) -> None:
+    status = 0 if name in NODES else 128 + signal.SIGINT
+
+    def leave(_number: int, _frame: FrameType | None) -> None:
+        os._exit(status)
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, leave) for number in numbers]
+    run = import_module(EXECUTABLES[name]).main
+    if name not in NODES:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+    run()
+
+
+if __name__ == '__main__':
+    main()

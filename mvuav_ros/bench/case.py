@@ -1,0 +1,81 @@
+"""One measurement: two callables in turn, so that a machine that slows down slows both."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+Action = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something to measure, and what to hold it against.
+
+    Attributes:
+        name: what is measured.
+        run: one call of it, usually one frame.
+        baseline_name: what it is compared with; empty if with nothing.
+        baseline: one call of that.
+        limit_ratio: median time may be this many times the baseline's.
+        limit_ms: median time may be this long, ms.
+        note: a figure from elsewhere, such as the thesis's own.
+    """
+
+    name: str
+    run: Action
+    baseline_name: str = ''
+    baseline: Action | None = None
+    limit_ratio: float | None = None
+    limit_ms: float | None = None
+    note: str = ''
+
+
+class Measurement(NamedTuple):
+    """Medians in ms; ``ratio`` is the median of the ratios pair by pair."""
+
+    case: Case
+    median_ms: float
+    baseline_ms: float | None
+    ratio: float | None
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether every limit of the case is kept."""
+        limit_ratio, limit_ms = self.case.limit_ratio, self.case.limit_ms
+        if limit_ratio is not None and (self.ratio is None or self.ratio > limit_ratio):
+            return False
+        return limit_ms is None or self.median_ms <= limit_ms
+
+
+def measure(case: Case, seconds: float = 1.0, most_pairs: int = 3000) -> Measurement:
+    """Run a case and its baseline in turn for about ``seconds``, at least five times."""
+    for _ in range(3):
+        case.run()
+        if case.baseline is not None:
+            case.baseline()
+    end = time.perf_counter() + seconds
+    times: list[float] = []
+    baselines: list[float] = []
+    while len(times) < 5 or (time.perf_counter() < end and len(times) < most_pairs):
+        times.append(_time(case.run))
+        if case.baseline is not None:
+            baselines.append(_time(case.baseline))
+    if not baselines:
+        return Measurement(case, statistics.median(times) * 1e3, None, None)
+    ratios = [ours / theirs for ours, theirs in zip(times, baselines, strict=True)]
+    return Measurement(
+        case,
+        statistics.median(times) * 1e3,
+        statistics.median(baselines) * 1e3,
+        statistics.median(ratios),
+    )
+
+
+def _time(action: Action) -> float:
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start

@@ -1,0 +1,1 @@
+"""The ``mvuav`` command; every subcommand has a module of its own."""

@@ -1,0 +1,88 @@
+"""``mvuav``: the subcommands, and how mistakes and interruptions end."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+from typing import Annotated, NoReturn
+
+import typer
+
+import mvuav_ros
+from mvuav_ros.cli.bench import bench
+from mvuav_ros.cli.demo import demo
+from mvuav_ros.cli.evaluate import evaluate
+from mvuav_ros.cli.info import info
+from mvuav_ros.cli.replay import replay
+from mvuav_ros.cli.simulate import simulate
+from mvuav_ros.cli.sweep import sweep
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recording.errors import RecordingError
+from mvuav_ros.sources.frame import SourceError
+
+app = typer.Typer(
+    name='mvuav',
+    help="Machine vision for UAVs: a tanker's marker lights, a runway's lines.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command()(replay)
+app.command()(info)
+app.command()(bench)
+app.command()(demo)
+app.command()(sweep)
+app.add_typer(simulate, name='simulate')
+app.add_typer(evaluate, name='evaluate')
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f'mvuav_ros {mvuav_ros.__version__}')
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option('--version', help='Show the version.', callback=_show_version, is_eager=True),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> NoReturn:
+    """Run the command; a user's mistake is one line on stderr, never a traceback."""
+    signal.signal(signal.SIGTERM, _on_sigterm)
+    try:
+        status = app(prog_name='mvuav', standalone_mode=False)
+    except (ParameterError, RecordingError, SourceError) as error:
+        _fail(str(error), 1)
+    except KeyboardInterrupt:
+        _fail('interrupted', 128 + signal.SIGINT)
+    except OSError as error:
+        _fail(str(error), 1)
+    except Exception as error:
+        # Usage errors of typer, whose own click is not importable under a public name.
+        if not hasattr(error, 'format_message'):
+            if type(error).__name__ == 'Abort':
+                _fail('interrupted', 128 + signal.SIGINT)
+            raise
+        _fail(f'{error.format_message()} (see mvuav --help)', 2)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    print('mvuav: ' + ' '.join(message.split()), file=sys.stderr)
+    sys.exit(status)
+
+
+def _on_sigterm(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,1 @@
+"""``mvuav demo``: the sample bags through real nodes in processes of their own."""

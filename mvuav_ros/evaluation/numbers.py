@@ -1,0 +1,109 @@
+"""The statistics that the tables show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.floating[Any]]
+
+
+class Interval(NamedTuple):
+    """A value with the ends of its 95 % confidence interval; NaN ends where it has none."""
+
+    value: float
+    low: float
+    high: float
+
+    def text(self, digits: int) -> str:
+        """As a cell of a table: value and interval, each with so many digits after the point."""
+        value = f'{self.value:.{digits}f}'
+        if math.isnan(self.low):
+            return value
+        return f'{value} [{self.low:.{digits}f}, {self.high:.{digits}f}]'
+
+
+def rms(values: Array) -> float:
+    """Root mean square of the numbers that are not NaN; NaN if there are none."""
+    known = values[np.isfinite(values)]
+    return math.sqrt(float(np.mean(known**2))) if known.size else math.nan
+
+
+def distance_rms(errors: Array) -> float:
+    """Root mean square of the lengths of vectors (..., 2); those with NaN do not count."""
+    return rms(np.hypot(errors[..., 0], errors[..., 1]))
+
+
+def angle_difference(a: Array, b: Array) -> Array:
+    """A minus b, rad, in [-pi, pi)."""
+    return np.asarray((a - b + math.pi) % (2 * math.pi) - math.pi)
+
+
+def pooled_rms(repeats: Sequence[Array], confidence: float = 0.95) -> Interval:
+    """RMS over all repeats, with the interval that their scatter allows.
+
+    Measurements of one flight hang together (they share its vibration's phases), so that only
+    whole flights are taken as independent: the interval is Student's t of their mean squares.
+
+    Args:
+        repeats: measurements of each flight; NaN does not count.
+        confidence: of the interval.
+    """
+    squares = np.array([float(np.nanmean(r**2)) for r in repeats if np.isfinite(r).any()])
+    if squares.size == 0:
+        return Interval(math.nan, math.nan, math.nan)
+    mean = float(squares.mean())
+    if squares.size == 1:
+        return Interval(math.sqrt(mean), math.nan, math.nan)
+    error = float(stats.sem(squares))
+    reach = float(stats.t.ppf(0.5 + confidence / 2, squares.size - 1)) * error
+    return Interval(
+        math.sqrt(mean), math.sqrt(max(mean - reach, 0.0)), math.sqrt(max(mean + reach, 0.0))
+    )
+
+
+class Spectrum(NamedTuple):
+    """Power spectral density: frequencies (Hz) and density (unit² per Hz)."""
+
+    frequency: Array
+    density: Array
+
+    def peaks(self, most: int, least_share: float = 0.002) -> list[float]:
+        """The frequencies (Hz) of the strongest maxima in rising order.
+
+        Args:
+            most: how many at most.
+            least_share: of the strongest one's density, below which a maximum is noise.
+        """
+        inner = self.density[1:-1]
+        top = (inner >= self.density[:-2]) & (inner > self.density[2:])
+        top &= inner > least_share * float(self.density.max(initial=0.0))
+        places = np.flatnonzero(top) + 1
+        strongest = places[np.argsort(self.density[places])[::-1][:most]]
+        return sorted(float(self.frequency[place]) for place in strongest)
+
+    def amplitude(self, frequency: float, reach: float) -> float:
+        """Amplitude of the sine at a frequency: from the power within ``reach`` (Hz) of it."""
+        near = np.abs(self.frequency - frequency) <= reach
+        step = float(self.frequency[1] - self.frequency[0])
+        return math.sqrt(2.0 * float(self.density[near].sum()) * step)
+
+
+def spectrum(values: Array, rate: float, seconds: float = 10.0) -> Spectrum:
+    """Welch's power spectral density of a signal's deviation from its mean.
+
+    Args:
+        values: (n,), without NaN.
+        rate: samples per second.
+        seconds: length of a segment, the inverse of the resolution.
+    """
+    from scipy import signal
+
+    length = min(len(values), round(seconds * rate))
+    frequency, density = signal.welch(values, rate, nperseg=length, detrend='constant')
+    return Spectrum(np.asarray(frequency), np.asarray(density))

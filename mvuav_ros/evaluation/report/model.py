@@ -1,0 +1,127 @@
+"""Tables, pictures and sections: what a report says, apart from how it looks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+Cell = str | float | int | None
+
+NOT_AVAILABLE = 'not available to us'
+"""Stands where the thesis has a number that we do not have; never replaced by a guess."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table; ``digits`` are those after the point of its numbers."""
+
+    name: str
+    unit: str = ''
+    digits: int = 3
+
+    @property
+    def heading(self) -> str:
+        """Name and unit."""
+        return f'{self.name} [{self.unit}]' if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers with names.
+
+    Attributes:
+        key: file name without suffix.
+        title: what a reader calls it.
+        columns: of every row.
+        rows: one cell per column; None or NaN where there is no number.
+        notes: below it, one paragraph each.
+    """
+
+    key: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f'{self.key}: {len(row)} cells for {len(self.columns)} columns')
+
+    def records(self) -> list[dict[str, Cell]]:
+        """The rows with their columns' headings, missing numbers as None."""
+        headings = [column.heading for column in self.columns]
+        return [dict(zip(headings, map(_known, row), strict=True)) for row in self.rows]
+
+    def text(self, row: int, column: int) -> str:
+        """One cell as people read it."""
+        value = _known(self.rows[row][column])
+        if value is None:
+            return '–'  # noqa: RUF001
+        if isinstance(value, float):
+            return f'{value:.{self.columns[column].digits}f}'
+        return str(value)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure; ``png`` is the file's content, ``alt`` says what it shows."""
+
+    key: str
+    title: str
+    png: bytes = field(repr=False)
+    alt: str = ''
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement, the thesis's number for it and ours; ``holds`` is None if it cannot be told."""
+
+    statement: str
+    thesis: str
+    ours: str
+    holds: bool | None
+
+
+@dataclass(frozen=True)
+class Section:
+    """Text, then tables and pictures in order."""
+
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    items: tuple[Table | Picture, ...] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything on the page.
+
+    Attributes:
+        title: of the page.
+        lead: paragraphs at its beginning.
+        settings: what made it, by name; shown and kept as JSON.
+        claims: the summary; may be empty.
+        sections: in order.
+    """
+
+    title: str
+    lead: tuple[str, ...]
+    settings: Mapping[str, Cell]
+    claims: tuple[Claim, ...] = ()
+    sections: tuple[Section, ...] = ()
+
+    def tables(self) -> list[Table]:
+        """All tables in order."""
+        return [i for section in self.sections for i in section.items if isinstance(i, Table)]
+
+    def pictures(self) -> list[Picture]:
+        """All pictures in order."""
+        return [i for section in self.sections for i in section.items if isinstance(i, Picture)]
+
+
+def _known(value: Cell) -> Cell:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

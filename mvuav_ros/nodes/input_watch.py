@@ -1,0 +1,107 @@
+"""What is wrong with the images that reach a node, and what to do about it."""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+
+from mvuav_ros.nodes.frame_statistics import WINDOW
+from mvuav_ros.nodes.image_input import InputEvents
+
+LOST_REMEDY = (
+    "give the camera's process a larger shared-memory segment, or let it publish reliably "
+    'and subscribe reliably (docs/transport.md)'
+)
+SLOW_REMEDY = 'lower the rate, the image size or the work'
+_STAMPS = 32
+_GAP = 1.6
+"""Times the usual spacing of stamps, from which on a frame is missing in between."""
+
+
+class StampWatch:
+    """Follows the stamps of images: their spacing, and gaps in it."""
+
+    def __init__(self) -> None:
+        self._spacings: deque[int] = deque(maxlen=_STAMPS)
+        self._last_ns: int | None = None
+        self.frames_left_out = 0
+        self.jumps_forward = 0
+
+    def follow(self, stamp_ns: int) -> None:
+        """Take the next frame's stamp."""
+        last, self._last_ns = self._last_ns, stamp_ns
+        if last is None or stamp_ns <= last:
+            return
+        spacing = stamp_ns - last
+        usual = self.spacing_ns
+        if usual and spacing > WINDOW * 1e9:
+            # A pause of the recording or another clock: no frames are missing there.
+            self.jumps_forward += 1
+            return
+        if usual and spacing > _GAP * usual:
+            self.frames_left_out += round(spacing / usual) - 1
+        self._spacings.append(spacing)
+
+    @property
+    def spacing_ns(self) -> int:
+        """The usual time between two stamps; 0 while too few have come."""
+        if len(self._spacings) < 8:
+            return 0
+        return round(statistics.median(self._spacings))
+
+
+class InputWatch:
+    """Turns counters into sentences: what happened in the last seconds, and the remedy."""
+
+    def __init__(self) -> None:
+        self._history: deque[dict[str, int]] = deque(maxlen=round(WINDOW) + 1)
+
+    def problems(self, events: InputEvents, stamps: StampWatch) -> list[str]:
+        """Sentences about the last seconds; to be called once a second."""
+        counts = {
+            'lost': events.lost,
+            'missing': events.missing,
+            'skipped': events.skipped,
+            'errors': events.errors,
+            'left out': stamps.frames_left_out,
+        }
+        self._history.append(counts)
+        recent = {name: count - self._history[0][name] for name, count in counts.items()}
+        problems = []
+        overwritten = max(recent['missing'] - recent['lost'], 0)
+        if recent['lost']:
+            problems.append(f'{recent["lost"]} images lost on the way here: {LOST_REMEDY}')
+        if overwritten or recent['skipped']:
+            problems.append(
+                f'too slow for the camera: {overwritten + recent["skipped"]} images skipped; '
+                + SLOW_REMEDY
+            )
+        elif recent['left out'] and not recent['lost']:
+            problems.append(
+                f'stamps leave out {recent["left out"]} images that never got here, although no '
+                'message was lost: the camera, its driver or the recording drops them'
+            )
+        if recent['errors']:
+            problems.append(f'images could not be taken: {events.last_error}')
+        return problems
+
+
+def silence(topic: str, publishers: list[str], events: InputEvents) -> str:
+    """Why no images come at all.
+
+    Args:
+        topic: the resolved image topic.
+        publishers: names of the nodes that publish it.
+        events: of the subscription.
+    """
+    if not publishers:
+        return f'nothing publishes {topic}'
+    names = ', '.join(publishers)
+    if events.incompatible:
+        return (
+            f'{names} publishes {topic} with a QoS that does not fit '
+            f'({events.incompatible_policy}); see qos_overrides'
+        )
+    if events.lost:
+        return f'{names} publishes {topic}, but every image is lost: {LOST_REMEDY}'
+    return f'{names} publishes {topic}, but sends nothing or nothing arrives (docs/transport.md)'

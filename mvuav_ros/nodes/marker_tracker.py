@@ -1,0 +1,18 @@
+"""``marker_tracker``: the tanker's marker lights, their labels and the roll."""
+
+from __future__ import annotations
+
+import sys
+
+from mvuav_ros.nodes.running import run_node
+from mvuav_ros.nodes.vision_node import VisionNode
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(lambda: VisionNode(MarkerTrackerProcessor())))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,68 @@
+"""What ``video_source`` tells ``/diagnostics``."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from mvuav_ros.nodes.frame_statistics import WINDOW
+from mvuav_ros.vision.picture import Picture
+
+
+class SourceStatus:
+    """Rate, state and the last trouble of a source.
+
+    Attributes:
+        state: ``waiting`` for subscribers, ``playing``, ``ended`` or ``retrying``.
+    """
+
+    def __init__(self, source: str) -> None:
+        self.state = 'waiting'
+        self._source = source
+        self._count = self._troubles = 0
+        self._times: deque[float] = deque()
+        self._last_trouble = ''
+        self._last_trouble_at = -WINDOW
+        self._format = ''
+
+    def published(self, picture: Picture) -> None:
+        """Count a frame."""
+        self._count += 1
+        self._times.append(time.monotonic())
+        self._format = f'{picture.width}x{picture.height} {picture.encoding}'
+
+    def trouble(self, words: str) -> None:
+        """Keep what went wrong."""
+        self._troubles += 1
+        self._last_trouble = words
+        self._last_trouble_at = time.monotonic()
+
+    def report(self, name: str, paused: bool, subscribers: int) -> DiagnosticStatus:
+        """The node's diagnostic status."""
+        now = time.monotonic()
+        while self._times and self._times[0] < now - WINDOW:
+            self._times.popleft()
+        state = 'paused' if paused else self.state
+        level, message = DiagnosticStatus.OK, state
+        if self.state == 'retrying':
+            level, message = DiagnosticStatus.ERROR, self._last_trouble
+        elif now - self._last_trouble_at < WINDOW:
+            level, message = DiagnosticStatus.WARN, self._last_trouble
+        values = {
+            'state': state,
+            'source': self._source,
+            'rate_hz': f'{len(self._times) / WINDOW:.1f}',
+            'frames_published': str(self._count),
+            'image': self._format,
+            'subscribers': str(subscribers),
+            'troubles': str(self._troubles),
+            'last_trouble': self._last_trouble,
+        }
+        return DiagnosticStatus(
+            level=level,
+            name=name,
+            message=message,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )

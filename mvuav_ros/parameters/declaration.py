@@ -1,0 +1,177 @@
+"""Declaring a node's parameters as the fields of one frozen dataclass.
+
+Default, type, range, choices and documentation stand in the field; the node's ROS descriptors,
+the YAML files' checks and the README's tables are all made from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+Value = bool | int | float | str
+
+_SPEC = 'mvuav_parameter'
+_Set = TypeVar('_Set', bound='ParameterSet')
+
+
+class ParameterError(ValueError):
+    """A value that a parameter cannot take, with a reason that a person understands."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        super().__init__(f'{name}: {reason}')
+        self.name = name
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """What one parameter may be; ``minimum`` and ``maximum`` are inclusive."""
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    thesis: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    odd: bool = False
+    read_only: bool = False
+
+    @property
+    def type(self) -> type[bool] | type[int] | type[float] | type[str]:
+        """The parameter's Python type, which is its default's."""
+        return type(self.default)
+
+    @property
+    def constraint(self) -> str:
+        """The values allowed, in words; empty where every value of the type is."""
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        words = 'odd' if self.odd else ''
+        if self.minimum is not None and self.maximum is not None:
+            return f'{words} {_plain(self.minimum)} to {_plain(self.maximum)}'.strip()
+        if self.minimum is not None:
+            return f'{words} at least {_plain(self.minimum)}'.strip()
+        return words
+
+    def convert(self, value: object) -> Value:
+        """Return ``value`` as the parameter's type.
+
+        A whole number is accepted for a float, and for a free text (``source:=0`` is a camera).
+
+        Raises:
+            ParameterError: the value has another type, or is out of range.
+        """
+        if self.type is float and type(value) is int:
+            value = float(value)
+        if self.type is str and type(value) is int and not self.choices:
+            value = str(value)
+        if type(value) is not self.type:
+            raise ParameterError(
+                self.name,
+                f'takes a {_TYPE_NAMES[self.type]}, not the {_type_name(value)} {value!r}',
+            )
+        assert isinstance(value, (bool, int, float, str))
+        self._check(value)
+        return value
+
+    def _check(self, value: Value) -> None:
+        if isinstance(value, str):
+            if self.choices and value not in self.choices:
+                raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
+            return
+        if isinstance(value, bool):
+            return
+        if not math.isfinite(value):
+            raise ParameterError(self.name, f'must be a finite number, not {value}')
+        too_small = self.minimum is not None and value < self.minimum
+        too_large = self.maximum is not None and value > self.maximum
+        if too_small or too_large or (self.odd and int(value) % 2 == 0):
+            raise ParameterError(self.name, f'must be {self.constraint}, not {value}')
+
+
+def parameter(default: Any, description: str, **constraints: Any) -> Any:
+    """Declare a field of a `ParameterSet`; the keywords are `ParameterSpec`'s."""
+    return field(
+        default=default,
+        metadata={_SPEC: {'default': default, 'description': description, **constraints}},
+    )
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Base of a node's parameters; an instance holds only valid values.
+
+    A subclass declares its fields with `parameter` and overrides `_check_together` for rules
+    between several of them.
+    """
+
+    def __post_init__(self) -> None:
+        for spec in self.specs():
+            object.__setattr__(self, spec.name, spec.convert(getattr(self, spec.name)))
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """Raise `ParameterError` where values that are valid alone contradict each other."""
+
+    @classmethod
+    def specs(cls) -> tuple[ParameterSpec, ...]:
+        """The parameters in order of declaration."""
+        return tuple(
+            ParameterSpec(name=f.name, **f.metadata[_SPEC]) for f in dataclasses.fields(cls)
+        )
+
+    @classmethod
+    def spec(cls, name: str) -> ParameterSpec:
+        """The parameter of that name.
+
+        Raises:
+            ParameterError: there is none.
+        """
+        for spec in cls.specs():
+            if spec.name == name:
+                return spec
+        raise ParameterError(name, f'no such parameter; there are {", ".join(cls.names())}')
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """The parameters' names in order of declaration."""
+        return tuple(f.name for f in dataclasses.fields(cls))
+
+    @classmethod
+    def from_mapping(cls: type[_Set], values: Mapping[str, object]) -> _Set:
+        """The defaults, changed by ``values``.
+
+        Raises:
+            ParameterError: a name is unknown or a value is not valid.
+        """
+        return cls().changed(values)
+
+    def changed(self: _Set, values: Mapping[str, object]) -> _Set:
+        """This set with some values replaced.
+
+        Raises:
+            ParameterError: a name is unknown or a value is not valid.
+        """
+        converted = {name: self.spec(name).convert(value) for name, value in values.items()}
+        return dataclasses.replace(self, **converted)
+
+    def as_dict(self) -> dict[str, Value]:
+        """Name to value, in order of declaration."""
+        return dataclasses.asdict(self)
+
+
+_TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text'}
+
+
+def _plain(number: float) -> str:
+    return str(int(number)) if number == int(number) else str(number)
+
+
+def _type_name(value: object) -> str:
+    return _TYPE_NAMES.get(type(value), type(value).__name__)

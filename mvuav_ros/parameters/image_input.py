@@ -1,0 +1,9 @@
+"""What the parameters of every node with an image subscription share."""
+
+IMAGE_TRANSPORTS = ('raw', 'compressed')
+OPENCV_THREADS = (
+    'Threads that OpenCV may use in the node; 0: its own choice, one for each core. One frame is '
+    'rarely worth more than one: two made a whole frame of 1920x1080 slower.'
+)
+"""Description of ``opencv_threads``."""
+MOST_OPENCV_THREADS = 64

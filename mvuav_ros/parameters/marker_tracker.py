@@ -1,0 +1,134 @@
+"""The parameters of ``marker_tracker``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.image_input import (
+    IMAGE_TRANSPORTS,
+    MOST_OPENCV_THREADS,
+    OPENCV_THREADS,
+)
+
+MODES = ('detect', 'detect_any', 'track', 'track_any')
+PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
+CENTROIDS = ('auto', 'binary', 'weighted')
+
+
+@dataclass(frozen=True)
+class MarkerTrackerParameters(ParameterSet):
+    """How markers are found, labelled, predicted and tracked."""
+
+    mode: str = parameter(
+        'track',
+        'detect: five labelled markers in every whole frame (Appendix A). detect_any: any number '
+        'of unlabelled clusters (Appendix B). track: three whole frames, then small windows '
+        'around predicted positions (Appendix C). track_any: any number of unlabelled lights, '
+        'each followed under a number of its own.',
+        choices=MODES,
+        thesis='Appendices A, B, C',
+    )
+    threshold: float = parameter(
+        0.7,
+        'A pixel belongs to a marker when it is brighter than this fraction of full scale '
+        '(strictly).',
+        minimum=0.0,
+        maximum=1.0,
+        unit='fraction of full scale',
+        thesis='eq. 3.4; 0.7',
+    )
+    grouping_distance: int = parameter(
+        15,
+        "T: bright pixels up to this far right of, above and below a group's first pixel join "
+        'the group.',
+        minimum=0,
+        maximum=10_000,
+        unit='px',
+        thesis='T',
+    )
+    search_radius: int = parameter(
+        10,
+        'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side.',
+        minimum=1,
+        maximum=1_000,
+        unit='px',
+        thesis='RoIT',
+    )
+    prediction: str = parameter(
+        'kalman',
+        'Where the next window is centred: kalman (a filter that follows the motion and what '
+        'vibration the lights have in common; it also never loses the names, see '
+        "docs/markers.md). The thesis's ways, with the thesis's tracking: none (the last "
+        'position), velocity (eq. 4.1), acceleration (eq. 4.2), acceleration_program (what the '
+        'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
+        choices=PREDICTIONS,
+        thesis='eqs 4.1, 4.2',
+    )
+    centroid: str = parameter(
+        'auto',
+        'How a light is measured: binary (the mean of the pixels above the threshold, thesis), '
+        'weighted (by intensity above the local background), auto (weighted in track with '
+        'prediction kalman and in track_any, else binary).',
+        choices=CENTROIDS,
+        thesis='binary',
+    )
+    layout: str = parameter(
+        '',
+        "A YAML file with the body's markers, their names and places (see "
+        'config/tanker_747.yaml); empty: the built-in tanker_747.',
+        read_only=True,
+    )
+    pose: bool = parameter(
+        True,
+        'Whether ~/pose is estimated, where camera_info holds a calibration and at least three '
+        'markers are named.',
+        thesis='left to others',
+    )
+    publish_tf: bool = parameter(
+        False,
+        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name.",
+        read_only=True,
+    )
+    min_area: int = parameter(
+        1,
+        'Clusters of fewer bright pixels are ignored.',
+        minimum=1,
+        maximum=100_000_000,
+        unit='px',
+    )
+    max_area: int = parameter(
+        0,
+        'Clusters of more bright pixels are ignored; 0: no limit.',
+        minimum=0,
+        maximum=100_000_000,
+        unit='px',
+    )
+    lost_timeout: float = parameter(
+        0.5,
+        'A marker not seen for this long is lost, and the whole frame is searched again.',
+        minimum=0.0,
+        maximum=60.0,
+        unit='s',
+    )
+    image_transport: str = parameter(
+        'raw',
+        'raw subscribes to the image topic, compressed to <image topic>/compressed.',
+        choices=IMAGE_TRANSPORTS,
+        read_only=True,
+    )
+    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether lights are measured by intensity."""
+        if self.centroid != 'auto':
+            return self.centroid == 'weighted'
+        return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
+
+    def _check_together(self) -> None:
+        if self.max_area and self.max_area < self.min_area:
+            raise ParameterError(
+                'max_area',
+                f'must be 0 (no limit) or at least min_area ({self.min_area}), not {self.max_area}',
+            )

@@ -1,0 +1,88 @@
+"""Ordinary ROS 2 parameter files, and ``node:name:=value`` on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mvuav_ros.parameters.declaration import ParameterError
+
+
+def load_parameters(path: Path, node: str) -> dict[str, object]:
+    """The values that a parameter file has for a node.
+
+    Keys name nodes with or without slash, in namespaces or with wildcards (``/**``, ``/*``);
+    later entries win, as in rcl.
+
+    Args:
+        path: YAML file.
+        node: the node's name, without slash.
+
+    Raises:
+        ParameterError: the file cannot be read or is not a parameter file.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ParameterError(str(path), error.strerror or str(error)) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        problem = ' '.join(str(error).split())
+        raise ParameterError(str(path), f'is not YAML: {problem}') from error
+    if not isinstance(content, dict):
+        raise ParameterError(str(path), 'is not a ROS 2 parameter file')
+    values: dict[str, object] = {}
+    for key, sections in _flattened_nodes(content):
+        if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
+            raise ParameterError(str(path), f'{key} has no ros__parameters')
+        if _matches(key, node):
+            values.update(_flattened(sections['ros__parameters']))
+    return values
+
+
+def parse_assignment(text: str) -> tuple[str, str, object]:
+    """Split ``node:name:=value``; the value is read as YAML, as ROS does.
+
+    Returns:
+        Node, parameter name and value.
+
+    Raises:
+        ParameterError: the text has another form.
+    """
+    target, sign, value = text.partition(':=')
+    node, colon, name = target.partition(':')
+    if not (sign and colon and node and name):
+        raise ParameterError(text, 'write node:name:=value, as in marker_tracker:threshold:=0.6')
+    try:
+        return node.strip('/'), name, yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ParameterError(text, f'the value {value!r} is not YAML') from error
+
+
+def _flattened_nodes(content: Mapping[Any, Any]) -> Iterable[tuple[str, Any]]:
+    """Node keys, namespaces written as an outer level joined to them."""
+    for key, value in content.items():
+        if isinstance(value, dict) and 'ros__parameters' not in value and value:
+            for inner, section in _flattened_nodes(value):
+                yield f'{key}/{inner.lstrip("/")}', section
+        else:
+            yield str(key), value
+
+
+def _matches(key: str, node: str) -> bool:
+    """Whether a key names a node of that name in any namespace."""
+    last = key.rsplit('/', 1)[-1]
+    return fnmatchcase(node, last.replace('**', '*'))
+
+
+def _flattened(values: Mapping[Any, Any], prefix: str = '') -> dict[str, object]:
+    flat: dict[str, object] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat.update(_flattened(value, f'{prefix}{name}.'))
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat

@@ -1,0 +1,173 @@
+"""The work of ``marker_tracker``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+
+import numpy as np
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+
+from mvuav_ros.messages.image_encoding import encode_image
+from mvuav_ros.messages.markers import encode_marker, encode_markers, encode_rpy
+from mvuav_ros.messages.pose import TF_TYPE, encode_pose, encode_transform
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.sources.frame import Frame
+from mvuav_ros.vision.body import TANKER_747, BodyLayout, LayoutError, load_layout
+from mvuav_ros.vision.camera_model import CalibrationError, CameraModel
+from mvuav_ros.vision.markers.model import TANKER_NAMES, Label, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.overlay import draw_markers
+from mvuav_ros.vision.markers.pipeline import MarkerPipeline
+from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.pose import FEWEST, Pose, PoseEstimator
+from mvuav_ros.vision.pose_overlay import draw_pose
+
+TF_TOPIC = '/tf'
+_TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
+
+
+class MarkerTrackerProcessor(Processor):
+    """Frames to labelled points, roll and pose.
+
+    Attributes:
+        topics: with one for each marker of the layout; they are those of the parameters given at
+            the construction or by the first `configure`.
+    """
+
+    name = 'marker_tracker'
+    parameters_type = MarkerTrackerParameters
+    topics = {
+        'markers': PointCloud2,
+        'rpy': Vector3Stamped,
+        'pose': PoseWithCovarianceStamped,
+        **dict.fromkeys((f'marker/{name}' for name in TANKER_NAMES), PointStamped),
+    }
+    debug_topics = ('debug_image',)
+    uses_camera_info = True
+
+    def __init__(self, parameters: MarkerTrackerParameters | None = None) -> None:
+        super().__init__()
+        self._parameters = parameters or MarkerTrackerParameters()
+        self._camera: CameraModel | None = None
+        self._checked: tuple[CameraModel, int, int] | None = None
+        self._refusal = ''
+        self._remarks: list[str] = []
+        self._set_layout(self._parameters)
+
+    def _set_layout(self, parameters: MarkerTrackerParameters) -> None:
+        self._layout = _open_layout(parameters.layout)
+        self._marker_topics = [f'marker/{name}' for name in self._layout.names]
+        topics: dict[str, type] = {
+            'markers': PointCloud2,
+            'rpy': Vector3Stamped,
+            'pose': PoseWithCovarianceStamped,
+            **dict.fromkeys(self._marker_topics, PointStamped),
+        }
+        if parameters.publish_tf and TF_TYPE is not None:
+            topics[TF_TOPIC] = TF_TYPE
+        # The layout is known from the start on, so this stands before anybody asks.
+        self.topics = topics  # type: ignore[misc]
+        self._pipeline = MarkerPipeline(parameters, self._layout)
+        self._poses = PoseEstimator(self._layout)
+
+    def configure(self, parameters: MarkerTrackerParameters) -> None:
+        """See `Processor.configure`.
+
+        Raises:
+            ParameterError: the layout's file cannot be used.
+        """
+        before, self._parameters = self._parameters, parameters
+        if (parameters.layout, parameters.publish_tf) != (before.layout, before.publish_tf):
+            self._set_layout(parameters)
+        else:
+            self._pipeline.configure(parameters)
+
+    def set_camera(self, camera: CameraModel) -> None:
+        """See `Processor.set_camera`."""
+        if camera != self._camera:
+            self._camera = camera
+            self._poses.reset()
+
+    def _forget(self) -> None:
+        self._pipeline.reset()
+        self._poses.reset()
+
+    def _process(self, frame: Frame, header: Header, debug: Collection[str]) -> list[Output]:
+        result = self._pipeline.process(frame.picture, frame.stamp_ns)
+        pose = self._estimate(frame, result)
+        self.status = '; '.join(filter(None, (result.status, *self._remarks)))
+        numbered = self._parameters.mode == 'track_any'
+        outputs = [
+            Output('markers', encode_markers(result, header, numbered=numbered)),
+            Output('rpy', encode_rpy(result, header, pose)),
+            Output('pose', encode_pose(pose, header)),
+        ]
+        outputs += [
+            Output(self._marker_topics[marker.label], encode_marker(marker, header))
+            for marker in result.markers
+            if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST
+        ]
+        if pose is not None and TF_TOPIC in self.topics:
+            outputs.append(Output(TF_TOPIC, encode_transform(pose, header, self._layout.name)))
+        if 'debug_image' in debug:
+            image = draw_markers(frame.picture, result)
+            if pose is not None and self._camera is not None:
+                draw_pose(image, pose, self._camera, self._layout)
+            outputs.append(Output('debug_image', encode_image(Picture(image, 'bgr8'), header)))
+        return outputs
+
+    def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
+        self._remarks = []
+        parameters = self._parameters
+        if parameters.publish_tf and TF_TYPE is None:
+            self._remarks.append('no /tf: tf2_msgs is not installed')
+        if self._camera is None or not parameters.pose:
+            return None
+        self._check(self._camera, frame.picture)
+        if self._refusal:
+            self._remarks.append(self._refusal)
+            return None
+        seen = [
+            marker
+            for marker in result.markers
+            if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
+        ]
+        if len(seen) < FEWEST:
+            return None
+        lights = [int(marker.label) for marker in seen]
+        pixels = np.array([(marker.x, marker.y) for marker in seen])
+        pose = self._poses.estimate(self._camera, lights, pixels, frame.stamp_ns * 1e-9)
+        if pose is None:
+            self._remarks.append('no pose: none fits the markers')
+        return pose
+
+    def _check(self, camera: CameraModel, picture: Picture) -> None:
+        """Find out whether the calibration is one of such pictures, if that is not known yet."""
+        checked = (camera, picture.width, picture.height)
+        if checked == self._checked:
+            return
+        self._checked = checked
+        self._refusal = ''
+        try:
+            camera.check(picture.width, picture.height)
+        except CalibrationError as error:
+            self._refusal = f'no pose: {error}'
+
+
+def _open_layout(path: str) -> BodyLayout:
+    if not path:
+        return TANKER_747
+    try:
+        layout = load_layout(path)
+    except LayoutError as error:
+        raise ParameterError('layout', str(error)) from error
+    for name in layout.names:
+        if not _TOPIC_WORD.fullmatch(name):
+            raise ParameterError('layout', f'{path}: {name!r} cannot be part of a topic')
+    if not 2 <= len(layout.names) <= Label.UNLABELLED:
+        raise ParameterError('layout', f'{path}: tracking needs 2 to 255 markers')
+    return layout

@@ -1,0 +1,105 @@
+"""What every processing node does with a frame, apart from ROS itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from std_msgs.msg import Header
+
+from mvuav_ros.messages.header import make_header
+from mvuav_ros.parameters.declaration import ParameterSet
+from mvuav_ros.sources.frame import Frame
+from mvuav_ros.vision.camera_model import CameraModel
+
+
+class DuplicateStampError(ValueError):
+    """A frame with the stamp of the one before it."""
+
+
+class Output(NamedTuple):
+    """A message for the node's own topic ``~/<topic>``."""
+
+    topic: str
+    message: Any
+
+
+class Processor(ABC):
+    """A node's work without its ROS connections.
+
+    Live nodes and offline replay feed frames to the same subclass, which is why they give the
+    same messages.
+
+    Attributes:
+        name: the node's name.
+        parameters_type: its parameters.
+        topics: result topics below ``~/`` and their message classes.
+        debug_topics: image topics below ``~/`` that are computed only when wanted.
+        periodic_topics: topics below ``~/`` of `periodic`, and their message classes.
+        uses_camera_info: whether `set_camera` is to be called.
+        triggers: names of methods without arguments that users may call: ``~/<name>``.
+        status: what was missing in the newest frame, in words; empty when all was well.
+        resets: how often a stamp jumped back.
+    """
+
+    name: ClassVar[str]
+    parameters_type: ClassVar[type[ParameterSet]]
+    topics: ClassVar[Mapping[str, type]]
+    debug_topics: ClassVar[tuple[str, ...]]
+    periodic_topics: ClassVar[Mapping[str, type]] = {}
+    uses_camera_info: ClassVar[bool] = False
+    triggers: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self) -> None:
+        self.status = ''
+        self.resets = 0
+        self._last_stamp_ns: int | None = None
+
+    @abstractmethod
+    def configure(self, parameters: Any) -> None:
+        """Use other parameters from the next frame on, as a whole."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Drop everything learnt from earlier frames."""
+
+    @abstractmethod
+    def _process(self, frame: Frame, header: Header, debug: Collection[str]) -> list[Output]:
+        """The frame's results, and the debug images named in ``debug``."""
+
+    def set_camera(self, camera: CameraModel) -> None:  # noqa: B027 - most need none
+        """Take the newest calibration, from the next frame on; it may be an unusable one."""
+
+    def periodic(self, header: Header) -> list[Output]:
+        """What a live node says once a second and a replay at its end."""
+        return []
+
+    def reset(self) -> None:
+        """Start afresh: the next frame is the first."""
+        self._last_stamp_ns = None
+        self.status = ''
+        self._forget()
+
+    def process(self, frame: Frame, debug: Collection[str] = ()) -> list[Output]:
+        """The messages that follow from one frame, each with the frame's header.
+
+        A stamp earlier than the last one (a bag that loops) resets the state.
+
+        Args:
+            frame: the next frame.
+            debug: the debug topics that somebody looks at.
+
+        Raises:
+            DuplicateStampError: the stamp is that of the last frame.
+            ImageError: the picture cannot be used.
+        """
+        last = self._last_stamp_ns
+        if frame.stamp_ns == last:
+            raise DuplicateStampError(f'stamp {frame.stamp_ns} ns came twice')
+        if last is not None and frame.stamp_ns < last:
+            self.reset()
+            self.resets += 1
+        outputs = self._process(frame, make_header(frame.stamp_ns, frame.frame_id), debug)
+        self._last_stamp_ns = frame.stamp_ns
+        return outputs

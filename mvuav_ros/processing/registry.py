@@ -1,0 +1,11 @@
+"""The processing nodes by name."""
+
+from __future__ import annotations
+
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.processing.processor import Processor
+from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
+
+PROCESSORS: dict[str, type[Processor]] = {
+    processor.name: processor for processor in (MarkerTrackerProcessor, RunwayDetectorProcessor)
+}

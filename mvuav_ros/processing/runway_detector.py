@@ -1,0 +1,126 @@
+"""The work of ``runway_detector``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker
+
+from mvuav_ros.messages.image_encoding import encode_image
+from mvuav_ros.messages.runway import (
+    encode_corrections,
+    encode_line_params,
+    encode_lines,
+    encode_pose,
+    encode_statistics,
+    encode_vanishing_point,
+)
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.sources.frame import Frame
+from mvuav_ros.vision.approach.model import ApproachResult
+from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.approach.pipeline import ApproachPipeline
+from mvuav_ros.vision.camera_model import CameraModel
+from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.runway.hough_picture import draw_hough
+from mvuav_ros.vision.runway.model import RunwayResult
+from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_overlay
+from mvuav_ros.vision.runway.pipeline import RunwayPipeline
+
+# The thesis's video windows two to five.
+_PICTURES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {
+    'debug/confined': (draw_confined, 'mono8'),
+    'debug/edges': (draw_edges, 'mono8'),
+    'debug/hough': (draw_hough, 'bgr8'),
+    'debug/overlay': (draw_overlay, 'bgr8'),
+}
+
+
+class RunwayDetectorProcessor(Processor):
+    """Frames to lines with their correction flags, and to guidance in mode ``approach``."""
+
+    name = 'runway_detector'
+    parameters_type = RunwayDetectorParameters
+    topics = {
+        'line_params': PointCloud2,
+        'lines': Marker,
+        'corrections': DiagnosticArray,
+        'vanishing_point': PointStamped,
+        'pose': PoseWithCovarianceStamped,
+    }
+    debug_topics = tuple(_PICTURES)
+    periodic_topics = {'statistics': DiagnosticArray}
+    uses_camera_info = True
+    triggers = ('reset_statistics',)
+
+    def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
+        super().__init__()
+        self._mode = (parameters or RunwayDetectorParameters()).mode
+        self._thesis = RunwayPipeline(parameters)
+        self._approach = ApproachPipeline(parameters)
+
+    def configure(self, parameters: RunwayDetectorParameters) -> None:
+        """See `Processor.configure`; another mode starts afresh, statistics included."""
+        self._thesis.configure(parameters)
+        self._approach.configure(parameters)
+        if parameters.mode != self._mode:
+            self._mode = parameters.mode
+            self._forget()
+            self.reset_statistics()
+
+    def set_camera(self, camera: CameraModel) -> None:
+        """See `Processor.set_camera`."""
+        self._approach.set_camera(camera)
+
+    def reset_statistics(self) -> None:
+        """Begin the statistics at zero."""
+        self._thesis.reset_statistics()
+        self._approach.reset_statistics()
+
+    def periodic(self, header: Header) -> list[Output]:
+        """See `Processor.periodic`."""
+        pipeline = self._approach if self._mode == 'approach' else self._thesis
+        return [Output('statistics', encode_statistics(pipeline.statistics(), header))]
+
+    def _forget(self) -> None:
+        self._thesis.reset()
+        self._approach.reset()
+
+    def _process(self, frame: Frame, header: Header, debug: Collection[str]) -> list[Output]:
+        pixels = _pixels(frame.picture)
+        result: RunwayResult | ApproachResult
+        if self._mode == 'approach':
+            result = self._approach.process(pixels, frame.stamp_ns)
+        else:
+            result = self._thesis.process(pixels, frame.stamp_ns)
+        self.status = result.status
+        outputs = [
+            Output('line_params', encode_line_params(result, header)),
+            Output('lines', encode_lines(result, header)),
+            Output('corrections', encode_corrections(result, header)),
+            Output('vanishing_point', encode_vanishing_point(result, header)),
+        ]
+        if isinstance(result, ApproachResult):
+            if result.guidance is not None:
+                outputs.append(Output('pose', encode_pose(result.guidance, header)))
+            if 'debug/overlay' in debug:
+                drawn = Picture(draw_approach(result), 'bgr8')
+                outputs.append(Output('debug/overlay', encode_image(drawn, header)))
+            return outputs
+        for topic in debug:
+            draw, encoding = _PICTURES[topic]
+            picture = draw(result)
+            if picture.size:
+                outputs.append(Output(topic, encode_image(Picture(picture, encoding), header)))
+        return outputs
+
+
+def _pixels(picture: Picture) -> Any:
+    """Colour as blue, green, red; grey as it is."""
+    return picture.pixels if picture.is_gray else picture.bgr()

@@ -1,0 +1,1 @@
+"""Recordings (bags) in and out; knows nothing of a running ROS graph."""

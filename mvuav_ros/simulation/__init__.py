@@ -1,0 +1,1 @@
+"""Synthetic flights with exact truth; knows nothing of ROS."""

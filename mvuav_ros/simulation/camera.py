@@ -1,0 +1,126 @@
+"""The pinhole camera with optional lens distortion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.simulation.rotation import Matrix, read_only
+
+NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class CameraError(ValueError):
+    """A camera that cannot be, with the reason."""
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """A camera in its optical frame: x right, y down, z forward (m).
+
+    Pixels: (0, 0) is the centre of the top-left one. ``distortion`` holds k1, k2, p1, p2, k3 of
+    sensor_msgs/CameraInfo's ``plumb_bob``, which are OpenCV's first five coefficients.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = NO_DISTORTION
+
+    @classmethod
+    def with_field_of_view(
+        cls,
+        width: int,
+        height: int,
+        fov_deg: float,
+        distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
+    ) -> PinholeCamera:
+        """Square pixels, the axis in the middle of the picture.
+
+        Args:
+            width: px.
+            height: px.
+            fov_deg: horizontal field of view without distortion, from edge to edge of the frame.
+            distortion: k1, k2, p1, p2, k3.
+
+        Raises:
+            CameraError: the distortion folds the picture onto itself.
+        """
+        focal = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
+        camera = cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), distortion)
+        camera._refuse_fold()
+        return camera
+
+    @cached_property
+    def matrix(self) -> Matrix:
+        """K, (3, 3), px."""
+        return read_only(
+            np.array([(self.fx, 0.0, self.cx), (0.0, self.fy, self.cy), (0.0, 0.0, 1.0)])
+        )
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where points are seen.
+
+        Args:
+            points: (n, 3), m, in the optical frame.
+
+        Returns:
+            (n, 2), px; NaN for points that are not in front of the camera.
+        """
+        depth = points[:, 2]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            x, y = points[:, 0] / depth, points[:, 1] / depth
+        if any(self.distortion):
+            x, y = self._distort(x, y)
+        pixels = np.column_stack((self.fx * x + self.cx, self.fy * y + self.cy))
+        pixels[~(depth > 0.0)] = np.nan
+        return pixels
+
+    def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether (n, 2) px lie on the frame's pixels; NaN does not."""
+        x, y = pixels[:, 0], pixels[:, 1]
+        inside = (x >= -0.5) & (x < self.width - 0.5) & (y >= -0.5) & (y < self.height - 0.5)
+        return np.asarray(inside, bool)
+
+    def _distort(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+
+    def _refuse_fold(self) -> None:
+        k1, k2, _, _, k3 = self.distortion
+        corner = math.hypot(0.5 * self.width / self.fx, 0.5 * self.height / self.fy)
+        r2 = np.linspace(0.0, corner, 200) ** 2
+        if np.any(1.0 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0.0):
+            raise CameraError('folds the picture onto itself within the field of view')
+
+
+def parse_distortion(text: str) -> tuple[float, float, float, float, float]:
+    """Read ``k1, k2, p1, p2`` or ``k1, k2, p1, p2, k3``; nothing means no distortion.
+
+    Raises:
+        CameraError: it is anything else.
+    """
+    if not text.strip():
+        return NO_DISTORTION
+    try:
+        numbers = [float(word) for word in text.replace(',', ' ').split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (4, 5) or not all(map(math.isfinite, numbers)):
+        raise CameraError(f'takes k1, k2, p1, p2 and perhaps k3, not {text!r}')
+    k1, k2, p1, p2, k3 = (*numbers, 0.0)[:5]
+    return k1, k2, p1, p2, k3

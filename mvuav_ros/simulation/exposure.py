@@ -1,0 +1,111 @@
+"""What the camera does to a picture: gain, motion blur, defocus, noise, hot pixels."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.point_operations import Image
+
+_POOL_EXTRA = 1 << 17
+STEP_SECONDS = 2.5
+"""Mean time between two steps of the gain."""
+
+
+class SensorNoise:
+    """Gaussian noise of whole grey levels, cut from a pool at a random place per frame.
+
+    Drawing a million normal numbers would take longer than the picture itself.
+    """
+
+    def __init__(self, shape: tuple[int, ...], sigma: float, rng: np.random.Generator) -> None:
+        self._size = math.prod(shape)
+        self._shape = shape
+        self._on = sigma > 0.0
+        if not self._on:
+            return
+        normal = rng.standard_normal(self._size + _POOL_EXTRA, np.float32)
+        noise = np.clip(np.rint(sigma * normal), -255, 255).astype(np.int16)
+        self._up: NDArray[np.uint8] = np.maximum(noise, 0).astype(np.uint8)
+        self._down: NDArray[np.uint8] = np.maximum(-noise, 0).astype(np.uint8)
+
+    def add(self, image: Image, rng: np.random.Generator) -> None:
+        """Add noise to a contiguous 8-bit picture of the shape given, in place."""
+        if not self._on:
+            return
+        start = int(rng.integers(_POOL_EXTRA))
+        part = slice(start, start + self._size)
+        # Two saturating additions of bytes are ten times as fast as one of mixed types.
+        cv2.add(image, self._up[part].reshape(self._shape), dst=image)
+        cv2.subtract(image, self._down[part].reshape(self._shape), dst=image)
+
+
+class GainSteps:
+    """An automatic gain that jumps from one value to the next."""
+
+    def __init__(self, amplitude: float, duration: float, rng: np.random.Generator) -> None:
+        self._starts = [0.0]
+        self._gains = [1.0]
+        if amplitude == 0.0:
+            return
+        while self._starts[-1] < duration:
+            self._starts.append(self._starts[-1] + float(rng.uniform(0.4, 1.6)) * STEP_SECONDS)
+            self._gains.append(1.0 + amplitude * float(rng.uniform(-1.0, 1.0)))
+
+    def at(self, time: float) -> float:
+        """The gain at a time (s)."""
+        return self._gains[int(np.searchsorted(self._starts, time, side='right')) - 1]
+
+
+class HotPixels:
+    """Pixels that are always white."""
+
+    def __init__(self, width: int, height: int, count: int, rng: np.random.Generator) -> None:
+        count = min(count, width * height)
+        chosen = rng.choice(width * height, count, replace=False)
+        self._rows, self._columns = np.divmod(chosen, width)
+
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """(n, 2), px: x and y."""
+        return np.column_stack((self._columns, self._rows))
+
+    def add(self, image: Image) -> None:
+        """Set them, in place."""
+        image[self._rows, self._columns] = 255
+
+
+def apply_gain(image: Image, gain: float) -> Image:
+    """Multiply and saturate; the image itself where the gain is 1."""
+    if gain == 1.0:
+        return image
+    return cv2.convertScaleAbs(image, alpha=gain)
+
+
+def motion_blur(image: Image, dx: float, dy: float) -> Image:
+    """Smear a picture along a straight path of (dx, dy) px, centred; the image itself if short."""
+    length = math.hypot(dx, dy)
+    if length < 0.5:
+        return image
+    half = math.ceil(0.5 * max(abs(dx), abs(dy)) + 0.5)
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for part in np.linspace(-0.5, 0.5, 4 * math.ceil(length) + 1):
+        x, y = half + part * dx, half + part * dy
+        column, row = math.floor(x), math.floor(y)
+        fx, fy = x - column, y - row
+        for r, wy in ((row, 1.0 - fy), (row + 1, fy)):
+            for c, wx in ((column, 1.0 - fx), (column + 1, fx)):
+                if wx * wy > 0.0:
+                    kernel[r, c] += wx * wy
+    kernel /= kernel.sum()
+    return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def defocus(image: Image, sigma: float) -> Image:
+    """Gaussian blur; the image itself where sigma (px) is 0."""
+    if sigma == 0.0:
+        return image
+    return cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)

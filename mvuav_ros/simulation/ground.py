@@ -1,0 +1,225 @@
+"""Draws the ground plane and the sky above it as a camera sees them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.simulation.camera import PinholeCamera
+from mvuav_ros.simulation.ground_textures import Ground
+from mvuav_ros.simulation.rotation import Matrix
+from mvuav_ros.simulation.runway_truth import CameraPose
+from mvuav_ros.simulation.sky import HORIZON
+from mvuav_ros.vision.point_operations import Image
+
+FARTHEST = 60_000.0
+"""Depth at which the ground ends in haze, m."""
+NEAR = 1.0
+_BAND_ROWS = 48
+"""The picture is drawn in bands whose arrays fit into the processor's cache."""
+_BIN_SHIFT = 22
+"""Depth goes into bins of half an octave: a float's exponent and the first bit after it."""
+_HAZE_SHIFT = 18
+_GRAIN_REACH = 4.0
+"""Grass grain is drawn where a pixel covers less than this along the view, m."""
+
+Floats = NDArray[np.float32]
+
+
+class GroundPainter:
+    """Draws the ground below the horizon into pictures of one camera."""
+
+    def __init__(self, ground: Ground, camera: PinholeCamera, visibility: float) -> None:
+        self._ground = ground
+        self._camera = camera
+        self._visibility = visibility
+        self._columns = np.arange(camera.width, dtype=np.float32)
+        self._rows = np.arange(camera.height, dtype=np.float32)
+        size = _BAND_ROWS * camera.width
+        self._buffers = [np.empty(size, np.float32) for _ in range(6)]
+        self._bins = np.empty(size, np.int32)
+
+    def paint(self, image: Image, pose: CameraPose) -> None:
+        """Paint the ground over a picture of the sky, in place.
+
+        Args:
+            image: (height, width, 3) uint8.
+            pose: of the camera, above the ground.
+        """
+        rays = pose.rotation @ np.linalg.inv(self._camera.matrix)
+        height = float(pose.position[2])
+        # How far a ray of unit depth falls; depth is height / fall.
+        fall_x, fall_y, fall_1 = -rays[2]
+        least = np.float32(height / FARTHEST)
+        table = _FootprintTable(height, self._camera.fx, self._visibility)
+        strip = self._strip_mask(pose)
+        for first, last in _bands(self._camera.height):
+            corner_falls = [
+                fall_x * u + fall_y * v + fall_1
+                for u in (0.0, self._camera.width - 1.0)
+                for v in (float(first), last - 1.0)
+            ]
+            if max(corner_falls) <= least:
+                continue
+            shape = (last - first, self._camera.width)
+            fall = self._buffer(0, shape)
+            column_part = self._columns * np.float32(fall_x)
+            row_part = self._rows[first:last] * np.float32(fall_y) + np.float32(fall_1)
+            np.add(row_part[:, None], column_part[None, :], out=fall)
+            mask = None
+            if min(corner_falls) <= least:
+                mask = (fall > least).view(np.uint8) * np.uint8(255)
+                np.maximum(fall, least, out=fall)
+            band = self._draw_band(fall, rays, pose, first, table, strip[first:last])
+            if height / min(max(min(corner_falls), float(least)), 1e9) > 0.01 * self._visibility:
+                band = table.add_haze(band, fall)
+            if mask is None:
+                image[first:last] = band
+            else:
+                cv2.copyTo(band, mask, image[first:last])
+
+    def _draw_band(
+        self,
+        fall: Floats,
+        rays: Matrix,
+        pose: CameraPose,
+        first: int,
+        table: _FootprintTable,
+        strip: Image,
+    ) -> Image:
+        shape = (fall.shape[0], fall.shape[1])
+        rows = self._rows[first : first + shape[0]]
+        depth, x, y = (self._buffer(number, shape) for number in (3, 1, 2))
+        np.divide(np.float32(pose.position[2]), fall, out=depth)
+        for axis, result in ((0, x), (1, y)):
+            row_part = rows * np.float32(rays[axis, 1]) + np.float32(rays[axis, 2])
+            column_part = self._columns * np.float32(rays[axis, 0])
+            np.add(row_part[:, None], column_part[None, :], out=result)
+            np.multiply(result, depth, out=result)
+            np.add(result, np.float32(pose.position[axis]), out=result)
+        bins = self._bins[: fall.size].reshape(shape)
+        np.right_shift(fall.view(np.int32), _BIN_SHIFT, out=bins)
+        np.subtract(bins, table.first_bin, out=bins)
+        scratch = (self._buffer(3, shape), self._buffer(4, shape), self._buffer(5, shape))
+        band = self._ground.land.sample(x, y, bins, table.along, table.between, scratch)
+        left, top, columns, height = cv2.boundingRect(strip)
+        if columns and height:
+            part = (slice(top, top + height), slice(left, left + columns))
+            small = (height, columns)
+            runway = self._ground.runway.sample(
+                x[part],
+                y[part],
+                bins[part],
+                table.along,
+                table.across,
+                (self._buffer(3, small), self._buffer(4, small), self._buffer(5, small)),
+            )
+            cv2.copyTo(runway, strip[part], band[part])
+        # The nearest pixels of a band lie at its bottom, or at a side of it when banking.
+        nearest = float(max(fall[-1, 0], fall[-1, -1], fall[0, 0], fall[0, -1]))
+        if self._ground.grain is not None and table.covers(nearest) < _GRAIN_REACH:
+            grain = self._ground.grain.sample(x, y, bins, table.along, table.across, scratch)
+            cv2.multiply(band, grain, dst=band, scale=1.0 / 128.0)
+        return band
+
+    def _strip_mask(self, pose: CameraPose) -> Image:
+        """255 where the texture of the runway is seen."""
+        mask = np.zeros((self._camera.height, self._camera.width), np.uint8)
+        polygon = (self._ground.corners - pose.position) @ pose.rotation
+        polygon = _cut(polygon, polygon[:, 2] - NEAR)
+        # To the frame and somewhat more, since OpenCV's coordinates overflow.
+        for axis, focal, centre, size in (
+            (0, self._camera.fx, self._camera.cx, self._camera.width),
+            (1, self._camera.fy, self._camera.cy, self._camera.height),
+        ):
+            for sign, limit in ((1.0, -float(size)), (-1.0, 2.0 * size)):
+                beyond = focal * polygon[:, axis] + (centre - limit) * polygon[:, 2]
+                polygon = _cut(polygon, sign * beyond)
+        if len(polygon) >= 3:
+            places = np.rint(self._camera.project(polygon) * 16).astype(np.int32)
+            cv2.fillConvexPoly(mask, places, 255, cv2.LINE_8, 4)
+        return mask
+
+    def _buffer(self, number: int, shape: tuple[int, int]) -> Floats:
+        return self._buffers[number][: shape[0] * shape[1]].reshape(shape)
+
+
+class _FootprintTable:
+    """What a pixel covers on the ground, and how much haze is before it, by its depth."""
+
+    def __init__(self, height: float, focal: float, visibility: float) -> None:
+        self.height, self.focal = height, focal
+        self.first_bin, falls = _bins(_BIN_SHIFT)
+        depth = np.minimum(height / falls, FARTHEST)
+        self.across = depth / focal
+        self.along = self.across * np.maximum(1.0 / falls, 1.0)
+        # Land is seen from any direction: between both, neither blurred nor flickering.
+        self.between = self.across**0.6 * self.along**0.4
+        self._first_haze, falls = _bins(_HAZE_SHIFT)
+        clear = np.exp(-np.minimum(height / falls, FARTHEST) / visibility)
+        self._clear = np.rint(255.0 * clear).astype(np.uint8)
+
+    def covers(self, fall: float) -> float:
+        """What a pixel covers along the view, m."""
+        return self.height / (self.focal * fall * min(fall, 1.0))
+
+    def add_haze(self, band: Image, fall: Floats) -> Image:
+        """The band with haze before it."""
+        steps = np.right_shift(fall.view(np.int32), _HAZE_SHIFT)
+        steps -= self._first_haze
+        clear = np.take(self._clear, steps, mode='clip')
+        clear3 = cv2.merge([clear] * 3)
+        seen = cv2.multiply(band, clear3, scale=1.0 / 255.0)
+        return cv2.add(seen, cv2.LUT(clear3, _HAZE))
+
+
+def _bins(shift: int) -> tuple[int, NDArray[np.float64]]:
+    """The first bin's number and the middle of each, for falls from 2^-20 to 4."""
+    first, last = (int(np.float32(fall).view(np.int32)) >> shift for fall in (2.0**-20, 4.0))
+    edges = (np.arange(first, last + 2, dtype=np.int64) << shift).astype(np.int32)
+    edges = edges.view(np.float32).astype(np.float64)
+    return first, np.sqrt(edges[:-1] * edges[1:])
+
+
+def _bands(height: int) -> Iterator[tuple[int, int]]:
+    for first in range(0, height, _BAND_ROWS):
+        yield first, min(first + _BAND_ROWS, height)
+
+
+def _cut(corners: NDArray[np.float64], inside: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The part of a flat polygon on one side of a plane.
+
+    Args:
+        corners: (n, 3).
+        inside: (n,), how far each corner is on the side that is kept.
+    """
+    kept: list[NDArray[np.float64]] = []
+    for here, following, a, b in zip(
+        corners, np.roll(corners, -1, axis=0), inside, np.roll(inside, -1), strict=True
+    ):
+        if a >= 0.0:
+            kept.append(here)
+        if (a >= 0.0) != (b >= 0.0):
+            kept.append(here + a / (a - b) * (following - here))
+    return np.array(kept).reshape(-1, 3)
+
+
+def _haze_table() -> Image:
+    clear = np.arange(256, dtype=np.float64)[:, None]
+    return np.rint(HORIZON * (255.0 - clear) / 255.0).astype(np.uint8)[None]
+
+
+_HAZE = _haze_table()
+
+
+def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
+    """Where the horizon is straight ahead (px), and its slope in the picture (rad)."""
+    forward = pose.rotation[:, 2].copy()
+    forward[2] = 0.0
+    up = pose.rotation.T @ np.array((0.0, 0.0, 1.0))
+    point = camera.project((pose.rotation.T @ forward)[None])[0]
+    return float(point[0]), float(point[1]), math.atan2(up[0], -up[1])

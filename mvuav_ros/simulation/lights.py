@@ -1,0 +1,150 @@
+"""Lights at sub-pixel places: saturated discs with a glow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc
+
+from mvuav_ros.simulation.rotation import read_only
+from mvuav_ros.vision.point_operations import Image
+
+LARGEST_RADIUS = 6.4
+"""px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
+TINT = (0.90, 0.97, 1.0)
+"""Blue, green and red of the glow, which shows it only where it is not saturated."""
+_STEPS_PER_PIXEL = 16
+
+
+@dataclass(frozen=True)
+class Spot:
+    """How one light looks: a profile that depends on the distance from its centre alone.
+
+    The profile is what a pixel collects over its area, so it is taken at the pixels' centres;
+    with edges this soft its sum over the pixels keeps the centre to a thousandth of a pixel.
+
+    Attributes:
+        radius: of the disc at half its peak, px.
+        softness: sigma of the disc's edge, px.
+        peak: grey levels; well above 255, as of a light that overexposes the camera.
+        glow: grey levels of the bloom at the centre.
+        glow_length: distance over which the bloom falls to 1/e, px.
+    """
+
+    radius: float
+    softness: float = 1.2
+    peak: float = 850.0
+    glow: float = 55.0
+    glow_length: float = 5.0
+
+    @property
+    def reach(self) -> int:
+        """Beyond this distance the light adds nothing, px."""
+        return int(self.radius + 4.5 * self.glow_length)
+
+    @property
+    def core(self) -> float:
+        """Radius that is saturated against a dark background, px."""
+        return self.radius + 1.5 * self.softness
+
+    @cached_property
+    def profile(self) -> NDArray[np.float32]:
+        """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px."""
+        r = np.arange(self.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
+        disc = 0.5 * self.peak * erfc((r - self.radius) / (np.sqrt(2.0) * self.softness))
+        glow = self.glow * np.exp(-r / self.glow_length)
+        # Down to zero at the window's edge, or its corners would show and pull the centroid.
+        taper = np.clip(1.0 - (r / self.reach) ** 2, 0.0, None) ** 2
+        return read_only(((disc + glow) * taper).astype(np.float32))
+
+    def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Grey levels at distances in px."""
+        place = distance * _STEPS_PER_PIXEL
+        np.minimum(place, len(self.profile) - 2, out=place)
+        left = place.astype(np.intp)
+        value = self.profile[left]
+        return value + (place - left) * (self.profile[left + 1] - value)
+
+
+@dataclass(frozen=True)
+class Light:
+    """A spot and where its centre is during the exposure, (n, 2) px; one row without motion."""
+
+    spot: Spot
+    path: NDArray[np.float64]
+
+
+def add_lights(image: Image, lights: list[Light], gain: float = 1.0) -> None:
+    """Add lights to an 8-bit picture, in place.
+
+    What lies right behind a light is evened out first, as by the glare in a real lens: a
+    structure that came up to the light on one side would move its centroid.
+
+    Args:
+        image: (height, width) or (height, width, 3) uint8.
+        lights: may reach over the borders.
+        gain: multiplies the light before it saturates.
+    """
+    windows = [_Window.around(image, light) for light in lights]
+    for window in windows:
+        if window is not None:
+            window.even_out()
+    for window in windows:
+        if window is not None:
+            window.add(gain)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The part of a picture that one light reaches, and distances from the light there."""
+
+    part: Image
+    light: Light
+    columns: NDArray[np.float32]
+    rows: NDArray[np.float32]
+
+    @classmethod
+    def around(cls, image: Image, light: Light) -> _Window | None:
+        if not np.all(np.isfinite(light.path)):
+            return None
+        reach = light.spot.reach + 1
+        low = np.floor(light.path.min(axis=0)).astype(int) - reach
+        high = np.ceil(light.path.max(axis=0)).astype(int) + reach + 1
+        x0, y0 = max(int(low[0]), 0), max(int(low[1]), 0)
+        x1, y1 = min(int(high[0]), image.shape[1]), min(int(high[1]), image.shape[0])
+        if x1 <= x0 or y1 <= y0:
+            return None
+        columns = np.arange(x0, x1, dtype=np.float32)
+        rows = np.arange(y0, y1, dtype=np.float32)[:, None]
+        return cls(image[y0:y1, x0:x1], light, columns, rows)
+
+    def distance(self, centre: NDArray[np.float64]) -> NDArray[np.float32]:
+        dx = self.columns - np.float32(centre[0])
+        dy = self.rows - np.float32(centre[1])
+        return np.asarray(np.sqrt(dx * dx + dy * dy), np.float32)
+
+    def even_out(self) -> None:
+        distance = self.distance(self.light.path.mean(axis=0))
+        share = np.clip((self.light.spot.core + 5.0 - distance) / 4.0, 0.0, 1.0)
+        if self.part.ndim == 3:
+            share = share[:, :, None]
+        total = float(share.sum())
+        if total == 0.0:
+            return
+        mean = (self.part * share).sum(axis=(0, 1)) / total
+        self.part[...] = np.rint(self.part + share * (mean - self.part)).astype(np.uint8)
+
+    def add(self, gain: float) -> None:
+        light = np.zeros((len(self.rows), len(self.columns)), np.float32)
+        for centre in self.light.path:
+            light += self.light.spot.at(self.distance(centre))
+        light *= gain / len(self.light.path)
+        if self.part.ndim == 3:
+            light = light[:, :, None] * np.array(TINT, np.float32)
+        # A response with a shoulder, as a camera's knee: a hard limit's edges are so steep that
+        # pixels cannot tell where within them the light lies.
+        dark = np.exp(light * (-1.0 / 255.0))
+        self.part[...] = np.rint(255.0 - (255.0 - self.part) * dark).astype(np.uint8)

@@ -1,0 +1,197 @@
+"""The runway's pavement and markings, with the grass beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.simulation import terrain
+from mvuav_ros.simulation.texture import smooth_noise, to_bytes
+
+MARGIN_X, MARGIN_Y = 60.0, 6.0
+"""Grass around the pavement that belongs to the texture, m."""
+STRIPE = 0.9
+"""Width of the side stripes, whose outer sides are the pavement's edges, m."""
+_STEP_Y = 0.0625
+_MOST_COLUMNS = 8192
+_BLOCK = 256
+"""Sizes are multiples of it, so that they can be halved often."""
+_ASPHALT = np.array((92.0, 90.0, 88.0), np.float32)
+_PAINT = np.array((236.0, 238.0, 238.0), np.float32)
+_SEGMENTS = {
+    '0': 'abcdef',
+    '2': 'abged',
+    '7': 'abc',
+    '9': 'abcdfg',
+}
+NUMBERS = ('27', '09')
+"""At the near and at the far end."""
+
+Plane = NDArray[np.float32]
+_Adder = Callable[[float, float, float, float], None]
+
+
+class Surface:
+    """The texture of the runway and where it lies.
+
+    Attributes:
+        texture: (ny, nx, 3) uint8, blue first; columns along x, rows along y.
+        origin: x and y of its first corner, m.
+        step: size of a texel along x and y, m.
+    """
+
+    def __init__(
+        self, land: NDArray[np.uint8], width: float, length: float, detail: float, seed: int
+    ) -> None:
+        rng = np.random.default_rng((seed, 1002))
+        step_x = 0.25
+        while (length + 2 * MARGIN_X) / step_x > _MOST_COLUMNS:
+            step_x *= 2.0
+        nx = _whole_blocks((length + 2 * MARGIN_X) / step_x, _BLOCK)
+        ny = _whole_blocks((width + 2 * MARGIN_Y) / _STEP_Y, 64)
+        self.step = (step_x, _STEP_Y)
+        self.origin = (0.5 * (length - nx * step_x), -0.5 * ny * _STEP_Y)
+        self._shape = (ny, nx)
+        self._paint = np.zeros(self._shape, np.float32)
+        ground = self._grass(land)
+        pavement = self._pavement(width, length, detail, rng)
+        cover = self._box(0.0, length, -0.5 * width, 0.5 * width)
+        ground += cover[:, :, None] * (pavement - ground)
+        self._mark(width, length)
+        wear = 0.93 - 0.04 * detail * np.abs(smooth_noise(ny, nx, 40.0, rng, stretch=4.0))
+        ground += (self._paint * wear)[:, :, None] * (_PAINT - ground)
+        self.texture = to_bytes(ground)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Extent along x and y, m."""
+        return self._shape[1] * self.step[0], self._shape[0] * self.step[1]
+
+    def _grass(self, land: NDArray[np.uint8]) -> Plane:
+        """The terrain at this finer step, so that no seam shows."""
+        ny, nx = self._shape
+        scale = np.array(self.step) / terrain.STEP
+        shift = (np.array(self.origin) - terrain.ORIGIN) / terrain.STEP
+        finer = np.array(
+            [
+                (scale[0], 0.0, shift[0] + 0.5 * scale[0] - 0.5),
+                (0.0, scale[1], shift[1] + 0.5 * scale[1] - 0.5),
+            ]
+        )
+        grass = cv2.warpAffine(
+            land,
+            finer,
+            (nx, ny),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_WRAP,
+        )
+        return grass.astype(np.float32)
+
+    def _pavement(
+        self, width: float, length: float, detail: float, rng: np.random.Generator
+    ) -> Plane:
+        ny, nx = self._shape
+        x = self._centres(0)[None, :]
+        y = self._centres(1)[:, None]
+        shade = 1.0 + detail * (
+            0.035 * smooth_noise(ny, nx, 32.0, rng, octaves=3)
+            + 0.05 * smooth_noise(ny, nx, 16.0, rng, octaves=3, stretch=20.0)
+        )
+        # Lanes of the paving machine, and rubber where the wheels touch down.
+        shade += 0.025 * detail * np.sign(np.sin(2 * np.pi * y / 15.0))
+        for touchdown in (330.0, length - 330.0):
+            rubber = np.exp(-(((x - touchdown) / 160.0) ** 2))
+            wheels = np.exp(-(((np.abs(y) - 4.0) / 2.2) ** 2))
+            shade -= 0.33 * rubber * wheels
+        return np.asarray(_ASPHALT * shade[:, :, None], np.float32)
+
+    def _mark(self, width: float, length: float) -> None:
+        half = 0.5 * width
+        for side in (1.0, -1.0):
+            self._add(0.0, length, side * half, side * (half - STRIPE))
+        unit = width / 30.0
+        dash = 80.0
+        while dash + 30.0 < length - 80.0:
+            self._add(dash, dash + 30.0, -0.45, 0.45)
+            dash += 50.0
+        for far in (False, True):
+            self._mark_end(unit, half, length, far)
+
+    def _mark_end(self, unit: float, half: float, length: float, far: bool) -> None:
+        """Threshold bars, number, touchdown zone and aiming point, as seen when landing."""
+
+        def add(x0: float, x1: float, y0: float, y1: float) -> None:
+            if far:
+                x0, x1, y0, y1 = length - x1, length - x0, -y1, -y0
+            self._add(x0, x1, y0, y1)
+
+        add(0.0, 1.2, -half, half)
+        bars = 4
+        pitch = (half - STRIPE - 3.0 * unit) / bars
+        for side in (1.0, -1.0):
+            for bar in range(bars):
+                inner = side * (1.5 * unit + pitch * bar + 0.2 * pitch)
+                add(6.0, 36.0, inner, inner + side * 0.55 * pitch)
+            add(300.0, 345.0, side * 4.5 * unit, side * 10.5 * unit)
+            for place in (150.0, 450.0):
+                if place + 22.5 < 0.45 * length:
+                    for strip in range(2):
+                        inner = side * (5.0 + 3.0 * strip) * unit
+                        add(place, place + 22.5, inner, inner + side * 1.8 * unit)
+        for digit, left in zip(NUMBERS[far], (5.0 * unit, -1.0 * unit), strict=True):
+            _draw_digit(add, digit, 48.0, left, 4.0 * unit, 14.0)
+
+    def _add(self, x0: float, x1: float, y0: float, y1: float) -> None:
+        columns, cover_x = self._overlap(0, min(x0, x1), max(x0, x1))
+        rows, cover_y = self._overlap(1, min(y0, y1), max(y0, y1))
+        part = self._paint[rows, columns]
+        np.maximum(part, cover_y[:, None] * cover_x[None, :], out=part)
+
+    def _box(self, x0: float, x1: float, y0: float, y1: float) -> Plane:
+        box = np.zeros(self._shape, np.float32)
+        columns, cover_x = self._overlap(0, x0, x1)
+        rows, cover_y = self._overlap(1, y0, y1)
+        box[rows, columns] = cover_y[:, None] * cover_x[None, :]
+        return box
+
+    def _overlap(self, axis: int, low: float, high: float) -> tuple[slice, Plane]:
+        """Which texels an interval (m) touches, and the part of each that it covers."""
+        size = self._shape[1 - axis]
+        first = (low - self.origin[axis]) / self.step[axis]
+        last = (high - self.origin[axis]) / self.step[axis]
+        start = min(max(math.floor(first), 0), size)
+        stop = min(max(math.ceil(last), start), size)
+        texel = np.arange(start, stop)
+        cover = np.minimum(texel + 1.0, last) - np.maximum(texel, first)
+        return slice(start, stop), np.clip(cover, 0.0, 1.0).astype(np.float32)
+
+    def _centres(self, axis: int) -> Plane:
+        size = self._shape[1 - axis]
+        centres = self.origin[axis] + self.step[axis] * (np.arange(size) + 0.5)
+        return np.asarray(centres, np.float32)
+
+
+def _draw_digit(
+    add: _Adder, digit: str, x: float, left: float, width: float, height: float
+) -> None:
+    bar_x, bar_y = 1.6, 0.22 * width
+    right, middle, top = left - width, x + 0.5 * height, x + height
+    strokes = {
+        'a': (top - bar_x, top, left, right),
+        'b': (middle, top, right + bar_y, right),
+        'c': (x, middle, right + bar_y, right),
+        'd': (x, x + bar_x, left, right),
+        'e': (x, middle, left, left - bar_y),
+        'f': (middle, top, left, left - bar_y),
+        'g': (middle - 0.5 * bar_x, middle + 0.5 * bar_x, left, right),
+    }
+    for segment in _SEGMENTS[digit]:
+        add(*strokes[segment])
+
+
+def _whole_blocks(size: float, block: int) -> int:
+    return block * math.ceil(size / block)

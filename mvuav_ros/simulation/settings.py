@@ -1,0 +1,236 @@
+"""The settings of the synthetic flights, declared like a node's parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.simulation.camera import CameraError, PinholeCamera, parse_distortion
+from mvuav_ros.simulation.schedule import (
+    ALL,
+    ScheduleError,
+    parse_schedule,
+    refuse_overlap,
+)
+
+VIEWS = ('auto', 'lab', 'receiver')
+VIEW_FOV_DEG = {'lab': 60.0, 'receiver': 104.0}
+TANKER_MOTIONS = (
+    'still',
+    'translation',
+    'erratic',
+    'roll',
+    'roll_translation',
+    'roll_360',
+    'crossing',
+    'docking',
+)
+TRIALS = ('translation', 'erratic', 'roll', 'roll_translation')
+"""The thesis's four trials, in its order."""
+BACKGROUNDS = ('auto', 'foam', 'sky', 'plain')
+RUNWAY_MOTIONS = ('approach', 'low_pass', 's_turn')
+RUNWAY_FOV_DEG = 60.0
+
+
+@dataclass(frozen=True)
+class FlightSettings(ParameterSet):
+    """What every synthetic flight has: the camera's pictures and their faults."""
+
+    width: int = parameter(640, 'Width of the pictures.', minimum=64, maximum=4096, unit='px')
+    height: int = parameter(480, 'Height of the pictures.', minimum=64, maximum=4096, unit='px')
+    fps: float = parameter(30.0, 'Frames per second.', minimum=0.1, maximum=1000.0, unit='Hz')
+    frames: int = parameter(
+        300, 'Number of frames, dropped ones included.', minimum=1, maximum=10_000_000
+    )
+    seed: int = parameter(2006, 'Of everything that looks random.', minimum=0, maximum=2**31 - 1)
+    fov_deg: float = parameter(
+        0.0, "Horizontal field of view; 0: the view's own.", minimum=0.0, maximum=150.0, unit='deg'
+    )
+    shake: int = parameter(
+        0, 'Vibration of the camera, 0 (none) to 3.', minimum=0, maximum=3, thesis='Table 5.4'
+    )
+    shake_gain: float = parameter(
+        1.0, "Scales the vibration's amplitudes.", minimum=0.0, maximum=100.0
+    )
+    noise: float = parameter(
+        1.5,
+        'Standard deviation of the noise of a pixel; 0: none.',
+        minimum=0.0,
+        maximum=40.0,
+        unit='grey levels',
+    )
+    blur: float = parameter(
+        0.0, 'Defocus: sigma of a Gaussian.', minimum=0.0, maximum=20.0, unit='px'
+    )
+    exposure: float = parameter(
+        0.004,
+        'Exposure time, over which motion blurs; 0: frozen. The stamp is its middle.',
+        minimum=0.0,
+        maximum=1.0,
+        unit='s',
+    )
+    gain_steps: float = parameter(
+        0.0,
+        'The gain jumps to another value within 1 plus or minus this, every few seconds.',
+        minimum=0.0,
+        maximum=0.5,
+    )
+    detail: float = parameter(
+        1.0,
+        'Contrast of the textures (foam, clouds, grass, fields, asphalt); at 0 the surfaces are '
+        'even, so that recordings compress well.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    hot_pixels: int = parameter(0, 'Pixels that are always white.', minimum=0, maximum=100_000)
+    drop_probability: float = parameter(
+        0.0, 'Probability that a frame is missing.', minimum=0.0, maximum=0.95
+    )
+    camera_rate: float = parameter(
+        0.0,
+        'The picture changes only this often and then jumps, as from a cheap camera behind a '
+        'faster converter; 0: every frame is new.',
+        minimum=0.0,
+        maximum=1000.0,
+        unit='Hz',
+        thesis="about 10, by the thesis's camera",
+    )
+
+    def _check_together(self) -> None:
+        if 0.0 < self.fov_deg < 5.0:
+            raise ParameterError('fov_deg', f'must be 0 or 5 to 150, not {self.fov_deg:g}')
+        if 0.0 < self.camera_rate < 0.1:
+            raise ParameterError('camera_rate', f'must be 0 or 0.1 to 1000, not {self.camera_rate}')
+
+
+@dataclass(frozen=True)
+class TankerSettings(FlightSettings):
+    """A flight behind the tanker."""
+
+    motion: str = parameter(
+        'roll_translation',
+        "How the tanker moves. translation, erratic, roll and roll_translation are the thesis's "
+        'trials 1 to 4; roll_360 turns right round; crossing yaws until a stabilizer passes a '
+        'wing at about 5 px; docking closes in from behind and below.',
+        choices=TANKER_MOTIONS,
+        thesis='chapter 5.1',
+    )
+    view: str = parameter(
+        'auto',
+        "lab: from behind, the thesis's laboratory. receiver: from behind and 30 degrees below. "
+        'auto: receiver for docking, else lab.',
+        choices=VIEWS,
+    )
+    background: str = parameter(
+        'auto',
+        'foam: blue foam board. sky: with clouds. plain: even grey. auto: foam in the lab view, '
+        'sky in the receiver view.',
+        choices=BACKGROUNDS,
+    )
+    encoding: str = parameter('mono8', 'Of the pictures.', choices=('mono8', 'bgr8'))
+    layout: str = parameter('', "A body's layout file; empty: the built-in tanker_747.")
+    roll_deg: float = parameter(
+        0.0, 'Constant roll added to the motion.', minimum=-360.0, maximum=360.0, unit='deg'
+    )
+    start_distance: float = parameter(
+        60.0,
+        "Docking: distance from the tanker's dock point at first.",
+        minimum=0.1,
+        maximum=10_000.0,
+        unit='m',
+    )
+    end_distance: float = parameter(
+        10.0, 'Docking: the same in the end.', minimum=0.1, maximum=10_000.0, unit='m'
+    )
+    distortion: str = parameter('', "The lens's k1, k2, p1, p2[, k3]; empty: none.")
+    airframe: bool = parameter(True, 'Whether the aircraft is drawn, or its lights alone.')
+    light_radius: float = parameter(
+        3.5, 'Radius of a light at the usual distance.', minimum=1.0, maximum=20.0, unit='px'
+    )
+    glares: int = parameter(
+        0,
+        "Reflections as bright and large as the markers, clear of the markers' paths.",
+        minimum=0,
+        maximum=100,
+    )
+    failures: str = parameter('', "When which light is out: 'left_wing@2-4, all@6-7', in seconds.")
+    occlusions: str = parameter(
+        '', "When which light is behind the boom: 'rudder@2-4', one at a time."
+    )
+
+    def _check_together(self) -> None:
+        super()._check_together()
+        if self.end_distance > self.start_distance:
+            raise ParameterError(
+                'end_distance', f'must be at most start_distance ({self.start_distance:g})'
+            )
+        try:
+            name = 'failures'
+            parse_schedule(self.failures)
+            name = 'occlusions'
+            occlusions = parse_schedule(self.occlusions)
+            refuse_overlap(occlusions)
+            if any(interval.marker == ALL for interval in occlusions):
+                raise ScheduleError('the boom cannot hide all; failures can')
+            name = 'distortion'
+            self.camera()
+        except (ScheduleError, CameraError) as error:
+            raise ParameterError(name, str(error)) from error
+
+    @property
+    def actual_view(self) -> str:
+        """``lab`` or ``receiver``."""
+        if self.view != 'auto':
+            return self.view
+        return 'receiver' if self.motion == 'docking' else 'lab'
+
+    @property
+    def actual_background(self) -> str:
+        """``foam``, ``sky`` or ``plain``."""
+        if self.background != 'auto':
+            return self.background
+        return 'foam' if self.actual_view == 'lab' else 'sky'
+
+    def camera(self) -> PinholeCamera:
+        """The camera that takes the pictures."""
+        fov = self.fov_deg or VIEW_FOV_DEG[self.actual_view]
+        return PinholeCamera.with_field_of_view(
+            self.width, self.height, fov, parse_distortion(self.distortion)
+        )
+
+
+@dataclass(frozen=True)
+class RunwaySettings(FlightSettings):
+    """A flight to a runway."""
+
+    motion: str = parameter(
+        'approach',
+        'approach: down a glide path of 3.5 degrees. low_pass: along the runway at 22 m. s_turn: '
+        'across the centreline and back at 70 m, banking up to 20 degrees.',
+        choices=RUNWAY_MOTIONS,
+    )
+    runway_width: float = parameter(
+        30.0, 'From edge to edge of the pavement.', minimum=6.0, maximum=60.0, unit='m'
+    )
+    runway_length: float = parameter(
+        1200.0, 'From end to end of the pavement.', minimum=200.0, maximum=4000.0, unit='m'
+    )
+    start_distance: float = parameter(
+        600.0, 'From the near end at first.', minimum=-4000.0, maximum=5000.0, unit='m'
+    )
+    speed: float = parameter(40.0, 'Over ground.', minimum=0.0, maximum=150.0, unit='m/s')
+    lateral_offset: float = parameter(
+        8.0, 'Left of the centreline at first.', minimum=-200.0, maximum=200.0, unit='m'
+    )
+    camera_pitch_deg: float = parameter(
+        8.0, 'How far the camera looks down.', minimum=-10.0, maximum=60.0, unit='deg'
+    )
+    visibility: float = parameter(
+        9000.0, 'Where haze has taken 63 % of the contrast.', minimum=200.0, maximum=1e6, unit='m'
+    )
+
+    def camera(self) -> PinholeCamera:
+        """The camera that takes the pictures."""
+        return PinholeCamera.with_field_of_view(
+            self.width, self.height, self.fov_deg or RUNWAY_FOV_DEG
+        )

@@ -1,0 +1,273 @@
+"""The synthetic flight behind a tanker with marker lights."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, tanker_mesh
+from mvuav_ros.simulation.backgrounds import Background
+from mvuav_ros.simulation.boom import Boom, place_boom
+from mvuav_ros.simulation.exposure import (
+    GainSteps,
+    HotPixels,
+    SensorNoise,
+    apply_gain,
+    defocus,
+    motion_blur,
+)
+from mvuav_ros.simulation.flight import Flight, SimulatedFrame, Stream
+from mvuav_ros.simulation.glare import Glares
+from mvuav_ros.simulation.lights import LARGEST_RADIUS, Light, Spot, add_lights
+from mvuav_ros.simulation.mesh import paint_mesh
+from mvuav_ros.simulation.motion import BodyPose, TankerMotion
+from mvuav_ros.simulation.schedule import (
+    ALL,
+    ScheduleError,
+    affected,
+    parse_schedule,
+    refuse_unknown,
+)
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.shake import VIBRATIONS, Shake
+from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, roll_between
+from mvuav_ros.vision.body import TANKER_747, BodyLayout, LayoutError, load_layout
+from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.point_operations import Image
+
+BOOM_WIDTH = 0.9
+"""m."""
+_STEP = 1e-4
+"""Half of the time over which velocities are taken, s."""
+_LONG_PATH = 0.25
+"""A light that moves less than this during the exposure (px) is drawn standing still."""
+
+
+class TankerFlight(Flight[TankerTruth]):
+    """Pictures of a tanker's lights, with truth.
+
+    The airframe never hides a light: all of them are drawn on top of it.
+
+    Attributes:
+        settings: what was asked for.
+        layout: the body's lights.
+    """
+
+    def __init__(self, settings: TankerSettings | None = None) -> None:
+        """Prepare a flight.
+
+        Args:
+            settings: of the flight; the defaults if None.
+
+        Raises:
+            ParameterError: the layout's file cannot be used, or a schedule names no light of it.
+        """
+        self.settings = settings or TankerSettings()
+        super().__init__(self.settings)
+        self.camera = self.settings.camera()
+        self.layout = _open_layout(self.settings)
+        self._failures = parse_schedule(self.settings.failures)
+        self._occlusions = parse_schedule(self.settings.occlusions)
+        for name, schedule in (('failures', self._failures), ('occlusions', self._occlusions)):
+            try:
+                refuse_unknown(schedule, (*self.layout.names, ALL))
+            except ScheduleError as error:
+                raise ParameterError(name, str(error)) from error
+        self._shake = Shake(
+            VIBRATIONS[self.settings.shake], self.settings.shake_gain, self._rng(Stream.SHAKE)
+        )
+        self._motion = TankerMotion(
+            self.settings, self.layout, self.duration, self._rng(Stream.MOTION)
+        )
+        self._gain = GainSteps(self.settings.gain_steps, self.duration, self._rng(Stream.GAIN))
+
+    def truth_at(self, time: float) -> TankerTruth:
+        """What is true at any time (s)."""
+        pose = self.pose(time)
+        places = self._project(pose)
+        velocities = (
+            self._project(self.pose(time + _STEP)) - self._project(self.pose(time - _STEP))
+        ) / (2 * _STEP)
+        boom = self._boom(pose, places, time)
+        radii = [spot.radius for spot in self._spots(pose)]
+        markers = tuple(
+            MarkerTruth(
+                name,
+                float(place[0]),
+                float(place[1]),
+                float(velocity[0]),
+                float(velocity[1]),
+                self._shows(name, place, 0.0, boom, time),
+                self._shows(name, place, radius + 1.0, boom, time),
+            )
+            for name, place, velocity, radius in zip(
+                self.layout.names, places, velocities, radii, strict=True
+            )
+        )
+        dock = pose.rotation @ np.array(self.layout.dock) + pose.translation
+        return TankerTruth(
+            time,
+            markers,
+            roll_between(markers),
+            pose.rotation,
+            pose.translation,
+            float(np.linalg.norm(dock)),
+            self._gain.at(time),
+            self.camera,
+        )
+
+    def pose(self, time: float) -> BodyPose:
+        """The body in the optical frame of the camera, which may shake, at a time (s)."""
+        pose = self._motion.pose(time)
+        if self._shake.still:
+            return pose
+        turned = self._shake.rotation(time)
+        return BodyPose(turned @ pose.rotation, turned @ pose.translation)
+
+    def frame(self, index: int) -> SimulatedFrame[TankerTruth]:
+        """Draw frame ``index``, dropped or not."""
+        time = self.seen_at(index)
+        truth = self.truth_at(time)
+        image = self._draw(truth, time)
+        image = defocus(image, self.settings.blur)
+        # By the time shown, so that a camera that hangs repeats its picture bit for bit.
+        self._noise.add(image, self._rng(Stream.NOISE, round(time * 1e6)))
+        self._hot_pixels.add(image)
+        picture = Picture(image, self.settings.encoding)
+        return SimulatedFrame(self.stamp_ns(index), picture, truth)
+
+    def _draw(self, truth: TankerTruth, time: float) -> Image:
+        pose = BodyPose(truth.rotation, truth.translation)
+        places = np.array([(m.x, m.y) for m in truth.markers])
+        image = self._background.view(None if self._shake.still else self._shake.rotation(time))
+        lab = self.settings.actual_background != 'sky'
+        if self.settings.airframe and self.layout.name == TANKER_747.name:
+            lighting = IN_LAB if lab else IN_SKY
+            # The light stands still while the body turns under it.
+            light = self._motion.steady_frame() @ np.array(lighting.towards)
+            paint_mesh(
+                image, tanker_mesh(), self.camera, pose.rotation, pose.translation, light, lighting
+            )
+        mean_x, mean_y = np.nanmean([(m.vx, m.vy) for m in truth.markers], axis=0)
+        exposure = self.settings.exposure
+        image = motion_blur(image, exposure * float(mean_x), exposure * float(mean_y))
+        image = apply_gain(image, truth.gain)
+        add_lights(image, self._lights(pose, places, time), truth.gain)
+        boom = self._boom(pose, places, time)
+        if boom is not None:
+            boom.paint(image)
+        return image
+
+    def _lights(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> list[Light]:
+        exposure = self.settings.exposure
+        first, last = (self._project(self.pose(time + s * 0.5 * exposure)) for s in (-1.0, 1.0))
+        longest = float(np.nan_to_num(np.hypot(*(last - first).T)).max())
+        if longest < _LONG_PATH:
+            paths = places[None]
+        else:
+            count = min(2 * math.ceil(longest) + 1, 33)
+            offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
+            paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
+        lights = [
+            Light(spot, paths[:, number])
+            for number, (name, spot) in enumerate(
+                zip(self.layout.names, self._spots(pose), strict=True)
+            )
+            if not affected(self._failures, name, time)
+        ]
+        spot = Spot(self.settings.light_radius)
+        return lights + [Light(spot, place[None]) for place in self._glares.places(time)]
+
+    def _spots(self, pose: BodyPose) -> list[Spot]:
+        """Larger when closer, though by the root only: the glow is the lens's."""
+        depths = (self.layout.positions @ pose.rotation.T + pose.translation)[:, 2]
+        usual = self._usual_depth
+        radius = self.settings.light_radius
+        largest = max(radius, LARGEST_RADIUS)
+        return [
+            Spot(round(min(max(radius * math.sqrt(usual / max(depth, 0.1)), 2.0), largest), 2))
+            for depth in depths
+        ]
+
+    def _project(self, pose: BodyPose) -> NDArray[np.float64]:
+        return self.camera.project(self.layout.positions @ pose.rotation.T + pose.translation)
+
+    def _boom(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> Boom | None:
+        if not self._occlusions and self.settings.actual_view == 'lab':
+            return None
+        boom = np.array(self.layout.boom)
+        below = boom + self.layout.reach * np.array((-0.1, 0.0, -0.2))
+        points = np.stack((boom, below)) @ pose.rotation.T + pose.translation
+        pivot, end = self.camera.project(points)
+        if not np.all(np.isfinite((pivot, end))) or not np.all(np.isfinite(places)):
+            return None
+        half = 0.5 * BOOM_WIDTH * self.camera.fx / float(points[0, 2])
+        if self._occlusions:
+            half = max(half, max(spot.core for spot in self._spots(pose)) + 1.5)
+        lights = dict(zip(self.layout.names, places, strict=True))
+        return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
+
+    def _shows(
+        self,
+        name: str,
+        place: NDArray[np.float64],
+        radius: float,
+        boom: Boom | None,
+        time: float,
+    ) -> bool:
+        if affected(self._failures, name, time) or not np.all(np.isfinite(place)):
+            return False
+        corners = np.stack((place - radius, place + radius))
+        if not self.camera.contains(corners).all():
+            return False
+        return boom is None or boom.distance(place) > radius
+
+    @cached_property
+    def _usual_depth(self) -> float:
+        pose = self._motion.pose(0.0)
+        depths = (self.layout.positions @ pose.rotation.T + pose.translation)[:, 2]
+        return float(np.median(depths))
+
+    @cached_property
+    def _background(self) -> Background:
+        return Background(
+            self.settings.actual_background,
+            self.camera,
+            self.settings.encoding == 'bgr8',
+            self.settings.detail,
+            self._rng(Stream.BACKGROUND),
+        )
+
+    @cached_property
+    def _noise(self) -> SensorNoise:
+        size = (self.camera.height, self.camera.width)
+        shape = size if self.settings.encoding == 'mono8' else (*size, 3)
+        return SensorNoise(shape, self.settings.noise, self._rng(Stream.NOISE_POOL))
+
+    @cached_property
+    def _hot_pixels(self) -> HotPixels:
+        return HotPixels(
+            self.camera.width,
+            self.camera.height,
+            self.settings.hot_pixels,
+            self._rng(Stream.HOT_PIXELS),
+        )
+
+    @cached_property
+    def _glares(self) -> Glares:
+        times = np.linspace(0.0, self.duration, 60 if self.settings.glares else 1)
+        paths = np.concatenate([self._project(self.pose(float(t))) for t in times])
+        return Glares(self.settings.glares, self.camera, paths, self._rng(Stream.GLARES))
+
+
+def _open_layout(settings: TankerSettings) -> BodyLayout:
+    if not settings.layout:
+        return TANKER_747
+    try:
+        return load_layout(settings.layout)
+    except LayoutError as error:
+        raise ParameterError('layout', str(error)) from error

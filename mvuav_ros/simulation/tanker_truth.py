@@ -1,0 +1,78 @@
+"""What is true of a picture of the tanker."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from mvuav_ros.simulation.camera import PinholeCamera
+from mvuav_ros.simulation.rotation import Matrix, Vector
+
+
+class MarkerTruth(NamedTuple):
+    """One light.
+
+    Attributes:
+        name: of the light.
+        x: px, where its centre is projected, in the frame or not; NaN behind the camera.
+        y: px.
+        vx: px/s, the camera's shake included.
+        vy: px/s.
+        visible: it is lit, its centre is on the frame and not behind the boom.
+        whole: the same of all of its disc, so that a centroid can be right.
+    """
+
+    name: str
+    x: float
+    y: float
+    vx: float
+    vy: float
+    visible: bool
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TankerTruth:
+    """What a picture of the tanker shows.
+
+    Attributes:
+        time: s since the start of the flight.
+        markers: in the layout's order.
+        roll: rad, atan2 of right wing minus left wing as projected, right wing down positive;
+            NaN for a body without lights of these names.
+        rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.
+        translation: (3,), m, of the body's origin in the optical frame.
+        distance: from the camera to the body's dock point, m.
+        gain: by which the camera's picture is brighter than usual.
+        camera: with its matrix K and distortion.
+    """
+
+    time: float
+    markers: tuple[MarkerTruth, ...]
+    roll: float
+    rotation: Matrix
+    translation: Vector
+    distance: float
+    gain: float
+    camera: PinholeCamera
+
+    def marker(self, name: str) -> MarkerTruth:
+        """The light of that name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        for marker in self.markers:
+            if marker.name == name:
+                return marker
+        raise KeyError(name)
+
+
+def roll_between(markers: tuple[MarkerTruth, ...]) -> float:
+    """Roll (rad) from left_wing to right_wing; NaN without them."""
+    places = {marker.name: marker for marker in markers}
+    if not {'left_wing', 'right_wing'} <= places.keys():
+        return math.nan
+    left, right = places['left_wing'], places['right_wing']
+    return math.atan2(right.y - left.y, right.x - left.x)

@@ -1,0 +1,1 @@
+"""Cameras, video files, image folders and bags as one stream of frames."""

@@ -1,0 +1,1 @@
+"""A runway, a road or a pipeline ahead as one shape: found, tracked, and turned into guidance."""

@@ -1,0 +1,142 @@
+"""Where exactly a strip's two edges are, near where they are expected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.features import features_of
+from mvuav_ros.vision.approach.level import Level
+from mvuav_ros.vision.approach.targets import Look
+
+_MOST_ROWS = 40
+_SAMPLE = 0.5
+"""Px of the working picture between samples across an edge."""
+_REACH_SHARE, _LEAST_REACH, _MOST_REACH = 0.35, 3.0, 8.0
+_SUPPORT = 0.25
+"""A row supports an edge with a step of this share of the strip's contrast."""
+_WIDTHS_PER_STEP = 12.0
+_USUAL_RANK = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePoints:
+    """Points of one edge on the levelled working picture.
+
+    Attributes:
+        rows: (n,) px.
+        columns: (n,) px.
+        weights: (n,) 0 to 1.
+        support: share of the rows searched that have a step there, 0 to 1.
+    """
+
+    rows: NDArray[np.float64]
+    columns: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    support: float
+
+
+def find_edges(
+    image: NDArray[Any],
+    level: Level,
+    shape: NDArray[np.float64],
+    span: tuple[float, float],
+    contrast: NDArray[np.float64],
+    look: Look,
+) -> tuple[EdgePoints, EdgePoints]:
+    """Measure the left and the right edge.
+
+    Args:
+        image: the frame, (height, width) or (height, width, 3), blue first.
+        level: of the frame.
+        shape: (4,) as in `strip`.
+        span: first row and row after the last one, px below the vanishing point.
+        contrast: (channels,) inside minus outside.
+        look: of the target.
+    """
+    x, y, *slopes = (float(v) for v in shape)
+    far, near = span
+    count = int(np.clip((near - far) * level.factor, 6, _MOST_ROWS))
+    depth = far + (np.arange(count) + 0.5) * ((near - far) / count)
+    reach = float(np.clip(_REACH_SHARE * (slopes[1] - slopes[0]) * near, _LEAST_REACH, _MOST_REACH))
+    steps = round(reach / _SAMPLE)
+    across = np.arange(-steps, steps + 1) * _SAMPLE
+    expected = x + np.array(slopes)[:, None] * depth
+    columns = expected[:, :, None] + across
+    rows = np.broadcast_to((y + depth)[None, :, None], columns.shape)
+    on_x, on_y = level.to_frame(columns, rows)
+    shape2 = (2 * count, across.size)
+    # Fixed-point maps: with others, OpenCV 5 rounds as the arrays happen to lie in memory.
+    places, parts = cv2.convertMaps(
+        on_x.reshape(shape2).astype(np.float32),
+        on_y.reshape(shape2).astype(np.float32),
+        cv2.CV_16SC2,
+    )
+    pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    direction, size = _direction(contrast, look)
+    features = features_of(pixels)
+    profile = direction[0] * features[0] + direction[1] * features[1]
+    # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
+    base = int(np.clip((slopes[1] - slopes[0]) * near / _WIDTHS_PER_STEP, 2, 4) / _SAMPLE)
+    margin = base // 2
+    base = 2 * margin
+    step = profile[:, base:] - profile[:, :-base]
+    step = step.reshape(2, count, -1)
+    step[1] *= -1
+    inside = (on_x > 0) & (on_x < image.shape[1] - 1) & (on_y > 0) & (on_y < image.shape[0] - 1)
+    step = np.where(inside[:, :, margin:-margin], np.clip(step, 0.0, size), 0.0)
+    left, right = (
+        _fit(step[side], across[margin:-margin], expected[side], y + depth, size, base)
+        for side in (0, 1)
+    )
+    return left, right
+
+
+def _direction(contrast: NDArray[np.float64], look: Look) -> tuple[NDArray[np.float64], float]:
+    """Weights of the channels with which the inside stands out most, and by how much."""
+    weights = np.array([look.brightness, 1.0])
+    weighted = contrast * weights
+    size = float(np.hypot(*weighted))
+    return weighted * weights / max(size, 1e-6), size
+
+
+def _fit(
+    step: NDArray[Any],
+    across: NDArray[Any],
+    expected: NDArray[Any],
+    rows: NDArray[Any],
+    size: float,
+    base: int,
+) -> EdgePoints:
+    """Choose the straight line with the most steps along it, then take the steps' own places."""
+    count, places = step.shape
+    along = (rows - rows[0]) / max(rows[-1] - rows[0], 1e-6)
+    ends = np.arange(0, places, 2)
+    far, near = (v.ravel() for v in np.meshgrid(ends, ends, indexing='ij'))
+    at = far[:, None] + (near - far)[:, None] * along
+    index = np.rint(at).astype(np.intp) + np.arange(count) * places
+    middle = 0.5 * (places - 1)
+    # Of equal lines the expected one.
+    away = (np.abs(far - middle) + np.abs(near - middle)) / places
+    votes = step.ravel().take(index).sum(axis=1)
+    votes = votes * (1.0 - 0.3 * away)
+    best = int(votes.argmax())
+    chosen = np.rint(at[best]).astype(np.intp)
+    near_line = chosen[:, None] + np.arange(-base // 2 - 1, base // 2 + 2)
+    valid = (near_line >= 0) & (near_line < places)
+    near_line = np.clip(near_line, 0, places - 1)
+    local = np.where(valid, np.take_along_axis(step, near_line, axis=1), 0.0)
+    total = local.sum(axis=1)
+    columns = expected + (local * across[near_line]).sum(axis=1) / np.maximum(total, 1e-6)
+    # A step of the contrast's size is seen by all samples around it.
+    weights = np.clip(total / (base * max(size, 1e-6)), 0.0, 1.0)
+    weights = np.where(weights > _SUPPORT, weights, 0.0)
+    # Where there are steps everywhere, the best line is not worth much.
+    rank = int(_USUAL_RANK * votes.size)
+    usual = float(np.partition(votes, rank)[rank])
+    support = (float(votes[best]) - usual) / (count * max(size, 1e-6))
+    return EdgePoints(rows, columns, weights, float(np.clip(support, 0.0, 1.0)))

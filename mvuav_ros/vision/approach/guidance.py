@@ -1,0 +1,194 @@
+"""From two edges and the horizon's slope to where the camera is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.level import Level
+from mvuav_ros.vision.approach.model import UNKNOWN_VARIANCE, Guidance
+from mvuav_ros.vision.camera_model import CameraModel
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+_OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
+
+# Px of the frame: what is wrong with all points of an edge alike, at either end of it; and px of
+# the working picture: of the near end's row.
+_EDGE_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.35, 0.05, 1.0
+# m: markings and overruns blur where the pavement begins.
+_BEGINNING_SIGMA = 10.0
+_CORRELATED_ROWS = 3.0
+_SLOPE_SIGMA = math.radians(0.12)
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeFit:
+    """One edge in one frame, on the levelled working picture.
+
+    Attributes:
+        columns: (2,) px, where it crosses ``rows``.
+        rows: (2,) px, near its far and its near end.
+        covariance: (2, 2) of the columns.
+    """
+
+    columns: Vector
+    rows: Vector
+    covariance: Matrix
+
+
+def fit_edge(points: EdgePoints, factor: int) -> EdgeFit | None:
+    """Fit a straight line through the points of one edge in one frame.
+
+    Args:
+        points: of the edge.
+        factor: px of the frame per px of the working picture.
+
+    Returns:
+        None where there are too few points.
+    """
+    used = points.weights > 0
+    if used.sum() < 4:
+        return None
+    rows, columns, weights = points.rows[used], points.columns[used], points.weights[used]
+    ends = np.array([rows.min(), rows.max()])
+    length = ends[1] - ends[0]
+    if length < 2.0:
+        return None
+    share = (rows - ends[0]) / length
+    design = np.stack([1.0 - share, share])
+    weighted = design * weights
+    inverse = np.linalg.inv(weighted @ design.T)
+    at_ends = inverse @ (weighted @ columns)
+    error = columns - at_ends @ design
+    spread = float((weights * error**2).sum() / weights.sum())
+    least = (_LEAST_SPREAD / factor) ** 2
+    covariance = inverse * (max(spread, least) * _CORRELATED_ROWS)
+    covariance += np.eye(2) * (_EDGE_BIAS / factor) ** 2
+    return EdgeFit(at_ends, ends, covariance)
+
+
+def locate(
+    left: EdgeFit,
+    right: EdgeFit,
+    near_row: float | None,
+    level: Level,
+    camera: CameraModel,
+    runway_width: float,
+) -> Guidance:
+    """Where the camera is in the runway's frame.
+
+    Args:
+        left: the left edge.
+        right: the right edge.
+        near_row: row of the near end on the levelled working picture, if it is in sight.
+        level: of the frame.
+        camera: calibrated for frames of that size.
+        runway_width: from edge to edge, m.
+    """
+    rows = np.concatenate([left.rows, right.rows])
+    measured = np.concatenate(
+        [left.columns, right.columns, [0.0, math.nan if near_row is None else near_row]]
+    )
+    noise = np.zeros((6, 6))
+    noise[:2, :2], noise[2:4, 2:4] = left.covariance, right.covariance
+    noise[4, 4] = _SLOPE_SIGMA**2
+    noise[5, 5] = 0.0 if near_row is None else _NEAR_SIGMA**2
+
+    def pose(values: Vector) -> Vector:
+        return _pose(values, rows, level, camera, runway_width)
+
+    solution = pose(measured)
+    if not np.isfinite(solution[1:]).all():
+        return Guidance()
+    jacobian = _jacobian(pose, measured, near_row is not None)
+    covariance = jacobian @ noise @ jacobian.T
+    if near_row is None:
+        covariance[0, :] = covariance[:, 0] = 0.0
+        covariance[0, 0] = UNKNOWN_VARIANCE
+    else:
+        covariance[0, 0] += _BEGINNING_SIGMA**2
+    x, y, z, roll, pitch, yaw = (float(value) for value in solution)
+    return Guidance(x, y, z, roll, pitch, yaw, covariance)
+
+
+def _jacobian(
+    function: Callable[[Vector], Vector], at: Vector, near_known: bool
+) -> NDArray[np.float64]:
+    jacobian = np.zeros((6, at.size))
+    for index in range(at.size if near_known else at.size - 1):
+        step = np.zeros(at.size)
+        step[index] = _STEP
+        change = (function(at + step) - function(at - step)) / (2 * _STEP)
+        jacobian[:, index] = np.where(np.isfinite(change), change, 0.0)
+    return jacobian
+
+
+def _pose(
+    values: Vector, rows: Vector, level: Level, camera: CameraModel, runway_width: float
+) -> Vector:
+    """x, y, z, roll, pitch, yaw.
+
+    Args:
+        values: columns of the left and the right edge at ``rows``, error of the horizon's slope
+            (rad), row of the near end (NaN if unknown).
+        rows: (4,) px.
+        level: of the frame.
+        camera: calibration.
+        runway_width: m.
+    """
+    rays = _rays(values[:4], rows, level, camera)
+    left, right = np.cross(rays[0], rays[1]), np.cross(rays[2], rays[3])
+    forward = np.cross(left, right)
+    if forward[2] < 0:
+        forward = -forward
+    forward /= np.linalg.norm(forward)
+    if forward[2] < 1e-6:
+        return np.full(6, np.nan)
+    # The horizon passes through the vanishing point, with the slope that was seen.
+    slope = level.slope + values[4]
+    point = camera.matrix @ forward
+    beside = point / point[2] + (math.cos(slope), math.sin(slope), 0.0)
+    up = np.cross(forward, np.linalg.inv(camera.matrix) @ beside)
+    up /= np.linalg.norm(up)
+    if up[1] > 0:
+        up = -up
+    aside = np.cross(up, forward)
+    left_slope = -(left @ up) / (left @ aside)
+    right_slope = -(right @ up) / (right @ aside)
+    # Seen from the camera, an edge lies (aside, -1) heights to the left and below.
+    z = runway_width / (right_slope - left_slope)
+    y = 0.5 * runway_width + left_slope * z
+    rotation = np.stack([forward, aside, up]) @ _OPTICAL_FROM_BODY
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = -math.asin(max(-1.0, min(1.0, float(rotation[2, 0]))))
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    x = math.nan
+    if math.isfinite(values[5]):
+        share = (values[5] - rows[0]) / (rows[1] - rows[0])
+        column = values[0] + share * (values[1] - values[0])
+        ray = _rays(np.array([column]), values[5:6], level, camera)[0]
+        down = -(ray @ up)
+        x = -z * float(ray @ forward) / down if down > 1e-6 else math.nan
+    return np.array([x, y, z, roll, pitch, yaw])
+
+
+def _rays(columns: Vector, rows: Vector, level: Level, camera: CameraModel) -> Matrix:
+    """(n, 3) directions in the optical frame of points of the levelled working picture."""
+    x, y = level.to_frame(columns, rows)
+    points = np.stack([x, y], axis=1).reshape(-1, 1, 2)
+    if any(camera.d):
+        flat = cv2.undistortPoints(points, camera.matrix, camera.distortion).reshape(-1, 2)
+    else:
+        matrix = camera.matrix
+        flat = points[:, 0] - matrix[:2, 2]
+        flat = flat / (matrix[0, 0], matrix[1, 1])
+    return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)

@@ -1,0 +1,170 @@
+"""The horizon: the straight line that has bright sky above it and darker land below."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_WIDTH, _HEIGHT = 80, 60
+_STEP_DEG = 1.5
+_MAX_ROLL_DEG = 66.0
+_HALF = 3
+_CAP = 24.0
+_FAINTEST = 3.0
+_MOST_UNREST = 0.5
+_SKY_ROWS = 12
+_COLUMN_STEP, _REACH, _FEWEST_COLUMNS = 4, 5, 12
+_MOST_AGREE = 0.55
+
+
+class Horizon(NamedTuple):
+    """A line y = row + (x - centre column) tan(slope) on a picture.
+
+    Attributes:
+        row: where it crosses the picture's middle column, px.
+        slope: rad, right end down positive; the camera's roll is its negative.
+        strength: mean step across it, grey levels of blue; 0 where nothing was found.
+        unrest: how much neighbouring columns differ right above it, grey levels of blue.
+    """
+
+    row: float
+    slope: float
+    strength: float
+    unrest: float
+
+    @property
+    def trusted(self) -> bool:
+        """It looks like sky above it, not like the edge of treetops or walls."""
+        return self.strength > _FAINTEST and self.unrest < _MOST_UNREST * self.strength
+
+
+class HorizonFinder:
+    """Finds the horizon on pictures of one size."""
+
+    def __init__(self, height: int, width: int) -> None:
+        self._size = (height, width)
+        self._across = width / _WIDTH
+        self._down = height / _HEIGHT
+        count = int(_MAX_ROLL_DEG / _STEP_DEG)
+        self._slopes = np.radians(np.arange(-count, count + 1) * _STEP_DEG)
+        columns = (np.arange(_WIDTH) - 0.5 * (_WIDTH - 1)) * self._across
+        # Rows by which each column is moved for each slope.
+        self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
+        self._pad = int(np.abs(self._shift).max())
+        rows = np.arange(_HEIGHT)[None, :, None] + self._shift[:, None, :] + self._pad
+        self._index = rows * _WIDTH + np.arange(_WIDTH)
+
+    def find(self, pixels: NDArray[Any], near: Horizon | None = None) -> Horizon:
+        """Find the horizon.
+
+        Args:
+            pixels: (height, width, 3) uint8, blue first: of land and sky, blue differs most.
+            near: the last one: it is looked for there alone, if it is there.
+        """
+        if near is not None and near.trusted:
+            found, agreeing = _refined(near, pixels)
+            if agreeing > _MOST_AGREE:
+                return found
+        blue = cv2.resize(
+            cv2.extractChannel(pixels, 0), (_WIDTH, _HEIGHT), interpolation=cv2.INTER_AREA
+        )
+        steps = self._steps(blue)
+        padded = np.zeros((_HEIGHT + 2 * self._pad, _WIDTH), np.float32)
+        padded[self._pad : self._pad + _HEIGHT] = steps
+        sums = padded.take(self._index).mean(axis=2)
+        best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
+        strength = float(sums[best, row])
+        if strength <= 0:
+            return Horizon(0.5 * (self._size[0] - 1), 0.0, 0.0, 0.0)
+        slope = self._slopes[best] + math.radians(_STEP_DEG) * _vertex(sums[:, row], int(best))
+        exact_row = int(row) + _vertex(sums[best], int(row))
+        unrest = self._unrest(blue, int(row) + self._shift[best])
+        found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, unrest)
+        if not found.trusted:
+            return found
+        # The first fit is drawn towards the coarse line.
+        found, _ = _refined(found, pixels)
+        return _refined(found, pixels)[0]
+
+    def _unrest(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
+        """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
+        rows = np.arange(_HEIGHT)[:, None]
+        above = (rows < horizon - _HALF) & (rows > horizon - _HALF - _SKY_ROWS)
+        above = above[:, 1:]
+        change = cv2.absdiff(blue[:, 1:], blue[:, :-1])
+        return float(change[above].mean()) if above.any() else 0.0
+
+    def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
+        """How much brighter it is above each place than below, capped."""
+        total = np.zeros((_HEIGHT + 1, _WIDTH), np.float32)
+        np.cumsum(blue, axis=0, dtype=np.float32, out=total[1:])
+        steps = np.zeros((_HEIGHT, _WIDTH), np.float32)
+        middle = total[_HALF:-_HALF]
+        # The boundary between rows y - 1 and y counts half to each.
+        between = (2 * middle - total[: -2 * _HALF] - total[2 * _HALF :]) / _HALF
+        np.clip(between, 0, _CAP, out=between)
+        steps[_HALF : _HEIGHT - _HALF] = 0.5 * (between[:-1] + between[1:])
+        return steps
+
+
+def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
+    """Fit the line anew through the steepest step of every few columns.
+
+    Args:
+        horizon: to within a few px.
+        pixels: (height, width, 3) uint8, blue first.
+
+    Returns:
+        The line, and the share of columns whose steps lie on it.
+    """
+    height, width = pixels.shape[:2]
+    columns = np.arange(_COLUMN_STEP // 2, width, _COLUMN_STEP)
+    away = columns - 0.5 * (width - 1)
+    expected = horizon.row + math.tan(horizon.slope) * away
+    reach = np.arange(-_REACH, _REACH + 1)
+    rows = np.rint(expected).astype(np.intp)[:, None] + reach
+    inside = (rows[:, 0] >= 2) & (rows[:, -1] < height - 2)
+    if inside.sum() < _FEWEST_COLUMNS:
+        return horizon, 0.0
+    rows, columns, away = rows[inside], columns[inside, None], away[inside]
+    blue = pixels[:, :, 0].astype(np.float32)
+    steps = blue[rows - 2, columns] + blue[rows - 1, columns]
+    steps -= blue[rows + 1, columns] + blue[rows + 2, columns]
+    np.maximum(steps, 0.0, out=steps)
+    # Of two steps, sky to hills and hills to land, the nearer one to where all columns agree.
+    steps *= 1.0 - (reach / (_REACH + 1.0)) ** 2
+    best = steps.argmax(axis=1)
+    number = np.arange(best.size)
+    before, after = np.maximum(best - 1, 0), np.minimum(best + 1, reach.size - 1)
+    around = steps[number, before], steps[number, best], steps[number, after]
+    bend = around[0] - 2 * around[1] + around[2]
+    vertex = np.where(bend < 0, 0.5 * (around[0] - around[2]) / np.minimum(bend, -1e-6), 0.0)
+    places = rows[number, best] + np.clip(vertex, -0.5, 0.5)
+    weights = around[1].astype(np.float64)
+    tangent, row = math.tan(horizon.slope), horizon.row
+    for limit in (3.0, 1.5, 1.0):
+        error = places - row - tangent * away
+        weight = weights / (1.0 + (error / limit) ** 2) ** 2
+        total = weight.sum()
+        if not total > 0:
+            return horizon, 0.0
+        mean_away, mean_place = (weight * away).sum() / total, (weight * places).sum() / total
+        weighted = weight * (away - mean_away)
+        tangent = (weighted * places).sum() / (weighted * away).sum()
+        row = mean_place - tangent * mean_away
+    on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * _FAINTEST)
+    found = horizon._replace(row=float(row), slope=math.atan(tangent))
+    return found, float(on_line.mean())
+
+
+def _vertex(values: NDArray[Any], index: int) -> float:
+    """Where the parabola through a maximum and its neighbours has its vertex, from the maximum."""
+    if not 0 < index < values.size - 1:
+        return 0.0
+    before, at, after = (float(v) for v in values[index - 1 : index + 2])
+    bend = before - 2 * at + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0

@@ -1,0 +1,93 @@
+"""Between a frame and the working picture turned until the horizon is level."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.runway.normal_form import NormalForm
+
+FarPoint = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Level:
+    """A turn of the working picture about its middle.
+
+    Attributes:
+        width: of the working picture, px.
+        height: likewise.
+        factor: px of the frame per px of the working picture.
+        slope: rad, of the horizon on the frame, right end down positive.
+    """
+
+    width: int
+    height: int
+    factor: int
+    slope: float
+
+    @property
+    def centre(self) -> FarPoint:
+        """About which it is turned, px of the working picture."""
+        return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+
+    def turned(self, pixels: NDArray[np.uint8], first_row: int = 0) -> NDArray[np.uint8]:
+        """The rows from ``first_row`` on of the working picture with a level horizon."""
+        if self.slope == 0.0:
+            return pixels[first_row:]
+        matrix = cv2.getRotationMatrix2D(self.centre, math.degrees(self.slope), 1.0)
+        matrix[1, 2] -= first_row
+        size = (self.width, self.height - first_row)
+        turned = cv2.warpAffine(pixels, matrix, size, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(turned, np.uint8)
+
+    def row_of(self, horizon_row: float) -> float:
+        """The level horizon's row, of the row where the slanted one crosses the middle column."""
+        _, middle = self.centre
+        return middle + (horizon_row - middle) * math.cos(self.slope)
+
+    def to_frame(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Points on the frame, of points on the levelled working picture."""
+        cos, sin = math.cos(self.slope), math.sin(self.slope)
+        centre_x, centre_y = self.centre
+        dx, dy = x - centre_x, y - centre_y
+        on_x = centre_x + cos * dx - sin * dy
+        on_y = centre_y + sin * dx + cos * dy
+        return (on_x + 0.5) * self.factor - 0.5, (on_y + 0.5) * self.factor - 0.5
+
+    def line_on_frame(self, x: float, y: float, slope: float) -> NormalForm:
+        """The line through a level point that moves ``slope`` columns right per row down."""
+        x1, y1 = self.to_frame(x, y)
+        x2, y2 = self.to_frame(x + slope, y + 1.0)
+        return line_through(x1, y1, x2, y2)
+
+    def row_on_frame(self, y: float) -> NormalForm:
+        """A level row as a line of the frame."""
+        x1, y1 = self.to_frame(0.0, y)
+        x2, y2 = self.to_frame(1.0, y)
+        return line_through(x1, y1, x2, y2)
+
+
+def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
+    """The line through two points."""
+    theta = math.atan2(x2 - x1, -(y2 - y1))
+    return NormalForm(x1 * math.cos(theta) + y1 * math.sin(theta), theta).normalised()
+
+
+def turn_edge(p: float, slope: float, row: float, old: Level, new: Level) -> tuple[float, float]:
+    """An edge x = p + slope (y - row) of one level, described on another one."""
+    angle = new.slope - old.slope
+    if angle == 0.0:
+        return p, slope
+    cos, sin = math.cos(angle), math.sin(angle)
+    centre_x, centre_y = new.centre
+    dx, dy = p - centre_x, row - centre_y
+    x, y = centre_x + cos * dx + sin * dy, centre_y - sin * dx + cos * dy
+    across, down = cos * slope + sin, cos - sin * slope
+    turned = across / down
+    return x + turned * (row - y), turned

@@ -1,0 +1,111 @@
+"""The frame with the shape drawn on it, for a pilot's glance."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from mvuav_ros.vision.approach.model import ApproachResult, Point
+from mvuav_ros.vision.runway.drawing import BLACK, WHITE, Color, Picture, write
+from mvuav_ros.vision.runway.model import LineRole, RunwayLine
+
+# Blue, green, red. Left green and right red, as the marker lights are drawn.
+ROLE_COLORS: dict[LineRole, Color] = {
+    LineRole.UNKNOWN: (255, 255, 255),
+    LineRole.LEFT_EDGE: (80, 230, 60),
+    LineRole.RIGHT_EDGE: (60, 60, 255),
+    LineRole.CENTRELINE: (255, 200, 60),
+    LineRole.FAR_END: (60, 230, 255),
+    LineRole.NEAR_END: (60, 230, 255),
+}
+_HORIZON = (255, 160, 160)
+_SHIFT = 4
+_DASHES = 12
+
+
+def draw_approach(result: ApproachResult) -> Picture:
+    """Edges, ends, centreline, vanishing point, horizon and numbers on the frame.
+
+    The left edge is green, the right one red, the centreline blue, the ends yellow; a line that
+    keeps old values (the thesis's flags) is dashed. The cross is where the edges meet, the thin
+    line the horizon.
+
+    Returns:
+        (height, width, 3) uint8, blue first; at least 1 x 1 px.
+    """
+    if result.image.size == 0:
+        return np.zeros((max(1, result.height), max(1, result.width), 3), np.uint8)
+    image = result.image
+    levels = image >> 8 if image.dtype == np.uint16 else image
+    picture = np.array(levels, np.uint8)
+    if picture.ndim == 2:
+        picture = np.stack([picture] * 3, axis=2)
+    scale = max(1.0, min(result.width, result.height) / 240)
+    if result.horizon is not None:
+        _line(picture, *result.horizon, _HORIZON, 1)
+    for line in result.lines:
+        if line.found and not math.isnan(line.x):
+            _draw_line(picture, line, scale)
+    _draw_cross(picture, result.vanishing_point, scale)
+    for number, text in enumerate(_words(result)):
+        place = round(3 * scale), round((12 + 13 * number) * scale)
+        write(picture, text, place, 0.4 * scale)
+    return picture
+
+
+def _draw_line(picture: Picture, line: RunwayLine, scale: float) -> None:
+    color = ROLE_COLORS[line.role]
+    first, last = (line.x, line.y), (line.x2, line.y2)
+    thin = line.role is LineRole.CENTRELINE
+    width = 1 if thin else max(1, round(1.6 * scale - 0.6))
+    if not line.corrected:
+        if not thin and width > 1:
+            _line(picture, first, last, BLACK, width + 2)
+        _line(picture, first, last, color, width)
+        return
+    for number in range(_DASHES):
+        ends = [
+            (
+                first[0] + share * (last[0] - first[0]),
+                first[1] + share * (last[1] - first[1]),
+            )
+            for share in (number / _DASHES, (number + 0.5) / _DASHES)
+        ]
+        _line(picture, ends[0], ends[1], color, width)
+
+
+def _draw_cross(picture: Picture, point: Point, scale: float) -> None:
+    x, y = point
+    if not (abs(x) < 1e5 and abs(y) < 1e5):
+        return
+    reach = 7 * scale
+    for ink, width in ((BLACK, 3), (WHITE, 1)):
+        _line(picture, (x - reach, y), (x + reach, y), ink, width)
+        _line(picture, (x, y - reach), (x, y + reach), ink, width)
+
+
+def _words(result: ApproachResult) -> list[str]:
+    if result.corners is None:
+        return [result.status]
+    words = [f'confidence {100 * result.confidence:.0f} %']
+    if result.status:
+        words.append(result.status)
+    guidance = result.guidance
+    if guidance is not None and guidance.known:
+        side = 'left' if guidance.y > 0 else 'right'
+        turned = 'left' if guidance.yaw > 0 else 'right'
+        words += [
+            f'{abs(guidance.y):.1f} m {side} of centre, {guidance.z:.0f} m high',
+            f'heading {math.degrees(abs(guidance.yaw)):.1f} deg {turned}',
+        ]
+    return words
+
+
+def _line(picture: Picture, first: Point, last: Point, color: Color, width: int) -> None:
+    (x, y), (x2, y2) = (
+        tuple(round(min(max(value, -1e5), 1e5) * 2**_SHIFT) for value in point)
+        for point in (first, last)
+    )
+    cv2.line(picture, (x, y), (x2, y2), color, width, cv2.LINE_AA, _SHIFT)

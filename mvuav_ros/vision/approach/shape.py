@@ -1,0 +1,109 @@
+"""The shape of a strip over time: a Kalman filter on its two edges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.edges import EdgePoints
+
+# Px of the working picture: of one edge point, and of the vanishing point from the horizon.
+_POINT_SIGMA = 0.7
+HORIZON_SIGMA = 4.0
+# Points in neighbouring rows err alike.
+_CORRELATED_ROWS = 3.0
+# Per frame: the camera's yaw and pitch, px, and the change of slope of an edge.
+_SIDEWAYS, _UPWARDS = 1.2, 0.8
+_SLOPE_FLOOR, _SLOPE_SHARE = 0.006, 0.02
+
+
+class Shape:
+    """Two edges, each x = p + a (y - reference row), on the levelled working picture.
+
+    Attributes:
+        state: (4,) p and a of the left edge, p and a of the right edge.
+        covariance: (4, 4).
+        reference: row, px.
+    """
+
+    def __init__(self, shape: NDArray[np.float64], near: float) -> None:
+        """Take over a candidate: as sure of its near end as of a fraction of its width."""
+        x, y, left, right = (float(v) for v in shape)
+        self.reference = y + near
+        self.state = np.array([x + left * near, left, x + right * near, right])
+        width = (right - left) * near
+        place, slope = max(1.5, 0.2 * width), 0.2 * (right - left)
+        self.covariance = np.diag([place**2, slope**2, place**2, slope**2])
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Of the left and of the right edge, columns per row."""
+        return float(self.state[1]), float(self.state[3])
+
+    @property
+    def vanishing_point(self) -> tuple[float, float]:
+        """Where the edges meet, px; NaN where they are parallel."""
+        p_left, left, p_right, right = (float(v) for v in self.state)
+        if right - left < 1e-3:
+            return float('nan'), float('nan')
+        depth = -(p_right - p_left) / (right - left)
+        return p_left + left * depth, self.reference + depth
+
+    def as_array(self) -> NDArray[np.float64]:
+        """(4,) as in `strip`."""
+        return np.array([*self.vanishing_point, *self.slopes])
+
+    def predict(self) -> None:
+        """One frame passes."""
+        left, right = self.slopes
+        sideways = np.array([1.0, 0.0, 1.0, 0.0])
+        upwards = np.array([left, 0.0, right, 0.0])
+        change = (_SLOPE_FLOOR + _SLOPE_SHARE * abs(right - left)) ** 2
+        self.covariance = (
+            self.covariance
+            + _SIDEWAYS**2 * np.outer(sideways, sideways)
+            + _UPWARDS**2 * np.outer(upwards, upwards)
+            + np.diag([0.04, change, 0.04, change])
+        )
+
+    def move_reference(self, row: float) -> None:
+        """Describe the same edges at another row."""
+        step = row - self.reference
+        matrix = np.eye(4)
+        matrix[0, 1] = matrix[2, 3] = step
+        self.state = matrix @ self.state
+        self.covariance = matrix @ self.covariance @ matrix.T
+        self.reference = row
+
+    def update(
+        self, left: EdgePoints, right: EdgePoints, horizon_row: float | None, sigma: float
+    ) -> None:
+        """Take in the points of the edges, and that they meet at the horizon.
+
+        Args:
+            left: points of the left edge.
+            right: of the right edge.
+            horizon_row: px, if known.
+            sigma: standard deviation of the vanishing point about that row, px.
+        """
+        information = np.linalg.inv(self.covariance)
+        vector = information @ self.state
+        for first, points in ((0, left), (2, right)):
+            weight = points.weights / (_POINT_SIGMA**2 * _CORRELATED_ROWS)
+            depth = points.rows - self.reference
+            # Sums, not products of matrices: BLAS rounds as the arrays happen to lie in memory.
+            by_depth = weight * depth
+            both = by_depth.sum()
+            information[first : first + 2, first : first + 2] += (
+                (weight.sum(), both),
+                (both, (by_depth * depth).sum()),
+            )
+            vector[first] += (weight * points.columns).sum()
+            vector[first + 1] += (by_depth * points.columns).sum()
+        if horizon_row is not None:
+            below = horizon_row - self.reference
+            gap = max(self.slopes[1] - self.slopes[0], 0.05)
+            row = np.array([1.0, below, -1.0, -below])
+            information += np.outer(row, row) / (gap * sigma) ** 2
+        self.covariance = np.linalg.inv(information)
+        self.state = self.covariance @ vector

@@ -1,0 +1,123 @@
+"""What is looked for: the shape models of runway, road and pipeline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Look:
+    """What tells the strip from the land beside it.
+
+    Lengths are in widths of the strip.
+
+    Attributes:
+        gap: from an edge to where the outside begins.
+        least_gap: the same, px.
+        inset: from an edge to where the inside begins.
+        inside: of the inside that is compared with each side.
+        flank: of the outside that is compared on each side.
+        brightness: weight of brightness against colourfulness.
+        floor: grey levels; contrast of a row that speaks neither for nor against a strip.
+        painted: the edges are bright lines, not the borders of a surface.
+    """
+
+    gap: float = 0.08
+    least_gap: float = 0.4
+    inset: float = 0.1
+    inside: float = 0.3
+    flank: float = 0.6
+    brightness: float = 0.6
+    floor: float = 7.0
+    painted: bool = False
+
+
+@dataclass(frozen=True)
+class Target:
+    """The differences between the things that are straight strips on the ground.
+
+    Widths are in camera heights above the ground, which is what the picture shows: the strip's
+    edges move apart by that many pixels per pixel below the horizon, at any focal length.
+
+    Attributes:
+        look: what tells it from the land.
+        ratios: widths over height that the search tries.
+        offsets: camera's way from the strip's middle, in widths, that the search tries.
+        usual_widths: width over height below and above which a shape is less and less likely.
+        widest: greatest width over height of a shape that is followed.
+        usual_offset: offset, in widths, above which a shape is less and less likely.
+        offset_spread: standard deviation of offsets beyond.
+        farthest_aside: most offset of a shape that is followed.
+        has_ends: whether it begins and ends within sight.
+        uses_horizon: whether it is looked for below the visible horizon alone; otherwise the
+            camera is taken to be level and its horizon is where the edges meet.
+        least_support: of the edges, 0 to 1, below which a shape counts as not seen.
+        start_score: merit above which a frame speaks for a shape.
+        keep_score: quality below which a shape is no longer believed.
+    """
+
+    look: Look
+    ratios: tuple[float, ...]
+    offsets: tuple[float, ...]
+    usual_widths: tuple[float, float]
+    widest: float
+    usual_offset: float
+    offset_spread: float
+    farthest_aside: float
+    has_ends: bool
+    uses_horizon: bool
+    least_support: float
+    start_score: float
+    keep_score: float
+
+
+_ASIDE = (-1.2, -0.7, -0.3, 0.0, 0.3, 0.7, 1.2)
+
+RUNWAY = Target(
+    look=Look(),
+    ratios=(0.25, 0.4, 0.65, 1.0, 1.6),
+    offsets=_ASIDE,
+    usual_widths=(0.2, 1.2),
+    widest=8.0,
+    usual_offset=0.5,
+    offset_spread=0.8,
+    farthest_aside=2.0,
+    has_ends=True,
+    uses_horizon=True,
+    least_support=0.15,
+    start_score=1.0,
+    keep_score=0.8,
+)
+ROAD = Target(
+    look=Look(
+        gap=-0.008, least_gap=-9.0, inset=0.05, inside=0.45, flank=0.03, floor=5.0, painted=True
+    ),
+    ratios=(1.6, 2.1, 2.7, 3.5),
+    offsets=(-0.3, -0.15, 0.0, 0.15, 0.3),
+    usual_widths=(1.6, 4.0),
+    widest=9.0,
+    usual_offset=0.25,
+    offset_spread=0.1,
+    farthest_aside=0.5,
+    has_ends=False,
+    uses_horizon=False,
+    least_support=0.3,
+    start_score=0.5,
+    keep_score=0.3,
+)
+PIPELINE = Target(
+    look=Look(),
+    ratios=(0.1, 0.2, 0.4),
+    offsets=(-3.0, -1.5, *_ASIDE, 1.5, 3.0),
+    usual_widths=(0.03, 0.6),
+    widest=2.0,
+    usual_offset=2.0,
+    offset_spread=2.0,
+    farthest_aside=6.0,
+    has_ends=False,
+    uses_horizon=True,
+    least_support=0.15,
+    start_score=1.0,
+    keep_score=0.8,
+)
+TARGETS = {'runway': RUNWAY, 'road': ROAD, 'pipeline': PIPELINE}

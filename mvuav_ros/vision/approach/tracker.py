@@ -1,0 +1,190 @@
+"""Several strips followed at a time, until it is clear which is the one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.features import Features, Table, features_of, row_sums
+from mvuav_ros.vision.approach.level import Level
+from mvuav_ros.vision.approach.paint import find_lanes
+from mvuav_ros.vision.approach.search import Search
+from mvuav_ros.vision.approach.shape import HORIZON_SIGMA
+from mvuav_ros.vision.approach.strip import score_strips
+from mvuav_ros.vision.approach.targets import Target
+from mvuav_ros.vision.approach.track import Track
+
+_MOST_TRACKS = 4
+_MOST_BANK, _MOST_ROLL = math.radians(10.0), math.radians(0.5)
+"""Rad, and rad per frame, up to which flight is steady."""
+_SWITCH = 1.3
+_OFTEN, _SELDOM = 3, 6
+"""Frames from one search to the next while a track is believed."""
+_LEAST_LIFT = 1.5
+"""Px of the working picture: less may be the horizon's noise."""
+_GREY, _COLOURFUL = 8.0, 20.0
+_TEXTURE = 15
+"""Px over which land is compared with itself."""
+_FLOOR_PER_TEXTURE, _LEAST_FLOOR = 2.1, 3.0
+_LEAST_LAND = 8
+_ABOVE_HORIZON = 24
+_TRIAL, _HOPELESS = 12, 0.5
+"""Frames after which a track of less than that share of `Target.start_score` is given up."""
+
+
+class Tracker:
+    """Finds and follows the target on the levelled working pictures of one size."""
+
+    def __init__(self, target: Target, height: int, width: int) -> None:
+        self.target = target
+        self._look = target.look
+        self._search = Search(target, height, width)
+        self.tracks: list[Track] = []
+        self.best: Track | None = None
+        self._level: Level | None = None
+        self._horizon_row: float | None = None
+        self._table: Table | None = None
+        self._count = 0
+        self._frame = 0
+
+    def step(
+        self,
+        image: NDArray[Any],
+        pixels: NDArray[np.uint8],
+        level: Level,
+        horizon_row: float | None,
+    ) -> Track | None:
+        """Take in the next frame.
+
+        Args:
+            image: the frame, (height, width) or (height, width, 3), blue first.
+            pixels: its working picture.
+            level: of the frame.
+            horizon_row: of the levelled working picture, px, if it is seen.
+
+        Returns:
+            The confirmed track, if there is one.
+        """
+        first_row = 0
+        if horizon_row is not None:
+            # Nothing is looked for in the sky.
+            first_row = min(max(0, int(horizon_row) - _ABOVE_HORIZON), level.height - _LEAST_LAND)
+        features = features_of(level.turned(pixels, first_row))
+        self._table = table = row_sums(features, first_row, self._table)
+        if horizon_row is not None:
+            self._adapt(features[:, max(0, int(horizon_row) - first_row) :])
+        old = self._level
+        steady = old is not None and _steady(old.slope, level.slope)
+        lift = 0.0
+        if horizon_row is not None and self._horizon_row is not None:
+            lift = horizon_row - self._horizon_row
+        self._horizon_row = horizon_row
+        for track in self.tracks:
+            if old is not None:
+                track.turn(old, level)
+            if abs(lift) > _LEAST_LIFT:
+                track.shape.reference += lift
+            track.step(image, level, table, horizon_row, HORIZON_SIGMA, self.target, self._look)
+            track.weigh(self.target, steady)
+        self._level = level
+        self._frame += 1
+        hopeless = _HOPELESS * self.target.start_score
+        self.tracks = [
+            track
+            for track in self.tracks
+            if not track.lost
+            and (track is self.best or track.age < _TRIAL or track.merit > hopeless)
+        ]
+        self._merge()
+        certain = self.best is not None and self.best.certain
+        if self.best is None or self._frame % (_SELDOM if certain else _OFTEN) == 0:
+            self._start(table, horizon_row)
+        self._choose()
+        return self.best
+
+    def _adapt(self, land: Features) -> None:
+        """Weigh and limit contrasts by what the land ahead looks like."""
+        look = self.target.look
+        if look.painted or not land.size:
+            return
+        land = land[:, ::2]
+        # Where land is colourful, brightness alone makes no strip of pavement.
+        share = min(max((float(land[1].mean()) - _GREY) / (_COLOURFUL - _GREY), 0.0), 1.0)
+        brightness = look.brightness * (1.0 - 0.5 * share)
+        texture = [float(cv2.absdiff(x, cv2.blur(x, (_TEXTURE, 1))).mean()) for x in land]
+        floor = _FLOOR_PER_TEXTURE * math.hypot(brightness * texture[0], texture[1])
+        floor = min(max(floor, _LEAST_FLOOR), look.floor)
+        self._look = replace(look, brightness=brightness, floor=floor)
+
+    def _merge(self) -> None:
+        """Of tracks that have become the same one keep the believed one, or the better."""
+        kept: list[Track] = []
+        ranked = sorted(self.tracks, key=lambda t: (t is not self.best, -t.merit * min(t.age, 10)))
+        for track in ranked:
+            if not any(_same(track, other) for other in kept):
+                kept.append(track)
+        self.tracks = kept
+
+    def _start(self, table: Table, horizon_row: float | None) -> None:
+        if self._look.painted:
+            candidates = find_lanes(table, self.target)
+        elif horizon_row is not None:
+            candidates = self._search.find(table, self._look, horizon_row)
+        else:
+            return
+        if not len(candidates):
+            return
+        scores = score_strips(table, candidates, self._look)
+        for index in np.argsort(-scores.score)[:3]:
+            score = float(scores.score[index])
+            if score < self.target.start_score:
+                return
+            self._count += 1
+            track = Track(
+                self._count,
+                candidates[index],
+                (float(scores.far[index]), float(scores.near[index])),
+                scores.contrast[index],
+            )
+            if any(_same(track, other) for other in self.tracks):
+                continue
+            if len(self.tracks) >= _MOST_TRACKS:
+                worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.quality)
+                if worst.merit > 0.6 * score or worst.age < 5:
+                    continue
+                self.tracks.remove(worst)
+            self.tracks.append(track)
+
+    def _choose(self) -> None:
+        target = self.target
+        best = self.best
+        if best is not None and (best not in self.tracks or best.quality < target.keep_score):
+            best = None
+        for track in self.tracks:
+            if track is best or not track.believed or track.merit < target.start_score:
+                continue
+            # What is unusual weighs against what is new, not against what has long been followed.
+            if best is None or track.merit > _SWITCH * (
+                best.quality if best.certain else best.merit
+            ):
+                best = track
+        self.best = best
+
+
+def _same(one: Track, other: Track) -> bool:
+    width = min(one.width, other.width)
+    return (
+        abs(one.middle - other.middle) < 0.4 * width
+        and max(one.width, other.width) < 1.5 * width
+        and abs(one.near_row - other.near_row) < 0.5 * width + 4
+    )
+
+
+def _steady(old: float, new: float) -> bool:
+    """Whether the horizon's slopes, rad, are those of an aircraft that flies to a runway."""
+    return abs(new) < _MOST_BANK and abs(new - old) < _MOST_ROLL

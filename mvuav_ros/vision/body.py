@@ -1,0 +1,125 @@
+"""Where a body carries its lights: the layout files, and the built-in tanker."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+Point = tuple[float, float, float]
+
+
+class LayoutError(ValueError):
+    """A layout file that cannot be used, with the reason."""
+
+
+@dataclass(frozen=True)
+class BodyLayout:
+    """Named lights on a rigid body.
+
+    Positions are metres in the body's frame, REP-103: x forward, y left, z up.
+
+    Attributes:
+        name: of the body; the airframe of ``tanker_747`` can be drawn.
+        markers: name and position of every light, in the order of the results.
+        dock: the point that a receiver steers for, from which the distance counts.
+        boom: the pivot of the refuelling boom.
+    """
+
+    name: str
+    markers: tuple[tuple[str, Point], ...]
+    dock: Point
+    boom: Point
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The lights' names."""
+        return tuple(name for name, _ in self.markers)
+
+    @cached_property
+    def positions(self) -> NDArray[np.float64]:
+        """(n, 3), m."""
+        positions = np.array([position for _, position in self.markers])
+        positions.setflags(write=False)
+        return positions
+
+    @property
+    def reach(self) -> float:
+        """The greatest distance of a light from the x axis, m."""
+        return max(math.hypot(y, z) for _, (_, y, z) in self.markers)
+
+
+TANKER_747 = BodyLayout(
+    name='tanker_747',
+    markers=(
+        ('left_wing', (-12.0, 29.8, 1.0)),
+        ('left_stabilizer', (-37.0, 11.0, 3.0)),
+        ('rudder', (-36.5, 0.0, 13.0)),
+        ('right_stabilizer', (-37.0, -11.0, 3.0)),
+        ('right_wing', (-12.0, -29.8, 1.0)),
+    ),
+    dock=(-37.0, 0.0, 3.0),
+    boom=(-34.0, 0.0, -2.4),
+)
+"""``config/tanker_747.yaml``, for where no share folder is installed."""
+
+
+def load_layout(path: str | Path) -> BodyLayout:
+    """Read a layout file (see ``config/tanker_747.yaml``).
+
+    Raises:
+        LayoutError: there is no such file, or it says something else than a layout.
+    """
+    try:
+        text = Path(path).expanduser().read_text(encoding='utf-8')
+        content = yaml.safe_load(text)
+    except OSError as error:
+        raise LayoutError(f'{path}: {error.strerror}') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = ' '.join(str(error).split())
+        raise LayoutError(f'{path} is not YAML: {reason}') from error
+    try:
+        return parse_layout(content, Path(path).stem)
+    except LayoutError as error:
+        raise LayoutError(f'{path}: {error}') from error
+
+
+def parse_layout(content: object, name: str = 'body') -> BodyLayout:
+    """The layout in a YAML file's content; ``name`` is for a file that gives none.
+
+    Raises:
+        LayoutError: something is missing, unknown, or not a position.
+    """
+    if not isinstance(content, Mapping):
+        raise LayoutError('there must be a mapping with "markers"')
+    unknown = sorted(str(key) for key in set(content) - {'name', 'markers', 'dock', 'boom'})
+    if unknown:
+        raise LayoutError(f'{", ".join(unknown)}: not known here; name, markers, dock and boom are')
+    markers = content.get('markers')
+    if not isinstance(markers, Mapping) or not markers:
+        raise LayoutError('"markers" must map at least one name to [x, y, z] in metres')
+    lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
+    if len({name for name, _ in lights}) < len(lights):
+        raise LayoutError('two markers have one name')
+    mean = np.mean([position for _, position in lights], axis=0)
+    middle = (float(mean[0]), float(mean[1]), float(mean[2]))
+    dock = _point('dock', content['dock']) if 'dock' in content else middle
+    boom = _point('boom', content['boom']) if 'boom' in content else dock
+    layout = BodyLayout(str(content.get('name', name)), lights, dock, boom)
+    if layout.reach == 0.0:
+        raise LayoutError('all markers lie on the x axis, where no roll shows')
+    return layout
+
+
+def _point(name: str, value: object) -> Point:
+    if isinstance(value, (list, tuple)) and len(value) == 3:
+        numbers = [v for v in value if isinstance(v, (int, float)) and not isinstance(v, bool)]
+        if len(numbers) == 3 and all(map(math.isfinite, numbers)):
+            return float(numbers[0]), float(numbers[1]), float(numbers[2])
+    raise LayoutError(f'{name} must be [x, y, z] in metres, not {value!r}')

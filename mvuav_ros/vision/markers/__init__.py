@@ -1,0 +1,1 @@
+"""The thesis's three marker programs (Appendices A, B and C)."""

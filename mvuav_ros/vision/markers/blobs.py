@@ -1,0 +1,117 @@
+"""Everything bright in a whole frame, as connected pieces."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.markers.centroid import Cut, Spot, SpotMeter
+from mvuav_ros.vision.markers.grouping import (
+    MAX_BRIGHT_FRACTION,
+    MAX_BRIGHT_SMALL_FRAME,
+    GroupingError,
+)
+from mvuav_ros.vision.point_operations import Image, threshold
+
+MAX_BLOBS = 400
+LONGEST = 3.0
+"""Sides of the box around a piece that may still be a light, one over the other."""
+LEAST_FILLED = 0.4
+"""Part of its box that a light fills; a disc fills 0.79."""
+
+
+class Box(NamedTuple):
+    """Where a piece lies: inclusive px, and its number in the labels image."""
+
+    x0: int
+    x1: int
+    y0: int
+    y1: int
+    area: int
+    number: int
+
+
+class Blobs:
+    """The bright pieces of a frame, 8-connected, within the area limits.
+
+    Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
+    pieces for as long as a dark pixel lies between them.
+
+    Attributes:
+        boxes: in the order of their first pixels, row by row.
+    """
+
+    def __init__(self, gray: Image, parameters: MarkerTrackerParameters) -> None:
+        """Find the pieces.
+
+        Raises:
+            GroupingError: the frame is too bright or too noisy to hold markers.
+        """
+        mask = threshold(gray, parameters.threshold)
+        bright = cv2.countNonZero(mask)
+        if bright > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+            share = 100 * bright / mask.size
+            raise GroupingError(f'{share:.0f} % of the frame is above the threshold')
+        self.boxes: list[Box] = []
+        self._size = (gray.shape[1], gray.shape[0])
+        if bright == 0:
+            return
+        count, self._numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        areas = stats[1:, cv2.CC_STAT_AREA]
+        fitting = areas >= parameters.min_area
+        if parameters.max_area:
+            fitting &= areas <= parameters.max_area
+        chosen = np.flatnonzero(fitting)
+        if len(chosen) > MAX_BLOBS:
+            raise GroupingError(f'{count - 1} clusters above the threshold')
+        for number, (x, y, width, height, area) in zip(
+            (chosen + 1).tolist(), stats[chosen + 1].tolist(), strict=True
+        ):
+            self.boxes.append(Box(x, x + width - 1, y, y + height - 1, area, number))
+
+    def measure(self, box: Box, cut: Cut, meter: SpotMeter) -> Spot:
+        """A piece's place, without what belongs to other pieces."""
+        x0, x1 = max(box.x0 - 1, 0), min(box.x1 + 1, self._size[0] - 1)
+        y0, y1 = max(box.y0 - 1, 0), min(box.y1 + 1, self._size[1] - 1)
+        numbers = self._numbers[y0 : y1 + 1, x0 : x1 + 1]
+        own = numbers == box.number
+        if np.any(~own & (numbers != 0)):
+            return meter.measure_part(cut, (x0, x1, y0, y1), own)
+        spot = meter.measure(cut, (x0, x1, y0, y1), self._size)
+        assert spot is not None
+        return spot
+
+    def split(self, box: Box, dx: float, dy: float, variance: float) -> tuple[Spot, Spot]:
+        """A piece that is two lights: where each of them is; spread 0, as it is not known.
+
+        Two equal lights at a distance s along a direction have their own variance plus s²/4
+        along it.
+
+        Args:
+            box: the piece.
+            dx: from the first light to the second, roughly, px.
+            dy: likewise.
+            variance: of one light's pixels along any direction, px².
+        """
+        own = self._numbers[box.y0 : box.y1 + 1, box.x0 : box.x1 + 1] == box.number
+        y, x = np.nonzero(own)
+        mx, my = float(x.mean()), float(y.mean())
+        values, axes = np.linalg.eigh(np.cov(x, y))
+        half = math.sqrt(max(float(values[1]) - variance, 0.0))
+        ax, ay = half * float(axes[0, 1]), half * float(axes[1, 1])
+        if ax * dx + ay * dy < 0.0:
+            ax, ay = -ax, -ay
+        x0, y0, area = box.x0 + mx, box.y0 + my, box.area // 2
+        return Spot(x0 - ax, y0 - ay, area, 0.0), Spot(x0 + ax, y0 + ay, area, 0.0)
+
+
+def may_be_light(box: Box) -> bool:
+    """Whether a piece is compact enough to be looked at more closely."""
+    width, height = box.x1 - box.x0 + 1, box.y1 - box.y0 + 1
+    if max(width, height) > LONGEST * min(width, height) and box.area > 4:
+        return False
+    return box.area >= LEAST_FILLED * width * height

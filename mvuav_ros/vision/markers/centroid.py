@@ -1,0 +1,208 @@
+"""One light's place to a few hundredths of a pixel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.point_operations import Image, full_scale, threshold
+
+Cut = Callable[[int, int, int, int], Image]
+"""Takes x0, x1, y0, y1 (inclusive px, within the frame) and gives the intensity there."""
+
+FLOOR = 0.9
+"""Weights count from this part of the threshold up: above any background that the threshold
+keeps out, and half-way up the edge of a light that saturates, where its place shows best."""
+BACKGROUND_SHARE = 0.35
+"""Part of the background's pull that is taken out. An edge pixel shows about half of the
+background behind it (0.5) where that reaches up to the light, as the wing does on the reference
+frames; nothing where the lens's glare evens it out."""
+LARGEST_PULL = 0.12
+"""px; a stronger one is another light in the ring, not background."""
+_RING = (2.5, 4.5)
+"""The background is looked at this far outside of the light's edge, px."""
+
+
+class Spot(NamedTuple):
+    """A measured light.
+
+    Attributes:
+        x: px.
+        y: px.
+        area: pixels above the threshold.
+        spread: second moment over that of a disc of this area: 1 for a disc, more for anything
+            long, torn or accompanied.
+    """
+
+    x: float
+    y: float
+    area: int
+    spread: float
+
+    @property
+    def radius(self) -> float:
+        """Of a disc of this area, px."""
+        return math.sqrt(self.area / math.pi)
+
+
+def cutter(picture: Picture) -> Cut:
+    """How to look at parts of a picture at the cost of those parts alone."""
+    if picture.is_gray:
+        pixels = picture.gray()
+        return lambda x0, x1, y0, y1: pixels[y0 : y1 + 1, x0 : x1 + 1]
+    return lambda x0, x1, y0, y1: picture.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
+
+
+class SpotMeter:
+    """Measures the light in a window; built once per frame or kept as long as nothing changes.
+
+    Binary: the mean of the pixels above the threshold (thesis). Weighted: the mean of all pixels
+    above `FLOOR`, weighted by what they exceed it by, less the pull of an uneven background: what
+    shines through the light's soft edge on one side moves the mean to that side, and a ring
+    around the light shows how much.
+
+    Attributes:
+        level: threshold, fraction of full scale.
+        weighted: or binary.
+        pull: of the background in the last measurement that looked for it, px.
+    """
+
+    def __init__(self, level: float, weighted: bool) -> None:
+        """Set the threshold.
+
+        Args:
+            level: fraction of full scale.
+            weighted: or binary.
+        """
+        self.level = level
+        self.weighted = weighted
+        self.pull = (0.0, 0.0)
+
+    def measure(
+        self,
+        cut: Cut,
+        window: tuple[int, int, int, int],
+        size: tuple[int, int],
+        pull: tuple[float, float] | None = None,
+    ) -> Spot | None:
+        """The light in a window.
+
+        Args:
+            cut: gives the frame's intensity.
+            window: x0, x1, y0, y1, inclusive px, within the frame.
+            size: the frame's width and height, px.
+            pull: of the background, as found a frame ago; looked for if None.
+
+        Returns:
+            The spot, or None where no pixel is above the threshold.
+        """
+        x0, x1, y0, y1 = window
+        if x1 < x0 or y1 < y0:
+            return None
+        gray = cut(x0, x1, y0, y1)
+        scale = full_scale(gray)
+        limit = self.level * scale
+        if scale == 255 and limit >= 0.0:
+            mask = cv2.threshold(gray, limit, 255, cv2.THRESH_BINARY)[1]
+        else:
+            mask = threshold(gray, self.level)
+        area = cv2.countNonZero(mask)
+        if area == 0:
+            return None
+        weights = mask
+        if self.weighted:
+            weights = cv2.subtract(gray, _even(gray.shape, gray.dtype.char, int(FLOOR * limit)))
+        # One product instead of cv2.moments, which takes twice as long for a window.
+        column, row = 0.5 * (x1 - x0), 0.5 * (y1 - y0)
+        powers = _powers(gray.shape)
+        mass, mx, my, m2 = np.dot(weights.ravel().astype(np.float32), powers).tolist()
+        mx, my = mx / mass, my / mass
+        spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
+        x, y = x0 + column + mx, y0 + row + my
+        if not self.weighted:
+            return Spot(x, y, area, spread)
+        dx, dy = pull or self._find_pull(cut, x, y, area, mass, size)
+        return Spot(x - dx, y - dy, area, spread)
+
+    def measure_part(
+        self, cut: Cut, window: tuple[int, int, int, int], own: NDArray[np.bool_]
+    ) -> Spot:
+        """The light made of some of a window's pixels, which other lights come close to.
+
+        Args:
+            cut: gives the frame's intensity.
+            window: x0, x1, y0, y1, inclusive px, within the frame.
+            own: (height, width), true for its pixels, of which there must be some.
+        """
+        x0, x1, y0, y1 = window
+        y, x = np.nonzero(own)
+        area = len(x)
+        weights = np.ones(area)
+        if self.weighted:
+            gray = cut(x0, x1, y0, y1)
+            weights = gray[own] - FLOOR * self.level * full_scale(gray)
+        weights = weights / weights.sum()
+        mx, my = float(weights @ x), float(weights @ y)
+        spread = 2 * math.pi * float(weights @ ((x - mx) ** 2 + (y - my) ** 2)) / area
+        return Spot(x0 + mx, y0 + my, area, spread)
+
+    def _find_pull(
+        self, cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]
+    ) -> tuple[float, float]:
+        self.pull = (0.0, 0.0)
+        moment, half, factor = _ring(round(math.sqrt(area / math.pi)))
+        column, row = math.floor(x + 0.5), math.floor(y + 0.5)
+        x0, x1, y0, y1 = column - half, column + half, row - half, row + half
+        if x0 < 0 or y0 < 0 or x1 >= size[0] or y1 >= size[1]:
+            return self.pull
+        dx, dy = np.dot(cut(x0, x1, y0, y1).ravel().astype(np.float32), moment).tolist()
+        factor *= area / mass
+        dx, dy = factor * dx, factor * dy
+        if dx * dx + dy * dy < LARGEST_PULL * LARGEST_PULL:
+            self.pull = (dx, dy)
+        return self.pull
+
+
+@lru_cache(maxsize=256)
+def _even(shape: tuple[int, int], dtype: str, value: int) -> Image:
+    """An image of one value."""
+    return np.full(shape, value, dtype)
+
+
+@lru_cache(maxsize=256)
+def _powers(shape: tuple[int, int]) -> NDArray[np.float32]:
+    """(pixels, 4): 1, x, y and x² + y² from the middle of a window, px."""
+    height, width = shape
+    y, x = np.mgrid[:height, :width]
+    x, y = x - 0.5 * (width - 1), y - 0.5 * (height - 1)
+    powers = np.stack((np.ones(shape), x, y, x * x + y * y), axis=-1)
+    return powers.reshape(-1, 4).astype(np.float32)
+
+
+@lru_cache(maxsize=64)
+def _ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
+    """What measures the pull of the background around a light.
+
+    A difference of d in grey level that lies along a direction outside of the light adds
+    share x d to every edge pixel, so the weighted sum gains share x (length of the edge) x
+    (its width) x radius x mean(d cos): the ring's first moment gives mean(d cos).
+
+    Returns:
+        (pixels, 2): x and y inside of the ring, 0 elsewhere, px; half the side of the square
+        around it, px; the factor that makes the sum a pull, but for area / mass.
+    """
+    inner, outer = radius + _RING[0], radius + _RING[1]
+    half = math.ceil(outer)
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    distance = np.hypot(x, y)
+    ring = (distance > inner) & (distance <= outer)
+    moment = np.stack((x * ring, y * ring), axis=-1).reshape(-1, 2).astype(np.float32)
+    factor = 2.0 * BACKGROUND_SHARE / (int(ring.sum()) * 0.5 * (inner + outer))
+    return moment, half, factor

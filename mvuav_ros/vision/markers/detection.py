@@ -1,0 +1,115 @@
+"""Markers in a whole frame: threshold, grouping, labels (Appendices A and B)."""
+
+from __future__ import annotations
+
+import math
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.markers.centroid import SpotMeter, cutter
+from mvuav_ros.vision.markers.grouping import GroupingError, bright_pixels, group_pixels
+from mvuav_ros.vision.markers.labelling import label_five, roll_of
+from mvuav_ros.vision.markers.model import (
+    LOST_TANKER,
+    TANKER_LABELS,
+    Cluster,
+    Label,
+    Marker,
+    MarkerResult,
+    MarkerState,
+)
+from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.point_operations import threshold
+
+DARK_EDGE = 4.0
+"""px around a light that belong to its window."""
+DOUBTFUL_AREA = 0.5
+"""A sixth cluster larger than this part of the fifth could be a marker just as well."""
+
+
+def find_clusters(picture: Picture, parameters: MarkerTrackerParameters) -> list[Cluster]:
+    """Every cluster of the frame within the area limits, in scan order.
+
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
+    """
+    mask = threshold(picture.gray(), parameters.threshold)
+    clusters = group_pixels(*bright_pixels(mask), parameters.grouping_distance)
+    clusters = [c for c in clusters if area_fits(c.area, parameters)]
+    return weigh(picture, clusters, parameters) if parameters.weighted else clusters
+
+
+def weigh(
+    picture: Picture, clusters: list[Cluster], parameters: MarkerTrackerParameters
+) -> list[Cluster]:
+    """The same clusters at their places by intensity.
+
+    A cluster with other lights around it keeps its binary centroid.
+    """
+    meter, cut = SpotMeter(parameters.threshold, weighted=True), cutter(picture)
+    size = (picture.width, picture.height)
+    weighed = []
+    for cluster in clusters:
+        reach = math.sqrt(cluster.area / math.pi) + DARK_EDGE
+        x0, x1 = max(round(cluster.x - reach), 0), min(round(cluster.x + reach), size[0] - 1)
+        y0, y1 = max(round(cluster.y - reach), 0), min(round(cluster.y + reach), size[1] - 1)
+        spot = meter.measure(cut, (x0, x1, y0, y1), size)
+        alone = spot is not None and spot.area == cluster.area
+        weighed.append(Cluster(spot.x, spot.y, spot.area) if spot and alone else cluster)
+    return weighed
+
+
+def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:
+    """Whether a cluster of that many pixels may be a marker."""
+    return area >= parameters.min_area and not 0 < parameters.max_area < area
+
+
+def detect(picture: Picture, parameters: MarkerTrackerParameters) -> MarkerResult:
+    """Find and label the five markers in a whole frame (Appendix A).
+
+    The thesis's program takes the first five groups of the scan, so that one hot pixel at the
+    left pushes the right wing out; here the five of greatest area are taken. With exactly five
+    groups the two are the same. All five are lost where labels cannot be told: with fewer
+    groups, and where the sixth largest is too much like the fifth.
+    """
+    try:
+        clusters = find_clusters(picture, parameters)
+    except GroupingError as error:
+        return MarkerResult(LOST_TANKER, status=str(error))
+    if len(clusters) < 5:
+        return MarkerResult(LOST_TANKER, status=f'{len(clusters)} of 5 markers in view')
+    status = ''
+    if len(clusters) > 5:
+        by_area = sorted(range(len(clusters)), key=lambda i: -clusters[i].area)
+        if clusters[by_area[5]].area > DOUBTFUL_AREA * clusters[by_area[4]].area:
+            return MarkerResult(
+                LOST_TANKER, status=f'{len(clusters)} clusters in view, five do not stand out'
+            )
+        status = f'{len(clusters)} clusters in view, the five largest were used'
+        clusters = [clusters[i] for i in sorted(by_area[:5])]
+    markers = tuple(
+        Marker(
+            label,
+            MarkerState.DETECTED,
+            x=clusters[index].x,
+            y=clusters[index].y,
+            area=clusters[index].area,
+        )
+        for label, index in zip(TANKER_LABELS, label_five(clusters), strict=True)
+    )
+    return MarkerResult(markers, roll_of(markers), status)
+
+
+def detect_any(picture: Picture, parameters: MarkerTrackerParameters) -> MarkerResult:
+    """Find any number of clusters, without names (the purpose of Appendix B).
+
+    The thesis's program works for five or six markers and loops for ever when two clusters
+    interleave in the scan; this one ends on every input.
+    """
+    try:
+        clusters = find_clusters(picture, parameters)
+    except GroupingError as error:
+        return MarkerResult((), status=str(error))
+    markers = tuple(
+        Marker(Label.UNLABELLED, MarkerState.DETECTED, x=c.x, y=c.y, area=c.area) for c in clusters
+    )
+    return MarkerResult(markers, status='' if markers else 'no cluster in view')

@@ -1,0 +1,106 @@
+"""What the marker programs find: clusters, labelled markers and one frame's result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+NAN = float('nan')
+
+
+class Label(IntEnum):
+    """The tanker's five markers in the order of the results; UNLABELLED for any other light."""
+
+    LEFT_WING = 0
+    LEFT_STABILIZER = 1
+    RUDDER = 2
+    RIGHT_STABILIZER = 3
+    RIGHT_WING = 4
+    UNLABELLED = 255
+
+
+TANKER_LABELS = (
+    Label.LEFT_WING,
+    Label.LEFT_STABILIZER,
+    Label.RUDDER,
+    Label.RIGHT_STABILIZER,
+    Label.RIGHT_WING,
+)
+TANKER_NAMES = tuple(label.name.lower() for label in TANKER_LABELS)
+
+
+class MarkerState(IntEnum):
+    """What is known of a marker in this frame."""
+
+    LOST = 0
+    DETECTED = 1
+    PREDICTED = 2
+
+
+class Cluster(NamedTuple):
+    """A group of bright pixels: centroid (px) and number of pixels."""
+
+    x: float
+    y: float
+    area: int
+
+
+class Window(NamedTuple):
+    """A search window, inclusive pixel bounds, already clipped to the image (may be empty)."""
+
+    x0: int
+    x1: int
+    y0: int
+    y1: int
+
+
+NO_WINDOW = Window(0, -1, 0, -1)
+
+
+class Marker(NamedTuple):
+    """One marker in one frame; whatever is not known is NaN.
+
+    Position in px, velocity in px/s, acceleration in px/s², area in px.
+
+    ``label`` is a `Label` for the tanker, the place in the layout for any other body, and
+    `Label.UNLABELLED` in ``detect_any`` and ``track_any``.
+    """
+
+    label: int
+    state: MarkerState
+    x: float = NAN
+    y: float = NAN
+    vx: float = NAN
+    vy: float = NAN
+    ax: float = NAN
+    ay: float = NAN
+    area: float = NAN
+
+
+LOST_TANKER = tuple(Marker(label, MarkerState.LOST) for label in TANKER_LABELS)
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerResult:
+    """One frame's markers.
+
+    Attributes:
+        markers: five rows in `TANKER_LABELS`' order, or one per cluster in ``detect_any``.
+        roll: radians, right wing down positive; NaN while either wing is lost.
+        status: empty when all is well, else what is missing, in words.
+        windows: the windows searched, in the markers' order; empty where the frame was searched
+            whole.
+        predictions: where each marker was expected before the frame was looked at, px, in the
+            markers' order; NaN where nothing was known, empty where nothing was predicted.
+        has_wings: whether the body has a left_wing and a right_wing, which make the roll.
+        ids: in ``track_any`` each light's number, from 1 up and never given twice; else empty.
+    """
+
+    markers: tuple[Marker, ...]
+    roll: float = NAN
+    status: str = ''
+    windows: tuple[Window, ...] = ()
+    predictions: tuple[tuple[float, float], ...] = ()
+    has_wings: bool = True
+    ids: tuple[int, ...] = ()

@@ -1,0 +1,77 @@
+"""Pixel-wise image functions shared by the marker and runway schemes (thesis eqs 3.2-3.4)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[Any]
+"""uint8 or uint16, (height, width) or (height, width, channels)."""
+Mask = NDArray[Any]
+"""uint8, (height, width), 255 or 0."""
+
+
+def full_scale(image: Image) -> int:
+    """The greatest value that a pixel of ``image`` can have: 255 or 65535."""
+    return 255 if image.itemsize == 1 else 65535
+
+
+def gamma_correct(image: Image, gamma: float) -> Image:
+    """Apply out = in ** gamma on the range 0 to 1 (eq. 3.2); gamma above 1 darkens.
+
+    Args:
+        image: uint8 or uint16, any shape.
+        gamma: greater than 0; 1 returns the image itself.
+
+    Raises:
+        ValueError: gamma is not a positive number.
+    """
+    if not (math.isfinite(gamma) and gamma > 0):
+        raise ValueError(f'gamma must be a number above 0, not {gamma}')
+    if gamma == 1.0:
+        return image
+    scale = full_scale(image)
+    levels = np.arange(scale + 1, dtype=np.float64) / scale
+    table = np.round(levels**gamma * scale).astype(image.dtype)
+    return table[image]
+
+
+def intensity(bgr: Image) -> Image:
+    """Weigh the colours to grey: I = 0.299 R + 0.587 G + 0.114 B (eq. 3.3), rounded.
+
+    Args:
+        bgr: (height, width, 3), blue first; a single-channel image is returned as it is.
+    """
+    if bgr.ndim == 2:
+        return bgr
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
+
+
+def threshold(gray: Image, level: float, *, strict: bool = True) -> Mask:
+    """Separate bright pixels (255) from the rest (0).
+
+    Args:
+        gray: (height, width), uint8 or uint16.
+        level: fraction of full scale, 0 to 1.
+        strict: True compares ``>`` as the thesis's programs do (im2bw), False ``>=`` as eq. 3.4
+            is written. They differ only where level x full scale is a whole number; at 0.7 on
+            8 bits both begin at 179.
+
+    Returns:
+        (height, width) uint8 mask.
+    """
+    limit = level * full_scale(gray)
+    if not strict:
+        # Pixels are whole numbers, so >= limit is > the greatest whole number below it.
+        limit = math.ceil(limit) - 1
+    if limit < 0:
+        return np.full(gray.shape, 255, np.uint8)
+    if gray.size == 0:
+        return np.zeros(gray.shape, np.uint8)
+    if gray.itemsize == 1:
+        return cv2.threshold(gray, limit, 255, cv2.THRESH_BINARY)[1]
+    return (gray > limit).view(np.uint8) * np.uint8(255)

@@ -1,0 +1,1 @@
+"""The thesis's runway scheme (chapter 4.3)."""

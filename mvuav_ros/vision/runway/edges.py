@@ -1,0 +1,153 @@
+"""From a frame to the opened edge image (thesis eqs 3.3, 3.19-3.24)."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.point_operations import Image, Mask, full_scale, intensity
+
+# float32 or float64.
+Gradient = NDArray[np.floating[Any]]
+
+# The sum of a Sobel kernel's positive and negative weights, by which MATLAB divides it.
+_KERNEL_SUM = 8
+_BGR_INDEX = {'blue': 0, 'green': 1, 'red': 2}
+
+
+def select_channel(image: Image, channel: str) -> Image:
+    """Take one colour channel, or the intensity (eq. 3.3).
+
+    Args:
+        image: (height, width, 3), blue first, or (height, width), which is returned as it is.
+        channel: ``red``, ``green``, ``blue`` or ``intensity``.
+
+    Returns:
+        (height, width), of the image's dtype.
+    """
+    if image.ndim == 2:
+        return image
+    if channel == 'intensity':
+        return intensity(image)
+    return cv2.extractChannel(image, _BGR_INDEX[channel])
+
+
+def detect_edges(gray: Image, threshold: float = 0.0, *, thinning: bool = False) -> Mask:
+    """Find edges with the Sobel kernels (eqs 3.19-3.21) as ``edge(gray, 'sobel')`` does.
+
+    Args:
+        gray: (height, width), uint8 or uint16, not empty; continued at the border by its
+            outermost pixels.
+        threshold: gradient above which a pixel is an edge, fraction of full scale with kernels
+            divided by 8; 0: `automatic_threshold`.
+        thinning: keep only pixels above both neighbours in the row or in the column, as Octave's
+            ``edge`` does. A sharp step's gradient is two equal pixels wide: it vanishes, there too.
+
+    Returns:
+        (height, width) uint8, 1 at edges, else 0.
+    """
+    if thinning:
+        return _thinned_edges(gray, threshold)
+    squared = _squared_gradient(gray)
+    if threshold > 0:
+        limit = math.floor((threshold * _KERNEL_SUM * full_scale(gray)) ** 2)
+    else:
+        limit = _automatic_limit(squared)
+    return (squared > limit).view(np.uint8)
+
+
+def automatic_threshold(gray: Image) -> float:
+    """The threshold that MATLAB and Octave choose: twice the gradient's root mean square.
+
+    Args:
+        gray: (height, width), uint8 or uint16, not empty.
+
+    Returns:
+        Fraction of full scale, kernels divided by 8.
+    """
+    total = cv2.sumElems(_squared_gradient(gray))[0]
+    return math.sqrt(4 * total / gray.size) / (_KERNEL_SUM * full_scale(gray))
+
+
+def open_vertically(edges: Mask, length: int) -> Mask:
+    """Remove vertical runs shorter than ``length``: erosion, then dilation (eqs 3.22-3.24).
+
+    Outside the image is ignored: a run that touches the border is as long as its visible part.
+
+    Args:
+        edges: (height, width) uint8.
+        length: rows of the one-pixel-wide structuring element, odd.
+    """
+    if length == 1:
+        return edges
+    return cv2.morphologyEx(edges, cv2.MORPH_OPEN, _vertical_element(length))
+
+
+def _squared_gradient(gray: Image) -> Gradient:
+    """Gx² + Gy² with the kernels undivided: whole numbers, exact in the type returned.
+
+    8 bits give at most 2.1 million, below float32's 2^24; 16 bits need float64.
+    """
+    depth = cv2.CV_32F if gray.dtype == np.uint8 else cv2.CV_64F
+    across, down = (
+        np.asarray(cv2.Sobel(gray, depth, dx, dy, borderType=cv2.BORDER_REPLICATE))
+        for dx, dy in ((1, 0), (0, 1))
+    )
+    np.multiply(across, across, out=across)
+    np.multiply(down, down, out=down)
+    return np.add(across, down, out=across)
+
+
+def _automatic_limit(squared: Gradient) -> int:
+    """Four times the mean, rounded down, which compares like the mean with whole numbers.
+
+    Python's integers keep it exact: an edge more or less would differ from the reference.
+    """
+    return 4 * int(cv2.sumElems(squared)[0]) // squared.size
+
+
+def _thinned_edges(gray: Image, threshold: float) -> Mask:
+    strength = _strength_in_octave(gray)
+    limit = threshold**2 if threshold > 0 else 4 * strength.mean()
+    strength[strength <= limit] = 0
+    framed = cv2.copyMakeBorder(strength, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    row, column = framed[1:-1], framed[:, 1:-1]
+    maximum = (strength > row[:, :-2]) & (strength > row[:, 2:])
+    maximum |= (strength > column[:-2]) & (strength > column[2:])
+    return maximum.view(np.uint8)
+
+
+def _strength_in_octave(gray: Image) -> NDArray[np.float64]:
+    """The squared gradient, fraction of full scale squared, rounded as Octave's ``conv2`` does.
+
+    Thinning compares neighbours. Where these are equal, Octave's rounding decides, which depends
+    on the order of summation: columns from right to left, each from the bottom up.
+    """
+    height, width = gray.shape
+    eighths = gray / full_scale(gray) * (1 / _KERNEL_SUM)
+    p = cv2.copyMakeBorder(eighths, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    top, middle, bottom = p[:height], p[1 : height + 1], p[2:]
+    left, centre, right = slice(0, width), slice(1, width + 1), slice(2, None)
+
+    vertical = top[:, right] - bottom[:, right]
+    vertical -= 2 * bottom[:, centre]
+    vertical += 2 * top[:, centre]
+    vertical -= bottom[:, left]
+    vertical += top[:, left]
+
+    horizontal = -bottom[:, right] - 2 * middle[:, right]
+    horizontal -= top[:, right]
+    horizontal += bottom[:, left]
+    horizontal += 2 * middle[:, left]
+    horizontal += top[:, left]
+    return vertical * vertical + horizontal * horizontal
+
+
+@lru_cache(maxsize=8)
+def _vertical_element(length: int) -> Mask:
+    return np.ones((length, 1), np.uint8)

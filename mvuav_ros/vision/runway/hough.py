@@ -1,0 +1,122 @@
+"""The Hough transform of an edge image (thesis eq. 3.25), in MATLAB's cells."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.point_operations import Mask
+
+Accumulator = NDArray[np.intp]
+
+# More would be hundreds of megabytes per frame, for cells far smaller than a pixel.
+MAX_CELLS = 2**24
+_TABLE_BYTES = 2**26
+_BLOCK_VOTES = 2**20
+
+
+class HoughGrid:
+    """The cells of the Hough transform for one size of image, and the counting of votes.
+
+    rho and theta are those of `normal_form`, in coordinates of the edge image.
+
+    Attributes:
+        theta: (columns,) rad, from -pi/2 up to below pi/2 in equal steps of at most the
+            resolution.
+        rho: (cells,) px, symmetric about 0; steps of the resolution, wide enough for the
+            image's diagonal.
+    """
+
+    def __init__(
+        self, height: int, width: int, rho_resolution: float, theta_resolution_deg: float
+    ) -> None:
+        """Lay the cells out.
+
+        Args:
+            height: rows of the edge images.
+            width: columns of the edge images.
+            rho_resolution: px, above 0.
+            theta_resolution_deg: degrees, above 0, at most 90.
+
+        Raises:
+            ValueError: there would be more than `MAX_CELLS` cells.
+        """
+        # 90 / (90 / 161) is above 161 by rounding, which must not make a 162nd step.
+        quarter = math.ceil(90 / theta_resolution_deg - 1e-9)
+        half = math.ceil(math.hypot(height - 1, width - 1) / rho_resolution)
+        if 2 * quarter * (2 * half + 1) > MAX_CELLS:
+            raise ValueError(
+                f'{2 * quarter} x {2 * half + 1} Hough cells are more than {MAX_CELLS}: '
+                'take coarser resolutions or fewer rows'
+            )
+        degrees = np.linspace(-90, 90, 2 * quarter + 1)[:-1]
+        self.theta: NDArray[np.float64] = degrees * (np.pi / 180)
+        self.rho: NDArray[np.float64] = (
+            np.arange(-half, half + 1, dtype=np.float64) * rho_resolution
+        )
+        self._width = width
+        # The cell of pixel (x, y) is the whole part of the sum of two entries.
+        self._x_part = np.outer(np.arange(width), np.cos(self.theta)) / rho_resolution
+        self._y_part = np.outer(np.arange(height), np.sin(self.theta)) / rho_resolution
+        self._y_part += half + 0.5
+        self._column_starts = np.arange(self.theta.size) * self.rho.size
+        self._table = self._pixel_table()
+
+    @property
+    def first_reachable_cell(self) -> int:
+        """Cells of rho before this one get no vote: cos(theta) and coordinates are not negative."""
+        return int(self._y_part[-1, 0])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Columns of theta, cells of rho."""
+        return self.theta.size, self.rho.size
+
+    def accumulate(self, edges: Mask) -> Accumulator:
+        """Count the edge pixels of every cell.
+
+        Args:
+            edges: (height, width) uint8, 0 or 1, contiguous.
+
+        Returns:
+            (theta, rho) votes. This is the transpose of MATLAB's matrix, so that its column-major
+            order, which decides between equal peaks, is the order in memory.
+        """
+        pixels = np.flatnonzero(edges.view(np.bool_))
+        columns, cells = self.shape
+        size = columns * cells
+        block = max(1, _BLOCK_VOTES // columns)
+        votes = np.bincount(self._flat_cells(pixels[:block]).ravel(), minlength=size)
+        for start in range(block, pixels.size, block):
+            flat = self._flat_cells(pixels[start : start + block])
+            votes += np.bincount(flat.ravel(), minlength=size)
+        return votes.reshape(columns, cells)
+
+    def _flat_cells(self, pixels: NDArray[np.intp]) -> NDArray[np.integer]:
+        """The cells in which each pixel votes, indices of the flat accumulator: (pixels, theta)."""
+        if self._table is not None:
+            # Without 'clip', NumPy would buffer the rows to check indices that are in range.
+            return self._table.take(pixels, axis=0, mode='clip')
+        y, x = np.divmod(pixels, self._width)
+        position = self._x_part.take(x, axis=0, mode='clip')
+        position += self._y_part.take(y, axis=0, mode='clip')
+        flat: NDArray[np.intp] = position.astype(np.intp)
+        flat += self._column_starts
+        return flat
+
+    def _pixel_table(self) -> NDArray[np.integer] | None:
+        """`_flat_cells` of all pixels, or None where the table would be too large."""
+        columns, cells = self.shape
+        dtype: type[np.uint16] | type[np.int32]
+        dtype = np.uint16 if columns * cells <= 2**16 else np.int32
+        height = self._y_part.shape[0]
+        shape = (height, self._width, columns)
+        if math.prod(shape) * np.dtype(dtype).itemsize > _TABLE_BYTES:
+            return None
+        table = np.empty(shape, dtype)
+        for y in range(height):
+            np.add(self._x_part, self._y_part[y], out=table[y], casting='unsafe')
+        table += self._column_starts.astype(dtype)
+        return table.reshape(-1, columns)

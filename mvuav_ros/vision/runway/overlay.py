@@ -1,0 +1,167 @@
+"""The four debug pictures of a frame: the thesis's video windows two to five.
+
+Each is drawn only when its function is called. All are contiguous uint8, either (height, width) or
+(height, width, 3), blue first, and at least 1 x 1 px even for an empty frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.runway.drawing import (
+    BLACK,
+    WHITE,
+    Color,
+    Picture,
+    Point,
+    write,
+    write_centred,
+)
+from mvuav_ros.vision.runway.model import LineFlag, RunwayLine, RunwayResult
+from mvuav_ros.vision.runway.normal_form import Ends, segment_ends
+
+GREEN, AMBER, MAGENTA, RED = (80, 230, 60), (0, 190, 255), (255, 80, 230), (60, 60, 255)
+
+# OpenCV draws between whole pixels unless coordinates carry fractional bits.
+_SHIFT = 4
+_DASH, _GAP = 9, 9
+
+
+def line_color(flags: LineFlag) -> Color:
+    """Blue, green, red: green believed, amber rho error, magenta theta error, red both."""
+    rho, theta = flags & LineFlag.RHO_ERROR, flags & LineFlag.THETA_ERROR
+    if rho and theta:
+        return RED
+    if rho:
+        return AMBER
+    return MAGENTA if theta else GREEN
+
+
+def draw_confined(result: RunwayResult) -> Picture:
+    """The channel in the rows searched, (rows, width)."""
+    gray = result.workings.gray
+    return _blank(0, result.width) if gray is None else np.ascontiguousarray(_eight_bits(gray))
+
+
+def draw_edges(result: RunwayResult) -> Picture:
+    """The opened edges, white on black, (rows, width)."""
+    edges = result.workings.edges
+    return _blank(0, result.width) if edges is None else edges * np.uint8(255)
+
+
+def draw_overlay(result: RunwayResult) -> Picture:
+    """The whole frame with its lines, (height, width, 3).
+
+    A line believed is solid green. A line that keeps old values is dashed, in the colour of its
+    flags (`line_color`), with its refused measurement as a thin line beside it. Numbers are
+    rows of the result. Brackets at both sides show the rows searched.
+    """
+    image = _eight_bits(result.workings.image)
+    if image.size == 0:
+        return _blank(result.height, result.width, 3)
+    picture = np.array(image, np.uint8)
+    if picture.ndim == 2:
+        picture = np.stack([picture] * 3, axis=2)
+    scale = max(1.0, min(result.width, result.height) / 240)
+    _draw_brackets(picture, result.rows, scale)
+    numbered = [(number, line) for number, line in enumerate(result.lines, 1) if line.found]
+    # Believed lines last, so that they lie on top.
+    numbered.sort(key=lambda entry: not entry[1].corrected)
+    for _, line in numbered:
+        _draw_line(picture, line, scale)
+    for number, line in numbered:
+        _draw_number(picture, number, line, scale)
+    write(picture, _caption(result), (round(3 * scale), round(12 * scale)), 0.4 * scale)
+    return picture
+
+
+def _draw_line(picture: Picture, line: RunwayLine, scale: float) -> None:
+    height, width = picture.shape[:2]
+    ends = (line.x, line.y, line.x2, line.y2)
+    color = line_color(line.flags)
+    measured = segment_ends(line.raw, width, height)
+    if line.corrected and not math.isnan(measured[0]):
+        cv2.line(picture, *_fixed_point(measured), color, 1, cv2.LINE_AA, _SHIFT)
+    if not math.isnan(ends[0]):
+        _stroke(picture, _dashes(ends, scale) if line.corrected else [ends], color, scale)
+
+
+def _stroke(picture: Picture, strokes: list[Ends], color: Color, scale: float) -> None:
+    width = max(2, round(1.8 * scale))
+    for ink, thickness in ((BLACK, width + 2), (color, width)):
+        for ends in strokes:
+            cv2.line(picture, *_fixed_point(ends), ink, thickness, cv2.LINE_AA, _SHIFT)
+
+
+def _dashes(ends: Ends, scale: float) -> list[Ends]:
+    x, y, x2, y2 = ends
+    length = math.hypot(x2 - x, y2 - y)
+    if not length > 0:
+        return []
+    period = (_DASH + _GAP) * scale / length
+    step_x, step_y = x2 - x, y2 - y
+    dashes = []
+    for number in range(math.ceil(1 / period)):
+        first = number * period
+        last = min(1.0, first + _DASH * scale / length)
+        dashes.append(
+            (x + first * step_x, y + first * step_y, x + last * step_x, y + last * step_y)
+        )
+    return dashes
+
+
+def _draw_number(picture: Picture, number: int, line: RunwayLine, scale: float) -> None:
+    if math.isnan(line.x):
+        return
+    height, width = picture.shape[:2]
+    # Lines of a runway meet at the top, so their lower parts are apart; numbers of lines that are
+    # not stand above one another.
+    place = 0.92 - 0.08 * ((number - 1) % 6)
+    radius = round(7 * scale)
+    x = _inside(line.x + place * (line.x2 - line.x), radius, width)
+    y = _inside(line.y + place * (line.y2 - line.y), radius, height)
+    cv2.circle(picture, (x, y), radius, BLACK, -1, cv2.LINE_AA)
+    cv2.circle(picture, (x, y), radius, line_color(line.flags), 1, cv2.LINE_AA)
+    write_centred(picture, str(number), (x, y), 0.38 * scale)
+
+
+def _draw_brackets(picture: Picture, rows: tuple[int, int], scale: float) -> None:
+    height, width = picture.shape[:2]
+    first, last = rows[0], rows[1] - 1
+    if last <= first or last - first == height - 1:
+        return
+    tip = round(8 * scale)
+    for side, inner in ((1, tip), (width - 2, width - 1 - tip)):
+        outline = np.array([(inner, first), (side, first), (side, last), (inner, last)], np.int32)
+        for ink, thickness in ((BLACK, round(scale) + 2), (WHITE, round(scale))):
+            cv2.polylines(picture, [outline], False, ink, thickness)
+
+
+def _caption(result: RunwayResult) -> str:
+    found = sum(line.found for line in result.lines)
+    held = sum(line.corrected for line in result.lines)
+    words = f'{found} of {len(result.lines)} lines'
+    if held:
+        words += f', {held} held'
+    return f'{words}: {result.status}' if result.status else words
+
+
+def _inside(value: float, margin: int, size: int) -> int:
+    return round(min(max(value, margin), max(margin, size - 1 - margin)))
+
+
+def _fixed_point(ends: Ends) -> tuple[Point, Point]:
+    x, y, x2, y2 = (round(value * 2**_SHIFT) for value in ends)
+    return (x, y), (x2, y2)
+
+
+def _eight_bits(image: Image) -> Picture:
+    return (image >> 8 if image.dtype == np.uint16 else image).astype(np.uint8, copy=False)
+
+
+def _blank(height: int, width: int, *channels: int) -> Picture:
+    return np.zeros((max(1, height), max(1, width), *channels), np.uint8)

@@ -1,0 +1,68 @@
+"""The strongest cells of a Hough accumulator, by the rules of MATLAB's ``houghpeaks``."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.runway.hough import Accumulator
+
+
+class Peak(NamedTuple):
+    """A cell of an accumulator and its votes."""
+
+    theta_index: int
+    rho_index: int
+    votes: int
+
+
+def find_peaks(
+    accumulator: Accumulator,
+    num_peaks: int,
+    threshold: float,
+    neighborhood_rho: int,
+    neighborhood_theta: int,
+) -> list[Peak]:
+    """Take the strongest cell, clear its neighbourhood, and so on.
+
+    Of equal cells the one with the smaller theta is taken, then the one with the smaller rho.
+
+    Args:
+        accumulator: (theta, rho) votes of a grid whose theta covers 180° and whose rho is
+            symmetric about 0.
+        num_peaks: peaks wanted at most.
+        threshold: votes that a peak must have at least.
+        neighborhood_rho: cells of the neighbourhood along rho, odd; cut off at the ends.
+        neighborhood_theta: cells along theta, odd; beyond ±90° it continues at the other end with
+            the sign of rho changed, where the same lines are.
+
+    Returns:
+        Peaks with at least one vote, strongest first.
+    """
+    votes_left = accumulator.astype(np.int32)
+    cells = accumulator.shape[1]
+    peaks: list[Peak] = []
+    while len(peaks) < num_peaks:
+        theta_index, rho_index = divmod(int(votes_left.argmax()), cells)
+        votes = int(votes_left[theta_index, rho_index])
+        if votes < max(threshold, 1):
+            break
+        peaks.append(Peak(theta_index, rho_index, votes))
+        _clear(votes_left, theta_index, rho_index, neighborhood_rho // 2, neighborhood_theta // 2)
+    return peaks
+
+
+def _clear(
+    votes: NDArray[np.int32], theta_index: int, rho_index: int, reach_rho: int, reach_theta: int
+) -> None:
+    columns, cells = votes.shape
+    first, last = theta_index - reach_theta, theta_index + reach_theta
+    for half_turns in range(first // columns, last // columns + 1):
+        centre = cells - 1 - rho_index if half_turns % 2 else rho_index
+        offset = half_turns * columns
+        votes[
+            max(first - offset, 0) : last - offset + 1,
+            max(centre - reach_rho, 0) : centre + reach_rho + 1,
+        ] = 0

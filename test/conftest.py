@@ -1,0 +1,24 @@
+"""Where the real footage and reference results lie; never part of the project itself."""
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parent.parent.parent / 'shared'
+
+
+def _shared(name: str) -> Path:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f'{path} is not on this machine')
+    return path
+
+
+@pytest.fixture(scope='session')
+def footage() -> Path:
+    return _shared('footage')
+
+
+@pytest.fixture(scope='session')
+def reference() -> Path:
+    return _shared('reference')

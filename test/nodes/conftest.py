@@ -1,0 +1,9 @@
+import pytest
+from graph import Graph
+
+
+@pytest.fixture
+def graph():
+    graph = Graph()
+    yield graph
+    graph.close()

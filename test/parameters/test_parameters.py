@@ -1,0 +1,185 @@
+"""Declaring, validating and reading parameters."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import pytest
+
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+
+
+@dataclass(frozen=True)
+class Sample(ParameterSet):
+    """Of every kind one."""
+
+    ratio: float = parameter(0.5, 'A ratio.', minimum=0.0, maximum=1.0)
+    count: int = parameter(3, 'A count.', minimum=1, maximum=9, odd=True)
+    mode: str = parameter('slow', 'A mode.', choices=('slow', 'fast'))
+    name: str = parameter('', 'A name.')
+    on: bool = parameter(False, 'A switch.')
+    low: int = parameter(0, 'Less than high.')
+    high: int = parameter(10, 'More than low.')
+
+    def _check_together(self) -> None:
+        if self.low >= self.high:
+            raise ParameterError('low', f'must be less than high ({self.high}), not {self.low}')
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'kept'),
+    [
+        ('ratio', 1, 1.0),
+        ('ratio', 0.25, 0.25),
+        ('count', 9, 9),
+        ('mode', 'fast', 'fast'),
+        ('name', 'nose', 'nose'),
+        ('name', 0, '0'),
+        ('on', True, True),
+    ],
+)
+def test_values_are_taken_and_converted(name, value, kept):
+    taken = getattr(Sample().changed({name: value}), name)
+    assert taken == kept
+    assert type(taken) is type(kept)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('ratio', 1.5, 'must be 0 to 1, not 1.5'),
+        ('ratio', float('nan'), 'must be a finite number'),
+        ('ratio', float('inf'), 'must be a finite number'),
+        ('ratio', '0.5', 'takes a number, not the text'),
+        ('ratio', True, 'takes a number, not the boolean'),
+        ('count', 4, 'must be odd 1 to 9, not 4'),
+        ('count', 11, 'must be odd 1 to 9, not 11'),
+        ('count', 3.0, 'takes a whole number, not the number 3.0'),
+        ('count', True, 'takes a whole number'),
+        ('mode', 'medium', "must be one of slow, fast, not 'medium'"),
+        ('mode', 1, 'takes a text'),
+        ('name', 1.5, 'takes a text'),
+        ('on', 1, 'takes a boolean'),
+        ('on', None, 'takes a boolean, not the NoneType'),
+        ('ratio', [1.0], 'takes a number, not the list'),
+        ('low', 10, 'must be less than high (10), not 10'),
+        ('speed', 1, 'no such parameter; there are ratio, count'),
+    ],
+)
+def test_bad_values_are_refused_with_the_name_and_the_reason(name, value, reason):
+    with pytest.raises(ParameterError) as caught:
+        Sample().changed({name: value})
+    assert caught.value.name == name
+    assert reason in str(caught.value)
+
+
+def test_a_refused_change_leaves_the_old_set():
+    before = Sample(ratio=0.75)
+    with pytest.raises(ParameterError):
+        before.changed({'ratio': 0.1, 'count': 4})
+    assert before.ratio == 0.75
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        before.ratio = 0.1
+
+
+@pytest.mark.parametrize(
+    'kind', [MarkerTrackerParameters, RunwayDetectorParameters, VideoSourceParameters]
+)
+def test_every_parameter_is_documented_and_its_default_valid(kind):
+    assert kind.from_mapping(kind().as_dict()) == kind()
+    for spec in kind.specs():
+        assert spec.description.endswith('.')
+        if spec.type in (int, float):
+            # Sliders and refusals need both ends.
+            assert spec.minimum is not None and spec.maximum is not None
+
+
+# What INTERFACE promises; users' launch files depend on it.
+CONTRACT = {
+    MarkerTrackerParameters: {
+        'mode': 'track', 'threshold': 0.7, 'grouping_distance': 15, 'search_radius': 10,
+        'min_area': 1, 'max_area': 0,
+    },
+    RunwayDetectorParameters: {
+        'start_row': 50, 'end_row': 130, 'channel': 'red', 'edge_threshold': 0.0,
+        'opening_length': 3, 'rho_resolution': 2.0, 'theta_resolution_deg': 1.0, 'num_peaks': 3,
+        'peak_neighborhood_rho': 11, 'peak_neighborhood_theta': 11, 'peak_threshold': 15,
+        'rho_error_threshold': 30.0, 'theta_error_threshold_deg': 2.0, 'correction_warmup': 2,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('kind', CONTRACT)
+def test_the_defaults_are_the_contracts(kind):
+    values = kind().as_dict()
+    assert {name: values[name] for name in CONTRACT[kind]} == CONTRACT[kind]
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'marker_tracker:\n  ros__parameters:\n    threshold: 0.5\n',
+        '/marker_tracker:\n  ros__parameters:\n    threshold: 0.5\n',
+        '/nose/marker_tracker:\n  ros__parameters:\n    threshold: 0.5\n',
+        'nose:\n  marker_tracker:\n    ros__parameters:\n      threshold: 0.5\n',
+        '/**:\n  ros__parameters:\n    threshold: 0.5\n',
+        '/**/marker_tracker:\n  ros__parameters:\n    threshold: 0.5\n',
+        '/**:\n  ros__parameters:\n    threshold: 0.1\n'
+        'marker_tracker:\n  ros__parameters:\n    threshold: 0.5\n',
+    ],
+)
+def test_parameter_files_name_nodes_as_ros_does(tmp_path, text):
+    path = tmp_path / 'p.yaml'
+    path.write_text(text)
+    assert load_parameters(path, 'marker_tracker') == {'threshold': 0.5}
+
+
+def test_other_nodes_are_left_alone_and_names_are_nested(tmp_path):
+    path = tmp_path / 'p.yaml'
+    path.write_text(
+        'other:\n  ros__parameters:\n    threshold: 0.5\n'
+        'marker_tracker:\n  ros__parameters:\n    a:\n      b: 1\n'
+    )
+    assert load_parameters(path, 'marker_tracker') == {'a.b': 1}
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('- 1\n', 'is not a ROS 2 parameter file'),
+        ('a: [\n', 'is not YAML'),
+        ('marker_tracker:\n  threshold: 1\n', 'has no ros__parameters'),
+        ('marker_tracker:\n  ros__parameters: 3\n', 'has no ros__parameters'),
+    ],
+)
+def test_bad_parameter_files_are_refused(tmp_path, text, reason):
+    path = tmp_path / 'p.yaml'
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=reason):
+        load_parameters(path, 'marker_tracker')
+
+
+def test_a_missing_parameter_file(tmp_path):
+    with pytest.raises(ParameterError, match='No such file'):
+        load_parameters(tmp_path / 'none.yaml', 'marker_tracker')
+
+
+@pytest.mark.parametrize(
+    ('text', 'parts'),
+    [
+        ('marker_tracker:threshold:=0.5', ('marker_tracker', 'threshold', 0.5)),
+        ('/marker_tracker:mode:=detect', ('marker_tracker', 'mode', 'detect')),
+        ('runway_detector:num_peaks:=2', ('runway_detector', 'num_peaks', 2)),
+    ],
+)
+def test_assignments(text, parts):
+    assert parse_assignment(text) == parts
+
+
+@pytest.mark.parametrize('text', ['threshold:=1', 'a:b=1', ':x:=1', 'a::=1', '', 'a:b:=['])
+def test_bad_assignments_are_refused(text):
+    with pytest.raises(ParameterError):
+        parse_assignment(text)

@@ -1,0 +1,95 @@
+"""The accumulator against eq. 3.25, pixel by pixel."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from mvuav_ros.vision.runway import hough
+from mvuav_ros.vision.runway.hough import HoughGrid
+
+RESOLUTIONS = [(2.0, 1.0), (1.0, 5.0), (0.5, 45.0), (3.7, 7.0), (100.0, 30.0)]
+
+edge_images = hnp.arrays(
+    np.uint8,
+    hnp.array_shapes(min_dims=2, max_dims=2, max_side=14),
+    elements=st.integers(0, 1),
+)
+
+
+def naive_accumulator(edges, theta, rho):
+    """MATLAB's ``hough``: each pixel's rho rounded to the nearest cell, halves upwards."""
+    accumulator = np.zeros((theta.size, rho.size), int)
+    step = rho[1] - rho[0] if rho.size > 1 else 1.0
+    for y, x in np.argwhere(edges):
+        for column, angle in enumerate(theta):
+            distance = x * math.cos(angle) + y * math.sin(angle)
+            accumulator[column, math.floor((distance - rho[0]) / step + 0.5)] += 1
+    return accumulator
+
+
+@settings(deadline=None)
+@given(edge_images, st.sampled_from(RESOLUTIONS))
+def test_every_edge_pixel_votes_once_for_every_theta(edges, resolutions):
+    grid = HoughGrid(*edges.shape, *resolutions)
+    accumulator = grid.accumulate(edges)
+    expected = naive_accumulator(edges, grid.theta, grid.rho)
+    # At a boundary between cells (a corner's distance, to 14 digits) rounding may choose either.
+    if np.any(accumulator != expected):
+        nudged = naive_accumulator(edges, grid.theta, grid.rho - 1e-11)
+        other = naive_accumulator(edges, grid.theta, grid.rho + 1e-11)
+        assert np.all((accumulator == expected) | (nudged != other))
+    assert (accumulator.sum(axis=1) == edges.sum()).all()
+
+
+@given(edge_images, st.sampled_from(RESOLUTIONS))
+def test_large_images_take_another_way_to_the_same_votes(edges, resolutions):
+    with pytest.MonkeyPatch.context() as patch:
+        expected = HoughGrid(*edges.shape, *resolutions).accumulate(edges)
+        patch.setattr(hough, '_TABLE_BYTES', 0)
+        patch.setattr(hough, '_BLOCK_VOTES', 100)
+        np.testing.assert_array_equal(
+            HoughGrid(*edges.shape, *resolutions).accumulate(edges), expected
+        )
+
+
+def test_the_grid_of_more_cells_than_16_bits_can_number():
+    edges = (np.random.default_rng(0).random((40, 320)) < 0.02).astype(np.uint8)
+    grid = HoughGrid(*edges.shape, 0.5, 1.0)
+    assert math.prod(grid.shape) > 2**16
+    np.testing.assert_array_equal(
+        grid.accumulate(edges), naive_accumulator(edges, grid.theta, grid.rho)
+    )
+
+
+@pytest.mark.parametrize(
+    ('resolution', 'columns'), [(1.0, 180), (45.0, 4), (0.3, 600), (90 / 161, 322), (7.0, 26)]
+)
+def test_theta_covers_half_a_turn_in_equal_steps(resolution, columns):
+    theta = np.rad2deg(HoughGrid(2, 2, 1.0, resolution).theta)
+    assert theta.size == columns
+    assert theta[0] == pytest.approx(-90)
+    np.testing.assert_allclose(np.diff(theta), 180 / columns, atol=1e-9)
+
+
+def test_rho_reaches_the_far_corner_and_is_symmetric():
+    rho = HoughGrid(31, 41, 2.0, 1.0).rho
+    assert rho[-1] == 50
+    np.testing.assert_array_equal(rho, -rho[::-1])
+
+
+@given(edge_images)
+def test_no_vote_lies_before_the_first_reachable_cell(edges):
+    grid = HoughGrid(*edges.shape, 1.0, 3.0)
+    edges[-1] = 1
+    accumulator = grid.accumulate(edges)
+    assert not accumulator[:, : grid.first_reachable_cell].any()
+    assert accumulator[:, grid.first_reachable_cell].any()
+
+
+def test_too_many_cells_are_refused_before_any_memory_is_taken():
+    with pytest.raises(ValueError, match='coarser resolutions'):
+        HoughGrid(2160, 3840, 0.1, 0.1)

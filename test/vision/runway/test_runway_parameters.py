@@ -1,0 +1,86 @@
+"""What runway_detector's parameters accept and refuse."""
+
+import math
+
+import pytest
+
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters as Parameters
+
+CONTRACT = {
+    'mode': 'thesis',
+    'target': 'runway',
+    'runway_width': 0.0,
+    'start_row': 50,
+    'end_row': 130,
+    'channel': 'red',
+    'edge_threshold': 0.0,
+    'edge_thinning': False,
+    'opening_length': 3,
+    'rho_resolution': 2.0,
+    'theta_resolution_deg': 1.0,
+    'num_peaks': 3,
+    'peak_neighborhood_rho': 11,
+    'peak_neighborhood_theta': 11,
+    'peak_threshold': 15,
+    'rho_error_threshold': 30.0,
+    'theta_error_threshold_deg': 2.0,
+    'correction_warmup': 2,
+    'max_hold': 15,
+    'association': 'nearest',
+    'image_transport': 'raw',
+    'opencv_threads': 1,
+}
+
+
+def test_names_and_defaults_are_the_contracts():
+    assert Parameters().as_dict() == CONTRACT
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('peak_neighborhood_rho', 10, 'odd'),
+        ('peak_neighborhood_theta', 4, 'odd'),
+        ('opening_length', 2, 'odd'),
+        ('opening_length', 0, 'odd'),
+        ('rho_resolution', 0.0, '0.1'),
+        ('theta_resolution_deg', 0.0, '0.1'),
+        ('theta_resolution_deg', 46.0, '45'),
+        ('rho_resolution', math.nan, 'finite'),
+        ('edge_threshold', math.inf, 'finite'),
+        ('edge_threshold', -0.1, '0 to 1'),
+        ('rho_error_threshold', math.nan, 'finite'),
+        ('end_row', 50, 'greater than start_row'),
+        ('end_row', 0, 'greater than start_row'),
+        ('start_row', 130, 'greater than start_row'),
+        ('start_row', -1, '0'),
+        ('num_peaks', 0, '1'),
+        ('peak_threshold', 0, '1'),
+        ('peak_threshold', 15.0, 'whole number'),
+        ('channel', 'alpha', 'red, green, blue, intensity'),
+        ('association', 'order', 'index, nearest'),
+        ('edge_thinning', 1, 'boolean'),
+        ('max_hold', -1, '0'),
+    ],
+)
+def test_invalid_values_are_refused_with_the_reason(name, value, reason):
+    with pytest.raises(ParameterError, match=reason):
+        Parameters().changed({name: value})
+
+
+def test_a_whole_number_is_taken_for_a_float():
+    changed = Parameters().changed({'rho_resolution': 1, 'edge_threshold': 0})
+    assert changed.rho_resolution == 1.0 and type(changed.rho_resolution) is float
+
+
+def test_both_rows_zero_mean_the_whole_frame_and_are_set_together():
+    assert Parameters().changed({'start_row': 0, 'end_row': 0}).end_row == 0
+    assert Parameters().changed({'start_row': 200, 'end_row': 240}).start_row == 200
+
+
+def test_every_parameter_is_described_and_every_range_is_closed():
+    for spec in Parameters.specs():
+        assert spec.description.endswith('.'), spec.name
+        if spec.type in (int, float):
+            assert spec.minimum is not None and spec.maximum is not None, spec.name

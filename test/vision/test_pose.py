@@ -1,0 +1,192 @@
+"""Poses against truth: accuracy, covariance, ambiguity."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.simulation.rotation import from_rpy
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.vision.body import TANKER_747, parse_layout
+from mvuav_ros.vision.camera_model import CalibrationError, CameraModel
+from mvuav_ros.vision.markers.pipeline import MarkerPipeline
+from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+
+CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
+
+
+def camera_of(flight):
+    camera = flight.camera
+    return CameraModel(
+        camera.width, camera.height, tuple(camera.matrix.ravel()), tuple(camera.distortion)
+    )
+
+
+def angle_between(a, b):
+    return float(np.linalg.norm(cv2.Rodrigues(a @ b.T)[0]))
+
+
+def deviations(pose, truth):
+    """Translation error (m) and small turn (rad) of a pose, (6,)."""
+    turn = cv2.Rodrigues(pose.rotation @ truth.rotation.T)[0].ravel()
+    return np.concatenate((pose.translation - truth.translation, turn))
+
+
+def docking(seed, frames=1000, noise=0.3, **settings):
+    """Poses and truth of a docking approach, the lights seen with noise."""
+    flight = TankerFlight(TankerSettings(motion='docking', frames=frames, seed=seed, **settings))
+    estimator = PoseEstimator(flight.layout)
+    rng = np.random.default_rng(seed)
+    camera = camera_of(flight)
+    for index in range(frames):
+        truth = flight.truth(index)
+        pixels = np.array([(m.x, m.y) for m in truth.markers])
+        pixels = pixels + rng.normal(0.0, noise, pixels.shape)
+        pose = estimator.estimate(camera, range(5), pixels, flight.time(index))
+        assert pose is not None
+        yield pose, truth
+
+
+@pytest.mark.parametrize('settings', [{}, {'distortion': '-0.15, 0.04, 0.001, -0.001'}])
+def test_docking_approach(settings):
+    poses = list(docking(21, **settings))
+    near = [(pose, truth) for pose, truth in poses if truth.distance <= 30.0]
+    assert len(near) > 400
+    distances = [np.linalg.norm(deviations(p, t)[:3]) / t.distance for p, t in near]
+    angles = [np.linalg.norm(deviations(p, t)[3:]) for p, t in near]
+    assert np.sqrt(np.mean(np.square(distances))) < 0.005
+    assert np.percentile(distances, 99.9) < 0.0115
+    assert max(angles) < math.radians(0.5)
+    # Farther out the turn shows less.
+    far = [np.linalg.norm(deviations(p, t)[3:]) for p, t in poses[:100]]
+    assert np.mean(far) > 1.5 * np.mean(angles)
+
+
+@pytest.mark.parametrize('seed', [31, 32, 33])
+def test_normalised_error_squared_lies_in_its_band(seed):
+    squares = [
+        deviations(pose, truth) @ np.linalg.solve(pose.covariance, deviations(pose, truth))
+        for pose, truth in docking(seed)
+    ]
+    # 1000 values of chi-square with 6 degrees of freedom, and the noise is estimated as well.
+    assert len(squares) == 1000
+    assert np.mean(squares) == pytest.approx(6.0, abs=0.35)
+    assert np.mean(np.array(squares) < 12.59) == pytest.approx(0.95, abs=0.02)
+
+
+def test_poses_from_pictures():
+    flight = TankerFlight(TankerSettings(motion='docking', frames=60, fps=6.0, seed=2))
+    camera = camera_of(flight)
+    pipeline, estimator = MarkerPipeline(), PoseEstimator(flight.layout)
+    for index, frame in enumerate(flight):
+        markers = pipeline.process(frame.picture, frame.stamp_ns).markers
+        pixels = np.array([(m.x, m.y) for m in markers])
+        pose = estimator.estimate(camera, range(5), pixels, flight.time(index))
+        error = deviations(pose, frame.truth)
+        assert np.linalg.norm(error[:3]) < 0.002 * frame.truth.distance
+        assert np.linalg.norm(error[3:]) < math.radians(0.1)
+    assert estimator.noise < 0.06
+
+
+def seen(rotation, translation, layout=TANKER_747, camera=CAMERA):
+    points = layout.positions @ rotation.T + translation
+    assert points[:, 2].min() > 0
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
+    return pixels[0].reshape(-1, 2)
+
+
+@pytest.mark.parametrize('roll', [-170.0, -60.0, 0.0, 45.0, 120.0])
+@pytest.mark.parametrize(('pitch', 'yaw'), [(0.0, 0.0), (20.0, -10.0), (-25.0, 30.0)])
+def test_any_attitude_from_one_frame(roll, pitch, yaw):
+    angles = np.radians((roll, pitch, yaw))
+    rotation = FROM_BEHIND @ from_rpy(*angles)
+    translation = np.array((5.0, -3.0, 110.0))
+    pose = PoseEstimator(TANKER_747).estimate(CAMERA, range(5), seen(rotation, translation), 0.0)
+    assert angle_between(pose.rotation, rotation) < 1e-4
+    np.testing.assert_allclose(pose.translation, translation, atol=0.01)
+    np.testing.assert_allclose(pose.rpy, angles, atol=1e-4)
+    np.testing.assert_allclose(pose.reprojections, seen(rotation, translation), atol=1e-3)
+    x, y, z, w = pose.quaternion
+    expected = cv2.Rodrigues(rotation)[0].ravel()
+    half = 0.5 * np.linalg.norm(expected)
+    axis = expected / np.linalg.norm(expected) * math.sin(half)
+    quaternion = np.array((*axis, math.cos(half)))
+    assert abs(abs(np.dot((x, y, z, w), quaternion)) - 1.0) < 1e-6
+    assert w >= 0.0
+
+
+def test_three_lights_have_several_solutions_and_the_last_pose_decides():
+    """Drawn from all five for a while, then the rudder and a stabilizer are hidden."""
+    estimator = PoseEstimator(TANKER_747)
+    rng = np.random.default_rng(3)
+    worst = 0.0
+    for index in range(60):
+        rotation = FROM_BEHIND @ from_rpy(0.01 * index, 0.2, 0.1)
+        translation = np.array((0.1 * index, 0.0, 100.0))
+        lights = [0, 1, 2, 3, 4] if index < 20 else [0, 1, 4]
+        pixels = seen(rotation, translation)[lights] + rng.normal(0, 0.05, (len(lights), 2))
+        pose = estimator.estimate(CAMERA, lights, pixels, index / 30)
+        worst = max(worst, angle_between(pose.rotation, rotation))
+    assert worst < math.radians(2.0)
+
+
+FLAT = parse_layout(
+    {'markers': {'a': [0, 1, 1], 'b': [0, -1, 1], 'c': [0, -1, -1], 'd': [0, 1, -1]}}, 'flat'
+)
+
+
+def test_a_flat_body_seen_from_afar_does_not_flip():
+    """Tilted one way or the other a distant square looks almost the same."""
+    rng = np.random.default_rng(4)
+    estimator = PoseEstimator(FLAT)
+    rotation = FROM_BEHIND @ from_rpy(0.0, 0.0, 0.4)
+    flipped = 0
+    for index in range(120):
+        translation = np.array((0.0, 0.0, 6.0 + 0.25 * index))
+        pixels = seen(rotation, translation, FLAT) + rng.normal(0, 0.1, (4, 2))
+        pose = estimator.estimate(CAMERA, range(4), pixels, index / 30)
+        assert angle_between(pose.rotation, rotation) < 0.4, index
+        alone = PoseEstimator(FLAT).estimate(CAMERA, range(4), pixels, 0.0)
+        flipped += angle_between(alone.rotation, rotation) > 0.4
+    # Without the last pose the same frames are told wrong now and then.
+    assert flipped > 5
+
+
+def test_what_cannot_be_a_pose():
+    estimator = PoseEstimator(TANKER_747)
+    pixels = seen(FROM_BEHIND, np.array((0.0, 0.0, 100.0)))
+    assert estimator.estimate(CAMERA, [0, 4], pixels[[0, 4]], 0.0) is None
+    names_exchanged = pixels[[2, 1, 0, 3, 4]]
+    assert estimator.estimate(CAMERA, range(5), names_exchanged, 0.1) is None
+    assert estimator.estimate(CAMERA, range(5), pixels, 0.2) is not None
+    in_one_place = np.full((5, 2), 300.0)
+    pose = estimator.estimate(CAMERA, range(5), in_one_place, 0.3)
+    assert pose is None or np.isfinite(pose.translation).all()
+
+
+def test_the_noise_follows_the_residuals():
+    rng = np.random.default_rng(6)
+    pixels = seen(FROM_BEHIND, np.array((0.0, 0.0, 100.0)))
+    for noise in (0.1, 0.6):
+        estimator = PoseEstimator(TANKER_747)
+        for index in range(300):
+            noisy = pixels + rng.normal(0, noise, pixels.shape)
+            estimator.estimate(CAMERA, range(5), noisy, index / 30)
+        assert estimator.noise == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        ({'k': (0.0,) * 9}, 'not calibrated'),
+        ({'width': 320}, '320 x 480'),
+        ({'k': (math.nan,) * 9}, 'not finite'),
+        ({'distortion_model': 'equidistant'}, 'equidistant'),
+    ],
+)
+def test_calibrations_that_are_refused(change, reason):
+    values = {'width': 640, 'height': 480, 'k': CAMERA.k, **change}
+    with pytest.raises(CalibrationError, match=reason):
+        CameraModel(**values).check(640, 480)

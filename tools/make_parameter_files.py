@@ -1,0 +1,64 @@
+"""Writes config/default.yaml and docs/parameters.md from the parameter dataclasses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, Value
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+
+ROOT = Path(__file__).resolve().parent.parent
+NODES: dict[str, type[ParameterSet]] = {
+    'marker_tracker': MarkerTrackerParameters,
+    'runway_detector': RunwayDetectorParameters,
+    'video_source': VideoSourceParameters,
+}
+GENERATED = 'made by tools/make_parameter_files.py (make docs) from mvuav_ros/parameters'
+
+
+def default_yaml() -> str:
+    """A ROS 2 parameter file with every default, its unit and its range."""
+    lines = [f'# Every default; {GENERATED}.']
+    for node, parameters in NODES.items():
+        lines += [f'/**/{node}:', '  ros__parameters:']
+        for spec in parameters.specs():
+            remark = ', '.join(text for text in (spec.unit, spec.constraint) if text)
+            line = f'    {spec.name}: {_yaml(spec.default)}'
+            lines.append(f'{line}  # {remark}' if remark else line)
+    return '\n'.join(lines) + '\n'
+
+
+def parameter_tables() -> str:
+    """One table per node, in Markdown."""
+    lines = ['# Parameters', '', f'<!-- {GENERATED} -->', '']
+    for node, parameters in NODES.items():
+        lines += [f'## {node}', '', (parameters.__doc__ or '').splitlines()[0], '']
+        lines += ['| parameter | default | unit | values | thesis | meaning |', '|---' * 6 + '|']
+        lines += [_row(spec) for spec in parameters.specs()]
+        lines.append('')
+    return '\n'.join(lines)
+
+
+def _row(spec: ParameterSpec) -> str:
+    meaning = spec.description + (' Set at the start only.' if spec.read_only else '')
+    cells = (f'`{spec.name}`', f'`{_yaml(spec.default)}`', spec.unit, spec.constraint, spec.thesis)
+    return '| ' + ' | '.join((*cells, meaning)) + ' |'
+
+
+def _yaml(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"'{value}'" if isinstance(value, str) else str(value)
+
+
+FILES = {
+    ROOT / 'config' / 'default.yaml': default_yaml,
+    ROOT / 'docs' / 'parameters.md': parameter_tables,
+}
+
+if __name__ == '__main__':
+    for path, make in FILES.items():
+        path.write_text(make())
+        print(path.relative_to(ROOT))
