@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -48,7 +49,7 @@ class Stream:
 
     def good(self, hz: float = 60.0) -> bytes:
         """The next frame of a tanker's flight, serialized."""
-        pixels = draw(tanker_at(320 + self.index % 50, 240))
+        pixels = draw(tanker_at(320 + 25 * math.sin(self.index / 15), 240))
         return serialize_image(Picture(pixels, 'mono8'), make_header(self.next_stamp(hz), 'nose'))
 
     def play(self, seconds: float, hz: float = 60.0, beside: Any = None) -> int:

@@ -47,10 +47,10 @@ def test_frames_that_the_camera_leaves_out_are_seen_in_the_stamps(graph):
 
 
 def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(graph):
-    """A whole frame of noise searched for fine lines takes many times the 10 ms between two."""
-    slow = {'start_row': 0, 'end_row': 0, 'rho_resolution': 0.5, 'theta_resolution_deg': 0.2}
+    """A large frame of noise searched for the finest lines takes many times the 10 ms between."""
+    slow = {'start_row': 0, 'end_row': 0, 'rho_resolution': 0.5, 'theta_resolution_deg': 0.1}
     stream = Stream(graph, 'runway_detector', **slow)
-    noise = np.random.default_rng(0).integers(0, 255, (720, 1280), np.uint8)
+    noise = np.random.default_rng(0).integers(0, 255, (1080, 1920), np.uint8)
     sent = 100
     for _ in range(sent):
         header = make_header(stream.next_stamp(100.0), 'nose')
