@@ -35,7 +35,7 @@ setup(
         'PyYAML>=6',
         'rosbags>=0.10',
         'mcap>=1.1',
-        'typer>=0.9',
+        'typer>=0.15',
         'rich>=13',
         'matplotlib>=3.6',
     ],

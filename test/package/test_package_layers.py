@@ -10,7 +10,7 @@ import pytest
 from mvuav_ros.parameters.parameter_file import load_parameters
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-WITHOUT_ROS = ['parameters', 'vision', 'recording', 'sources']
+WITHOUT_ROS = ['parameters', 'vision', 'simulation', 'recording', 'sources']
 BLOCKED = ['rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces', 'geometry_msgs']
 
 
@@ -39,7 +39,10 @@ def test_the_inner_layers_do_without_ros(layer):
         ('recording', 'vision sources processing nodes demo cli'),
         ('sources', 'processing nodes demo cli'),
         ('messages', 'recording sources processing nodes demo cli'),
-        ('processing', 'nodes demo cli'),
+        ('processing', 'replaying evaluation nodes bench demo cli'),
+        ('simulation', 'recording sources messages processing replaying evaluation nodes demo cli'),
+        ('replaying', 'evaluation nodes bench demo cli'),
+        ('evaluation', 'nodes bench demo cli'),
         ('nodes', 'demo cli'),
         ('demo', 'cli'),
     ],
