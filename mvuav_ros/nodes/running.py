@@ -75,7 +75,8 @@ def run_nodes(make_nodes: Callable[[], Sequence[Node]], *, camera_images: bool) 
         camera_images: one of them publishes a camera's images, see `prepare_transport`.
 
     Returns:
-        Exit status: 0, or 2 with one line on stderr where the user's set-up is at fault.
+        Exit status: 0, 2 with one line on stderr where the user's set-up is at fault, or 1 where a
+        node has `failed` and said why in its log.
     """
     stop = _StopRequest()
     tune_process()
@@ -90,6 +91,8 @@ def run_nodes(make_nodes: Callable[[], Sequence[Node]], *, camera_images: bool) 
         install_signal_handlers()
         if not stop.made:
             _spin(nodes)
+        if any(getattr(node, 'failed', False) for node in nodes):
+            return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except _USERS_MISTAKES as error:

@@ -70,6 +70,8 @@ class VideoSource(Node):
         self._stop, self._interrupt, self._running = Event(), Event(), Event()
         self._running.set()
         self._rewind = False
+        self.failed = False
+        """Whether the source broke in a way that nothing here is made for."""
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -118,6 +120,7 @@ class VideoSource(Node):
         except Exception as error:
             if self._stop.is_set() or not self.context.ok():
                 return
+            self.failed = True
             self.get_logger().fatal(f'{self._source.name}: {type(error).__name__}: {error}')
             self.context.try_shutdown()
 

@@ -1,11 +1,13 @@
 """video_source as a process on real DDS."""
 
+import subprocess
+import sys
 import time
 
 import cv2
 import numpy as np
 import pytest
-from graph import image_message
+from graph import ROOT, image_message
 from marker_scenes import draw, tanker_at
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -168,3 +170,21 @@ def test_a_missing_camera_is_waited_for(graph):
     assert 'camera 77 cannot be opened' in output
     assert 'trying again' in output
     assert process.returncode == 0
+
+
+BREAKING = """
+import sys
+from mvuav_ros.nodes import video_source
+def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
+video_source.VideoSource._publish = broken
+sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
+video_source.main()
+"""
+
+
+def test_a_source_that_breaks_ends_with_a_line_and_a_status(bag):
+    command = [sys.executable, '-c', BREAKING, str(bag)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 1
+    assert 'flight.mcap: ZeroDivisionError: what nobody thought of' in run.stderr
+    assert 'Traceback' not in run.stderr
