@@ -186,5 +186,5 @@ def test_a_source_that_breaks_ends_with_a_line_and_a_status(bag):
     command = [sys.executable, '-c', BREAKING, str(bag)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert run.returncode == 1
-    assert 'flight.mcap: ZeroDivisionError: what nobody thought of' in run.stderr
+    assert 'flight.mcap /cam: ZeroDivisionError: what nobody thought of' in run.stderr
     assert 'Traceback' not in run.stderr
