@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 from mvuav_ros.evaluation.metrics import Metric, metrics_of
@@ -15,10 +13,7 @@ from mvuav_ros.evaluation.processes import Done, each
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.sources.frame import SourceError
-
-CONNECT_TIME = 10
-"""Seconds to wait for a Dask scheduler."""
+from mvuav_ros.replaying.cluster import connect
 
 
 @dataclass(frozen=True)
@@ -149,18 +144,7 @@ def sweep(runs: Sequence[Run], jobs: int = 1, dask: str | None = None) -> Iterat
 
 
 def _on_cluster(runs: Sequence[Run], address: str) -> Iterator[Done[list[Metric]]]:
-    try:
-        distributed: Any = import_module('distributed')
-    except ImportError as error:
-        raise SourceError(
-            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
-        ) from error
-    # It would log attempt after attempt, with tracebacks.
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)
-    try:
-        client = distributed.Client(address, timeout=CONNECT_TIME, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
+    client, distributed = connect(address)
     with client:
         futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}
         with client.as_current():

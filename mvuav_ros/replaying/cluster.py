@@ -17,13 +17,34 @@ from mvuav_ros.replaying.pool import Event
 from mvuav_ros.sources.frame import SourceError
 
 _POLL = 0.1
-CONNECT_TIME = 10
+_CONNECT_TIME = 10
 _CLOSING_TIME = 30
 """Seconds that interrupted tasks have to close their files."""
 
 
 class _InterruptedTaskError(BaseException):
     """Passes every handler of errors, and unlike KeyboardInterrupt leaves Dask's worker alone."""
+
+
+def connect(address: str) -> tuple[Any, Any]:
+    """A client of the scheduler at `address`, and the module `distributed`.
+
+    Raises:
+        SourceError: Dask is not installed, or there is no scheduler.
+    """
+    try:
+        distributed: Any = import_module('distributed')
+    except ImportError as error:
+        raise SourceError(
+            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
+        ) from error
+    # It would log attempt after attempt, with tracebacks.
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_TIME, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
+    return client, distributed
 
 
 def run_on_cluster(jobs: Sequence[ReplayJob], address: str) -> Generator[Event, None, None]:
@@ -39,18 +60,7 @@ def run_on_cluster(jobs: Sequence[ReplayJob], address: str) -> Generator[Event, 
     Raises:
         SourceError: Dask is not installed, or there is no scheduler.
     """
-    try:
-        distributed: Any = import_module('distributed')
-    except ImportError as error:
-        raise SourceError(
-            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
-        ) from error
-    # It would log attempt after attempt, with tracebacks.
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)
-    try:
-        client = distributed.Client(address, timeout=CONNECT_TIME, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
+    client, distributed = connect(address)
     run = f'mvuav-{uuid.uuid4().hex}'
     with client:
         stop = distributed.Event(run, client=client)
