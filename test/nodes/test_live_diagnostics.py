@@ -23,7 +23,7 @@ def test_where_the_time_goes(graph):
     assert graph.diagnostics('marker_tracker')['level'] == 3
     stream.play(2.0)
     values = graph.diagnostics('marker_tracker')
-    assert values['level'] == 0 and values['message'] == 'running', values
+    assert (values['message'], values['level']) == ('running', 0)
     stages = [float(values[f'{s}_p50_ms']) for s in ('decode', 'process', 'publish')]
     assert all(stage > 0 for stage in stages)
     assert float(values['latency_p50_ms']) >= max(stages)
@@ -47,11 +47,11 @@ def test_frames_that_the_camera_leaves_out_are_seen_in_the_stamps(graph):
 
 
 def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(graph):
-    """A large frame of noise searched for the finest lines takes many times the 10 ms between."""
+    """A frame of noise searched for the finest lines takes many times the 10 ms between two."""
     slow = {'start_row': 0, 'end_row': 0, 'rho_resolution': 0.5, 'theta_resolution_deg': 0.1}
     stream = Stream(graph, 'runway_detector', **slow)
-    noise = np.random.default_rng(0).integers(0, 255, (1080, 1920), np.uint8)
-    sent = 100
+    noise = np.random.default_rng(0).integers(0, 255, (480, 640), np.uint8)
+    sent = 200
     for _ in range(sent):
         header = make_header(stream.next_stamp(100.0), 'nose')
         stream.publisher.publish(serialize_image(Picture(noise, 'mono8'), header))
@@ -60,7 +60,7 @@ def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(grap
     values = graph.diagnostics('runway_detector')
     answered, gone = int(values['frames_answered']), int(values['frames_missing'])
     skipped = int(values['frames_skipped'])
-    assert 0 < answered < 0.7 * sent
+    assert 0 < answered < 0.9 * sent
     assert skipped > 0
     # Nothing disappears uncounted; the last few may never have been followed by another.
     assert sent - 5 <= answered + skipped + gone <= sent
