@@ -17,12 +17,14 @@ from mvuav_ros.bench.live_table import as_figures, print_results
 from mvuav_ros.bench.markers import marker_cases
 from mvuav_ros.bench.replay import replay_cases
 from mvuav_ros.bench.runway import runway_cases
+from mvuav_ros.bench.simulation import simulation_cases
 from mvuav_ros.cli.progress import frame_progress
 
 SUITES = {
     'markers': marker_cases,
     'runway': runway_cases,
     'approach': approach_cases,
+    'simulation': simulation_cases,
     'replay': replay_cases,
 }
 
