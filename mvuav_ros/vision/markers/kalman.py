@@ -17,7 +17,7 @@ MANEUVER = 1.0
 measurement's deviation. The level of both follows from the innovations."""
 ECHOES = 6
 """Past innovations from which the next one is foretold: two for each harmonic of a vibration."""
-MEMORY = 0.98
+MEMORY = 0.99
 """Per frame, of what is learnt about the echoes."""
 _RIDGE = 10.0
 _SOLVE_EVERY = 3
