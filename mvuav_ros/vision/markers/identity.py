@@ -133,8 +133,8 @@ class IdentityTracker:
             if not (self._unseen[index] or self._returning[index]):
                 radius = max(parameters.search_radius, math.ceil(look.radius + EDGE))
                 window = _window(predicted[2 * index], predicted[2 * index + 1], radius, size)
-                # The background changes slowly: every other frame is enough to look at it.
-                pull = look.pull if (index + self._since_check) % 2 else None
+                # The background changes slowly: every third frame is enough to look at it.
+                pull = look.pull if (index + self._since_check) % 3 else None
                 spot = meter.measure(cut, window, size, pull)
                 if pull is None:
                     look.pull = meter.pull
