@@ -55,7 +55,7 @@ class Plan:
     repeats: int = 10
     runway_frames: int = 240
     identity_scenes: int = len(SCENES)
-    identity_repeats: int = 2
+    identity_repeats: int = 1
     pose_frames: int = 1000
 
     @classmethod
