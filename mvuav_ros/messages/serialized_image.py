@@ -105,6 +105,15 @@ class _Reader:
         return sec * 1_000_000_000 + nanosec, self.text('frame_id')
 
 
+def stamp_ns_in(message: bytes) -> int:
+    """The stamp (ns) of any serialized message that begins with a header.
+
+    Raises:
+        ImageError: the bytes are no such message.
+    """
+    return _Reader(message).header()[0]
+
+
 def view_image(message: bytes) -> SerializedImage:
     """Read a serialized sensor_msgs/Image without copying its pixels.
 

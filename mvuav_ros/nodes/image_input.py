@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from threading import Event, Thread
@@ -28,10 +28,18 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import CameraInfo
 
+from mvuav_ros.messages.header import stamp_ns_of
+from mvuav_ros.messages.serialized_image import stamp_ns_in
 from mvuav_ros.sources.frame import Frame
+from mvuav_ros.sources.stamp_pairing import StampPairing
+from mvuav_ros.vision.picture import ImageError
 
+LONGEST_HOLD = 0.1
+"""Seconds that an image waits for its CameraInfo, where somebody publishes one."""
 _LONGEST_WAIT_NS = 500_000_000
+_HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
 _MOST_AT_ONCE = 5
 _PATIENCE = 3
@@ -47,11 +55,13 @@ class Received(NamedTuple):
         data: a message in CDR, or the frame itself where source and node share a process.
         transport: seconds since it was sent, by the system clocks; NaN if unknown.
         taken: `time.perf_counter` when it was taken.
+        info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
     """
 
     data: bytes | Frame
     transport: float
     taken: float
+    info: Any = None
 
 
 @dataclass
@@ -75,14 +85,6 @@ class InputEvents:
     incompatible_policy: str = ''
     errors: int = 0
     last_error: str = ''
-
-
-class Companion(NamedTuple):
-    """A topic whose messages are to be handled before the images that lie beside them."""
-
-    kind: type
-    topic: str
-    callback: Callable[[Any], None]
 
 
 class _OwnThread(CallbackGroup):
@@ -111,19 +113,27 @@ class ImageInput:
         kind: type,
         topic: str,
         on_image: Callable[[Received], None],
-        companions: Sequence[Companion] = (),
+        info_topic: str | None = None,
     ) -> None:
+        """Subscribe.
+
+        Args:
+            node: whose subscriptions they are.
+            kind: Image or CompressedImage.
+            topic: of the images.
+            on_image: called with each, from a thread of its own.
+            info_topic: of the CameraInfo that belongs to the images, where that is wanted.
+        """
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
         self._group = _OwnThread()
-        self._subscription = self._subscribe(kind, topic, raw=True)
+        self._pairing = StampPairing[CameraInfo, Received]()
+        # Before the images, so that a source that sees the one subscription has seen the other.
+        self._infos = None if info_topic is None else self._subscribe(CameraInfo, info_topic, False)
+        self._subscription = self._subscribe(kind, topic, True)
         self._lost = self._event('MESSAGE_LOST')
         self._incompatible = self._event('REQUESTED_INCOMPATIBLE_QOS')
-        self._companions = [
-            (self._subscribe(companion.kind, companion.topic, raw=False), companion)
-            for companion in companions
-        ]
         self._backlog = Backlog()
         self._last_sequence = 0
         self._stopping = Event()
@@ -165,7 +175,7 @@ class ImageInput:
             self._events.incompatible_policy = qos_policy_name_from_kind(event.last_policy_kind)
         return self._events
 
-    def _subscribe(self, kind: type, topic: str, *, raw: bool) -> Any:
+    def _subscribe(self, kind: type, topic: str, raw: bool) -> Any:
         return self._node.create_subscription(
             kind,
             topic,
@@ -200,7 +210,7 @@ class ImageInput:
                 self._stopping.wait(_PAUSE_AFTER_ERROR)
 
     def _take_until_stopped(self) -> None:
-        subscriptions = [self._subscription, *(each for each, _ in self._companions)]
+        subscriptions = [self._subscription, *([self._infos] if self._infos else [])]
         context = self._node.context.handle
         assert context is not None
         with ExitStack() as handles:
@@ -213,16 +223,17 @@ class ImageInput:
                 for subscription in subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
-                wait_set.wait(_LONGEST_WAIT_NS)
+                wait_set.wait(_LONGEST_WAIT_NS if self._pairing.held is None else _HELD_WAIT_NS)
                 if not self._node.context.ok():
                     return
-                self._take_companions()
+                self._take_infos()
                 self._hand_over(self._take_images())
 
-    def _take_companions(self) -> None:
-        for subscription, companion in self._companions:
-            while (taken := subscription.handle.take_message(companion.kind, False)) is not None:
-                companion.callback(taken[0])
+    def _take_infos(self) -> None:
+        if self._infos is None:
+            return
+        while (taken := self._infos.handle.take_message(CameraInfo, False)) is not None:
+            self._pairing.add_info(stamp_ns_of(taken[0].header), taken[0])
 
     def _take_images(self) -> list[Received]:
         images = []
@@ -246,14 +257,25 @@ class ImageInput:
         self._last_sequence = sequence
 
     def _hand_over(self, images: list[Received]) -> None:
-        if not images:
-            return
         keeps_all = self._subscription.qos_profile.history == HistoryPolicy.KEEP_ALL
-        if not keeps_all and self._backlog.skips(len(images)):
+        if images and not keeps_all and self._backlog.skips(len(images)):
             self._events.skipped += len(images) - 1
             images = images[-1:]
         for image in images:
-            self._on_image(image)
+            if self._infos is None:
+                self._on_image(image)
+            else:
+                self._pairing.add_image(_stamp_ns(image.data), image)
+        while (pair := self._pairing.take(wait=self._may_wait())) is not None:
+            info, image = pair
+            self._on_image(image._replace(info=info))
+
+    def _may_wait(self) -> bool:
+        """Whether the longest-held image's CameraInfo may yet come."""
+        held = self._pairing.held
+        if self._infos is None or held is None or self._infos.get_publisher_count() == 0:
+            return False
+        return time.perf_counter() < held.taken + LONGEST_HOLD
 
 
 class Backlog:
@@ -278,6 +300,16 @@ class Backlog:
                 self._too_slow, self._calm = True, 0
         self._previous = waiting
         return waiting > 1 and self._too_slow
+
+
+def _stamp_ns(data: bytes | Frame) -> int:
+    if isinstance(data, Frame):
+        return data.stamp_ns
+    try:
+        return stamp_ns_in(data)
+    except ImageError:
+        # It is refused, and counted, by whoever decodes it.
+        return 0
 
 
 def _not_called(_message: Any) -> None:

@@ -18,6 +18,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
+from mvuav_ros.messages.camera_info import decode_camera_info
 from mvuav_ros.messages.camera_info_encoding import encode_camera_info
 from mvuav_ros.messages.header import make_header
 from mvuav_ros.messages.serialized_image import serialize_image
@@ -57,11 +58,12 @@ class VideoSource(Node):
         self._calibration = (
             load_calibration(given.camera_info_url) if given.camera_info_url else None
         )
+        # Before the images, so that whoever sees those has seen these.
+        self._infos = self._publisher(CameraInfo, 'camera_info')
         self._images = self._publisher(Image, 'image_raw')
         # Resolved first, so that a remapping of image_raw moves the compressed topic along.
         compressed = self.resolve_topic_name('image_raw') + '/compressed'
         self._compressed = self._publisher(CompressedImage, compressed)
-        self._infos = self._publisher(CameraInfo, 'camera_info')
         self._status = SourceStatus(self._source.name)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._once_a_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -199,18 +201,22 @@ class VideoSource(Node):
         if given.stamp == 'now':
             stamp_ns = self.get_clock().now().nanoseconds
         header = make_header(stamp_ns, given.frame_id or frame.frame_id)
+        info = self._camera_info(frame, picture, header)
         for listener in self._listeners:
-            listener(Frame(stamp_ns, header.frame_id, picture))
+            listener(Frame(stamp_ns, header.frame_id, picture, decode_camera_info(info)))
+        # First, so that no image has to wait for it.
+        if is_heard(self._infos):
+            self._infos.publish(info)
         if is_heard(self._images):
             self._images.publish(serialize_image(picture, header))
-        if is_heard(self._infos):
-            if self._calibration is None and self._source.camera is not None:
-                self._infos.publish(encode_camera_info(self._source.camera, header))
-            else:
-                self._infos.publish(_camera_info(self._calibration, picture, header))
         if is_heard(self._compressed):
             self._compressed.publish(_jpeg(picture, header, given.jpeg_quality))
         self._status.published(picture)
+
+    def _camera_info(self, frame: Frame, picture: Picture, header: Header) -> CameraInfo:
+        if self._calibration is None and frame.camera is not None:
+            return encode_camera_info(frame.camera, header)
+        return _camera_info(self._calibration, picture, header)
 
     def _once_a_second(self) -> None:
         paused = not self._running.is_set()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import time
 from collections.abc import Callable
 from threading import Lock
@@ -12,7 +11,7 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
@@ -22,7 +21,7 @@ from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_im
 from mvuav_ros.messages.serialized_image import view_compressed_image, view_image
 from mvuav_ros.nodes.frame_handover import FrameHandover
 from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics, FrameTimes
-from mvuav_ros.nodes.image_input import Companion, ImageInput, Received
+from mvuav_ros.nodes.image_input import ImageInput, Received
 from mvuav_ros.nodes.input_watch import InputWatch, StampWatch, silence
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.subscribers import is_heard
@@ -96,14 +95,6 @@ class VisionNode(Node):
         )
 
     def _handover(self) -> FrameHandover:
-        if self._processor.uses_camera_info:
-            self.create_subscription(
-                CameraInfo,
-                self._camera_info_topic,
-                self._on_camera_info,
-                copy.copy(qos_profile_sensor_data),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
         return FrameHandover(self.resolve_topic_name('image_raw'), self._on_image)
 
     @property
@@ -118,18 +109,12 @@ class VisionNode(Node):
 
     def _subscription(self) -> ImageInput:
         images = self.resolve_topic_name('image_raw')
-        companions = []
-        if self._processor.uses_camera_info:
-            companions.append(Companion(CameraInfo, self._camera_info_topic, self._on_camera_info))
+        infos = self._camera_info_topic if self._processor.uses_camera_info else None
         if self._compressed:
             # Resolved first, so that a remapping of image_raw moves the compressed topic along.
             topic = f'{images}/compressed'
-            return ImageInput(self, CompressedImage, topic, self._on_image, companions)
-        return ImageInput(self, Image, 'image_raw', self._on_image, companions)
-
-    def _on_camera_info(self, message: CameraInfo) -> None:
-        with self._lock:
-            self._processor.set_camera(decode_camera_info(message))
+            return ImageInput(self, CompressedImage, topic, self._on_image, infos)
+        return ImageInput(self, Image, 'image_raw', self._on_image, infos)
 
     def _configure(self, parameters: ParameterSet) -> None:
         with self._lock:
@@ -161,7 +146,7 @@ class VisionNode(Node):
             self._frames.arrived()
             if not self._enabled:
                 return
-        frame = self._decode(received.data)
+        frame = self._decode(received.data, received.info)
         decoded = time.perf_counter()
         with self._lock:
             self._stamps.follow(frame.stamp_ns)
@@ -180,7 +165,7 @@ class VisionNode(Node):
         with self._lock:
             self._frames.answer(times)
 
-    def _decode(self, data: bytes | Frame) -> Frame:
+    def _decode(self, data: bytes | Frame, info: CameraInfo | None) -> Frame:
         if isinstance(data, Frame):
             return data
         if self._compressed:
@@ -191,7 +176,8 @@ class VisionNode(Node):
             image = view_image(data)
             picture = decode_image(image)
             stamp_ns, frame_id = image.stamp_ns, image.frame_id
-        return Frame(stamp_ns, frame_id, picture)
+        camera = None if info is None else decode_camera_info(info)
+        return Frame(stamp_ns, frame_id, picture, camera)
 
     def _publish(self, outputs: list[Output]) -> None:
         for topic, result in outputs:

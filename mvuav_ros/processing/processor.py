@@ -37,7 +37,7 @@ class Processor(ABC):
         topics: result topics below ``~/`` and their message classes.
         debug_topics: image topics below ``~/`` that are computed only when wanted.
         periodic_topics: topics below ``~/`` of `periodic`, and their message classes.
-        uses_camera_info: whether `set_camera` is to be called.
+        uses_camera_info: whether frames should come with their camera.
         triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
         resets: how often a stamp jumped back.
@@ -69,7 +69,7 @@ class Processor(ABC):
         """The frame's results, and the debug images named in ``debug``."""
 
     def set_camera(self, camera: CameraModel) -> None:  # noqa: B027 - most need none
-        """Take the newest calibration, from the next frame on; it may be an unusable one."""
+        """Take the calibration of the next frame on; it may be an unusable one."""
 
     def periodic(self, header: Header) -> list[Output]:
         """What a live node says once a second and a replay at its end."""
@@ -100,6 +100,8 @@ class Processor(ABC):
         if last is not None and frame.stamp_ns < last:
             self.reset()
             self.resets += 1
+        if frame.camera is not None and self.uses_camera_info:
+            self.set_camera(frame.camera)
         outputs = self._process(frame, make_header(frame.stamp_ns, frame.frame_id), debug)
         self._last_stamp_ns = frame.stamp_ns
         return outputs

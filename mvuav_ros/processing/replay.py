@@ -10,7 +10,6 @@ from mvuav_ros.messages.header import make_header
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor
 from mvuav_ros.processing.serialization import message_type, serialize
 from mvuav_ros.sources.frame import BadFrame, Frame
-from mvuav_ros.vision.camera_model import CameraModel
 from mvuav_ros.vision.picture import ImageError
 
 _MOST_REASONS = 100
@@ -42,7 +41,7 @@ Write = Callable[[str, str, int, bytes], None]
 
 
 def replay(
-    frames: Iterable[Frame | BadFrame | CameraModel],
+    frames: Iterable[Frame | BadFrame],
     processors: Sequence[Processor],
     write: Write,
     *,
@@ -51,7 +50,7 @@ def replay(
     """Process every frame and write every result under its fully qualified topic.
 
     Args:
-        frames: what a source yields; a camera is that of the frames after it.
+        frames: what a source yields.
         processors: the nodes, each with a name of its own.
         write: called with each result.
         debug: also make the debug images.
@@ -62,10 +61,6 @@ def replay(
     counts = ReplayCounts()
     last: Frame | None = None
     for frame in frames:
-        if isinstance(frame, CameraModel):
-            for processor in processors:
-                processor.set_camera(frame)
-            continue
         counts.frames += 1
         if isinstance(frame, BadFrame):
             counts.refuse(frame.reason)

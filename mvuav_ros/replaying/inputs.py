@@ -15,9 +15,8 @@ from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.frame import BadFrame, Frame, FrameSource
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.selection import Selection
-from mvuav_ros.vision.camera_model import CameraModel
 
-Item = Frame | BadFrame | CameraModel | RecordedMessage
+Item = Frame | BadFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
 
@@ -38,7 +37,7 @@ class Input(Protocol):
     def remarks(self) -> list[str]: ...  # noqa: D102
 
     def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
-        """Frames, with ``keep`` the messages to be copied, with ``camera`` calibrations."""
+        """Frames, with ``keep`` the messages to be copied, with ``camera`` their calibrations."""
         ...
 
     def close(self) -> None: ...  # noqa: D102
@@ -94,8 +93,6 @@ class _Pictures:
         return self._source.losses
 
     def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
-        if camera and self._source.camera is not None:
-            yield self._source.camera
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if keep and isinstance(frame, Frame):
                 yield _message(frame)

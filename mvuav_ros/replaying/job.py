@@ -27,7 +27,6 @@ from mvuav_ros.replaying.records import DESCRIPTION, RESULT, State, fingerprint,
 from mvuav_ros.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.sources.opening import looks_like_bag
 from mvuav_ros.sources.selection import EVERYTHING, Selection
-from mvuav_ros.vision.camera_model import CameraModel
 
 PROGRESS_INTERVAL = 0.1
 """Seconds between two reports."""
@@ -220,7 +219,7 @@ class _Copier:
             f'{topic} of the input is not copied: it is written anew' for topic in self._left_out
         ]
 
-    def frames(self, items: Iterable[Item]) -> Iterator[Frame | BadFrame | CameraModel]:
+    def frames(self, items: Iterable[Item]) -> Iterator[Frame | BadFrame]:
         for item in items:
             if not isinstance(item, RecordedMessage):
                 yield item

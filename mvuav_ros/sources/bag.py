@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from mvuav_ros.messages.camera_info import decode_camera_info
+from mvuav_ros.messages.header import stamp_ns_of
 from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recording.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recording.images import (
@@ -18,6 +20,7 @@ from mvuav_ros.recording.model import RecordedMessage
 from mvuav_ros.recording.reading import Recording, open_recording
 from mvuav_ros.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.sources.selection import EVERYTHING, Selection
+from mvuav_ros.sources.stamp_pairing import StampPairing
 from mvuav_ros.vision.camera_model import CameraModel
 from mvuav_ros.vision.picture import ImageError
 
@@ -31,12 +34,10 @@ class BagImages:
         topic: the image topic.
         topics: every topic that can be read.
         camera_topic: that of the CameraInfo beside the image topic, None if there is none.
-        camera: the first calibration there.
         count: number of the images read by the newest pass; an estimate until it ends.
     """
 
     live = False
-    camera: CameraModel | None = None
     rate: float | None = None
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
@@ -62,7 +63,6 @@ class BagImages:
         self.topic = chosen.name
         self.topics = tuple(topic.name for topic in self._recording.topics)
         self.camera_topic = _camera_topic(self._recording, chosen.name)
-        self.camera = self._first_camera()
         self._message_count = chosen.message_count
         self.count: int | None = chosen.message_count
         self.name = f'bag {path.name} {self.topic}'
@@ -84,19 +84,19 @@ class BagImages:
         Raises:
             SourceError: the bag cannot be read any more.
         """
-        for item in self.items():
-            if isinstance(item, Frame | BadFrame):
+        for item in self.items(camera=True):
+            if not isinstance(item, RecordedMessage):
                 yield item
 
     def items(
         self, selection: Selection = EVERYTHING, *, others: bool = False, camera: bool = False
-    ) -> Generator[Frame | BadFrame | CameraModel | RecordedMessage, None, None]:
+    ) -> Generator[Frame | BadFrame | RecordedMessage, None, None]:
         """Read a part of the bag in the order in which it was recorded.
 
         Args:
             selection: the part, by the times of recording.
-            others: also give every message as it is, an image's own just before its frame.
-            camera: also give the calibrations of `camera_topic`, the first one at once.
+            others: also give every message as it is, an image's own before its frame.
+            camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
 
         Raises:
             SourceError: the bag cannot be read any more.
@@ -109,13 +109,15 @@ class BagImages:
 
     def _items(
         self, selection: Selection, others: bool, camera: bool
-    ) -> Iterator[Frame | BadFrame | CameraModel | RecordedMessage]:
+    ) -> Iterator[Frame | BadFrame | RecordedMessage]:
         recording = self._recording
         wanted = {self.topic}
+        pairing = StampPairing[CameraModel, Frame]()
         if camera and self.camera_topic is not None:
             wanted.add(self.camera_topic)
-            if self.camera is not None:
-                yield self.camera
+            if selection.is_part:
+                _add_first_camera(recording, self.camera_topic, pairing)
+        wait = len(wanted) > 1
         origin_ns = 0
         if selection.is_part:
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
@@ -126,19 +128,19 @@ class BagImages:
             if others:
                 yield message
             if message.topic in wanted and message.topic == self.camera_topic:
-                yield from _camera(message)
+                _add_camera(message, pairing)
             if message.topic == self.topic and is_image_type(message.type):
                 if images % selection.every == 0:
-                    yield _frame(message)
+                    frame = _frame(message)
+                    if isinstance(frame, Frame):
+                        pairing.add_image(frame.stamp_ns, frame)
+                    else:
+                        yield frame
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
-
-    def _first_camera(self) -> CameraModel | None:
-        if self.camera_topic is None:
-            return None
-        messages = self._recording.messages({self.camera_topic})
-        return next((camera for message in messages for camera in _camera(message)), None)
+            yield from _paired(pairing, wait=wait)
+        yield from _paired(pairing, wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
         """The number of frames that a pass gives, from the rate so far."""
@@ -167,11 +169,29 @@ def _camera_topic(recording: Recording, image_topic: str) -> str | None:
     return None
 
 
-def _camera(message: RecordedMessage) -> Iterator[CameraModel]:
+def _add_camera(recorded: RecordedMessage, pairing: StampPairing[CameraModel, Frame]) -> bool:
+    """Whether the message could be read."""
     try:
-        yield decode_camera_info(decode_message(message.type, message.data))
+        message = decode_message(recorded.type, recorded.data)
     except MalformedMessageError:
-        return
+        return False
+    pairing.add_info(stamp_ns_of(message.header), decode_camera_info(message))
+    return True
+
+
+def _add_first_camera(
+    recording: Recording, topic: str, pairing: StampPairing[CameraModel, Frame]
+) -> None:
+    """The calibration of a part may have been published once, before the part begins."""
+    for message in recording.messages({topic}):
+        if _add_camera(message, pairing):
+            return
+
+
+def _paired(pairing: StampPairing[CameraModel, Frame], *, wait: bool) -> Iterator[Frame]:
+    while (pair := pairing.take(wait=wait)) is not None:
+        camera, frame = pair
+        yield frame if camera is None else replace(frame, camera=camera)
 
 
 def _frame(recorded: RecordedMessage) -> Frame | BadFrame:

@@ -16,11 +16,16 @@ class SourceError(Exception):
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture with its time (ns) and the name of its coordinate frame."""
+    """One picture with its time (ns) and the name of its coordinate frame.
+
+    Attributes:
+        camera: the calibration, usable or not, that holds for it; None where there is none.
+    """
 
     stamp_ns: int
     frame_id: str
     picture: Picture
+    camera: CameraModel | None = None
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,6 @@ class FrameSource(Protocol):
         rate: frames per second as far as it is known beforehand.
         count: number of frames as far as it is known beforehand.
         live: True for a camera, which cannot be read faster or slower than it comes.
-        camera: the source's calibration where it has one.
         losses: what could not be read, in words; grows while frames are read.
     """
 
@@ -47,7 +51,6 @@ class FrameSource(Protocol):
     rate: float | None
     count: int | None
     live: bool
-    camera: CameraModel | None
     losses: list[str]
 
     def frames(self) -> Iterator[Frame | BadFrame]:

@@ -11,7 +11,6 @@ import numpy as np
 from mvuav_ros.messages.image_decoding import decode_file_bytes
 from mvuav_ros.sources.frame import BadFrame, Frame
 from mvuav_ros.sources.video import DEFAULT_RATE
-from mvuav_ros.vision.camera_model import CameraModel
 from mvuav_ros.vision.picture import ImageError
 
 IMAGE_SUFFIXES = frozenset({'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm'})
@@ -21,7 +20,6 @@ class ImageFolder:
     """Image files in the order of the numbers in their names; file k has the stamp k / rate."""
 
     live = False
-    camera: CameraModel | None = None
 
     def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
         """Take the files that are images.

@@ -45,12 +45,12 @@ class SimulatedFlight:
         self.losses: list[str] = []
         self.rate: float | None = self._flight.rate
         self.count: int | None = len(self._flight)
-        self.camera: CameraModel | None = camera_model(self._flight.camera)
+        self._camera = camera_model(self._flight.camera)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
         for frame in self._flight:
-            yield Frame(frame.stamp_ns, FRAME_ID, frame.picture)
+            yield Frame(frame.stamp_ns, FRAME_ID, frame.picture, self._camera)
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 
 from mvuav_ros.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.vision.camera_model import CameraModel
 from mvuav_ros.vision.picture import Picture
 
 DEFAULT_RATE = 30.0
@@ -20,7 +19,6 @@ class VideoFile:
     """A video file; frame k carries the stamp k / frame rate."""
 
     live = False
-    camera: CameraModel | None = None
 
     def __init__(self, path: Path, rate: float | None = None) -> None:
         """Open the file.
@@ -79,7 +77,6 @@ class Camera:
     """A camera by index or device; frames carry the time at which they arrived."""
 
     live = True
-    camera: CameraModel | None = None
     count: int | None = None
 
     def __init__(self, device: int | str, rate: float | None = None) -> None:

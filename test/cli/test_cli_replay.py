@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,9 +24,11 @@ from recording_samples import (
     write_rosbag2,
 )
 
+from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recording.images import CAMERA_INFO, decode_message
 from mvuav_ros.recording.reading import open_recording
+from mvuav_ros.sources.frame import Frame
 
 NODE = ('--nodes', 'marker_tracker')
 SAMPLES = image_samples(30)
@@ -352,25 +355,35 @@ def test_what_cannot_be_read_or_written(
 
 def test_the_camera_comes_with_the_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tracker = PROCESSORS['marker_tracker']
-    seen: list[float] = []
-    monkeypatch.setattr(tracker, 'uses_camera_info', True)
-    monkeypatch.setattr(tracker, 'set_camera', lambda _, camera: seen.append(camera.k[0]))
+    seen: list[float | None] = []
     process = tracker.process
 
-    def noted(*arguments: object) -> object:
-        seen.append(-1.0)
-        return process(*arguments)
+    def noted(self: Processor, frame: Frame, *arguments: Any) -> object:
+        seen.append(frame.camera.k[0] if frame.camera else None)
+        return process(self, frame, *arguments)
 
     monkeypatch.setattr(tracker, 'process', noted)
     samples = [*SAMPLES[:2], _calibration(2, 500.0), SAMPLES[3], _calibration(4, 600.0)]
     samples += [SAMPLES[5], _calibration(6, 700.0)._replace(topic='/belly/camera_info')]
     bag = write_mcap(tmp_path / 'in.mcap', samples)
     assert mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *NODE).status == 0
-    # Also the images before the first camera_info have a camera.
-    assert seen == [500.0, -1.0, -1.0, 500.0, -1.0, 600.0, -1.0]
+    assert seen == [None, None, 500.0, 600.0]
+    seen.clear()
+    # An image waits for the calibration of its own stamp, as in a live node.
+    samples = [SAMPLES[0], _calibration(0, 500.0), SAMPLES[1], SAMPLES[2], _calibration(2, 600.0)]
+    bag = write_mcap(tmp_path / 'after.mcap', samples)
+    assert mvuav('replay', bag, '-o', tmp_path / 'after_out.mcap', *NODE).status == 0
+    assert seen == [500.0, 500.0, 600.0]
+    seen.clear()
+    # One that was published once holds for a part that begins later.
+    part = ('--start', '0.05')
+    samples = [_calibration(0, 500.0), *SAMPLES[:6]]
+    bag = write_mcap(tmp_path / 'once.mcap', samples)
+    assert mvuav('replay', bag, '-o', tmp_path / 'part.mcap', *NODE, *part).status == 0
+    assert 0 < len(seen) < 6 and set(seen) == {500.0}
     seen.clear()
     assert mvuav('replay', 'sim:tanker?frames=2', '-o', tmp_path / 'sim.mcap', *NODE).status == 0
-    assert seen[0] > 0 and seen[1:] == [-1.0, -1.0]
+    assert len(seen) == 2 and all(focal_length and focal_length > 0 for focal_length in seen)
 
 
 def _calibration(number: int, focal_length: float) -> Sample:

@@ -31,6 +31,9 @@ SMALL = Plan(
     spectrum_seconds=2.0,
     repeats=1,
     runway_frames=6,
+    identity_scenes=1,
+    identity_repeats=1,
+    pose_frames=60,
 )
 TABLES = {
     'table_5_2',
@@ -44,6 +47,8 @@ TABLES = {
     'table_5_7',
     'times_by_method',
     'runway_truth',
+    'names',
+    'pose',
 }
 FIGURES = {f'figure_5_{number}' for number in range(1, 16)} | {'figure_roll_vibration'}
 

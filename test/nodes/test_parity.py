@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PointStamped, Vector3Stamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
 from graph import ROOT, Graph, image_message
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
@@ -27,6 +28,7 @@ TANKER = Path(ROOT) / 'bags' / 'tanker.mcap'
 MARKER_TOPICS = {
     '/marker_tracker/markers': PointCloud2,
     '/marker_tracker/rpy': Vector3Stamped,
+    '/marker_tracker/pose': PoseWithCovarianceStamped,
     '/marker_tracker/marker/left_stabilizer': PointStamped,
 }
 RUNWAY_TOPICS = {
@@ -35,14 +37,15 @@ RUNWAY_TOPICS = {
     '/runway_detector/corrections': DiagnosticArray,
 }
 # Nothing may be dropped on the way, however fast the frames come.
-SENDING = {
-    'qos_overrides./image_raw.publisher.reliability': 'reliable',
-    'qos_overrides./image_raw.publisher.history': 'keep_all',
-}
-RECEIVING = {
-    'qos_overrides./image_raw.subscription.reliability': 'reliable',
-    'qos_overrides./image_raw.subscription.history': 'keep_all',
-}
+INPUTS = ('image_raw', 'camera_info')
+SENDING, RECEIVING = (
+    {
+        f'qos_overrides./{topic}.{end}.{policy}': value
+        for topic in INPUTS
+        for policy, value in (('reliability', 'reliable'), ('history', 'keep_all'))
+    }
+    for end in ('publisher', 'subscription')
+)
 
 
 @pytest.fixture(scope='module')
@@ -102,7 +105,9 @@ def test_marker_tracker(graph: Graph, tmp_path: Path, parameters: dict[str, Any]
     arguments = 'marker_tracker', MARKER_TOPICS, parameters
     expected = replayed(TANKER, tmp_path / 'out.mcap', *arguments)
     assert lived(graph, TANKER, *arguments) == expected
-    assert [len(messages) for messages in expected.values()][:2] == [180, 180]
+    assert [len(messages) for messages in expected.values()][:3] == [180, 180, 180]
+    rpy = [deserialize_message(m, Vector3Stamped) for m in expected['/marker_tracker/rpy']]
+    assert sum(not math.isnan(message.vector.y) for message in rpy) > 100
     assert len(expected['/marker_tracker/marker/left_stabilizer']) > 100
 
 

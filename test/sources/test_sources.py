@@ -128,7 +128,7 @@ def test_a_synthetic_flight_with_its_calibration(kind, encoding):
     assert set(np.diff([f.stamp_ns for f in frames])) == {100_000_000}
     assert frames[0].picture.encoding == encoding
     assert frames[0].picture.width == 320
-    source.camera.check(320, 240)
+    frames[0].camera.check(320, 240)
 
 
 def test_folders_ignore_other_files(tmp_path):

@@ -13,6 +13,7 @@ import cv2
 
 import mvuav_ros
 from mvuav_ros.evaluation.report.model import Cell, Claim, Report, Section
+from mvuav_ros.evaluation.thesis.beyond import beyond_section, identity_tasks, pose_tasks
 from mvuav_ros.evaluation.thesis.plan import THESIS_RUN, Plan, Workshop, detector, tracker
 from mvuav_ros.evaluation.thesis.roll_cells import ROLLS_DEG
 from mvuav_ros.evaluation.thesis.runway import runway_section, runway_tasks
@@ -29,15 +30,18 @@ CHAPTERS: dict[str, Chapter] = {
     'tracking': tracking_section,
     'vibration': vibration_section,
     'runway': runway_section,
+    'beyond': beyond_section,
 }
-"""In order of the thesis; the times come first, while nothing else runs."""
+"""In order of the thesis, then what goes beyond it; the times come first, while nothing else
+runs."""
 
 
 def steps_of(plan: Plan) -> int:
     """How often a workshop's ``advance`` is called."""
     cells = len(ROLLS_DEG) * len(VIBRATIONS) * plan.repeats
     flights = len(tracking_tasks(plan)) + len(spectrum_tasks(plan)) + len(runway_tasks(plan))
-    return 2 + flights + cells
+    beyond = len(identity_tasks(plan)) + len(pose_tasks(plan))
+    return 2 + flights + cells + beyond
 
 
 def build_report(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from mvuav_ros.evaluation.identity_runs import SCENES
 from mvuav_ros.evaluation.marker_runs import supported
 from mvuav_ros.evaluation.processes import all_of
 from mvuav_ros.parameters.declaration import Value
@@ -40,6 +41,9 @@ class Plan:
         spectrum_seconds: length of the flights whose vibration is analysed.
         repeats: flights per cell of Table 5.5.
         runway_frames: frames of each runway scene.
+        identity_scenes: how many of the scenes in which names can be lost.
+        identity_repeats: flights of each of those.
+        pose_frames: frames of each docking approach.
     """
 
     seed: int = 2006
@@ -50,6 +54,9 @@ class Plan:
     spectrum_seconds: float = 60.0
     repeats: int = 10
     runway_frames: int = 240
+    identity_scenes: int = len(SCENES)
+    identity_repeats: int = 1
+    pose_frames: int = 1000
 
     @classmethod
     def quick(cls, seed: int, jobs: int) -> Plan:
@@ -63,6 +70,9 @@ class Plan:
             spectrum_seconds=12.0,
             repeats=3,
             runway_frames=45,
+            identity_scenes=2,
+            identity_repeats=1,
+            pose_frames=200,
         )
 
 

@@ -38,6 +38,9 @@ SAME_SPOT = 3.0
 """Two markers closer than this (px) are one light."""
 CHECKED_EVERY = 30
 """Frames after which even markers that look well are held against the layout."""
+RETURNING = 2
+"""Frames after its return in which a marker is named by the geometry: its motion, by which its
+window is placed, is not known yet."""
 SURE_PLACE = 2.0
 """px (1 sigma): a place known this well stands in for a measurement."""
 GIVEN_UP = 10.0
@@ -78,6 +81,7 @@ class IdentityTracker:
         self._looks: list[Look] = []
         self._last_seen = [-math.inf] * self._count
         self._unseen = [0] * self._count
+        self._returning = [0] * self._count
         self._all_seen_at = -math.inf
         self._all_places: Sequence[float | None] = ()
 
@@ -126,11 +130,11 @@ class IdentityTracker:
         for index, look in enumerate(self._looks):
             spot = None
             window = NO_WINDOW
-            if not self._unseen[index]:
+            if not (self._unseen[index] or self._returning[index]):
                 radius = max(parameters.search_radius, math.ceil(look.radius + EDGE))
                 window = _window(predicted[2 * index], predicted[2 * index + 1], radius, size)
-                # The background changes slowly: every other frame is enough to look at it.
-                pull = look.pull if (index + self._since_check) % 2 else None
+                # The background changes slowly: every third frame is enough to look at it.
+                pull = look.pull if (index + self._since_check) % 3 else None
                 spot = meter.measure(cut, window, size, pull)
                 if pull is None:
                     look.pull = meter.pull
@@ -228,7 +232,8 @@ class IdentityTracker:
         for a, b in combinations(list(found), 2):
             if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
                 del found[a], found[b]
-        search = Search(sighting, time, self._looks, self._filter, predicted, self._unseen, found)
+        unseen = [max(pair) for pair in zip(self._unseen, self._returning, strict=True)]
+        search = Search(sighting, time, self._looks, self._filter, predicted, unseen, found)
         status = ''
         try:
             lights = Lights(Blobs(picture.gray(), parameters), cutter(picture), meter)
@@ -272,8 +277,10 @@ class IdentityTracker:
                 positions += (spot.x, spot.y)
                 self._looks[index].learn(spot)
                 self._last_seen[index] = time
+                self._returning[index] = max(self._returning[index] - 1, 0)
                 if self._unseen[index]:
                     self._unseen[index] = 0
+                    self._returning[index] = RETURNING
                     if self._filter.unseen(index) > FORGOTTEN:
                         self._filter.forget(index)
                 continue

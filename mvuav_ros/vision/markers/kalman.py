@@ -17,10 +17,11 @@ MANEUVER = 1.0
 measurement's deviation. The level of both follows from the innovations."""
 ECHOES = 6
 """Past innovations from which the next one is foretold: two for each harmonic of a vibration."""
-MEMORY = 0.98
+MEMORY = 0.99
 """Per frame, of what is learnt about the echoes."""
 _RIDGE = 10.0
-_SOLVE_EVERY = 3
+_SOLVE_EVERY = 4
+_YOUNG = 100
 _LEVEL_MEMORY = 0.9
 FIRST_DEVIATION = 3.0
 """px, assumed of a prediction before anything is known of the motion."""
@@ -219,10 +220,12 @@ class LightFilter:
         else:
             measured: Array = np.array(positions)
             innovation = measured - self._state[0]
-            if self._frames % 2:
-                # Every other frame is enough, and saves time.
+            # Once much has been learnt, every other frame is enough for each, and saves time.
+            odd = self._frames % 2
+            if odd:
                 self._judge((innovation - self._correction).tolist())
-            self._learn(self._echo, innovation, self._foretold)
+            if not odd or self._frames < _YOUNG:
+                self._learn(self._echo, innovation, self._foretold)
             if self._irregular:
                 self._compare(measured)
             self._track = [*self._track[-1:], (self.time, measured)]

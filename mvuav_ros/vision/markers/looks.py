@@ -9,7 +9,7 @@ from mvuav_ros.vision.markers.centroid import Spot
 USUAL_AREA = (0.6, 1.6)
 USUAL_SPREAD = 1.06
 """Area and spread over the light's usual ones within which nothing has happened to it."""
-LIKELY_AREA = (0.3, 2.5)
+LIKELY_AREA = (0.3, 3.2)
 LIKELY_SPREAD = 1.3
 """The same for a spot that may be the marker after all."""
 JOINED_AREA, JOINED_SPREAD = 1.25, 1.1

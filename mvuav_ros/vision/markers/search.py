@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
+import numpy as np
+
 from mvuav_ros.vision.markers.centroid import Spot
+from mvuav_ros.vision.markers.joining import offset_in
 from mvuav_ros.vision.markers.kalman import LightFilter
 from mvuav_ros.vision.markers.looks import Look
 from mvuav_ros.vision.markers.naming import (
@@ -52,7 +55,7 @@ class Search:
             looks: of every marker.
             motion: of every marker.
             predicted: by their motion, x and y of every marker in turn, px.
-            unseen: frames since each marker was seen.
+            unseen: frames since each marker was seen; 0 where its motion is known.
             found: the markers known already; is added to.
         """
         self.found = found
@@ -79,7 +82,7 @@ class Search:
             if not any(are_close(spot, known, known.radius) for known in self.found.values())
         ]
         self._name_clear(free, strangers)
-        self._name_joined(free, strangers, lights)
+        self._name_joined(free, lights)
         if not self.found:
             new = [spot for spot in free if not strangers.include(spot)]
             self.found.update(name_lost(self._sighting, self._prior, new, self._is_likely))
@@ -146,7 +149,7 @@ class Search:
             free[:] = [spot for spot in free if spot not in taken]
             self._look()
 
-    def _name_joined(self, free: list[Spot], strangers: Strangers, lights: Lights) -> None:
+    def _name_joined(self, free: list[Spot], lights: Lights) -> None:
         """Name two markers whose lights have run together."""
         if len(self.missing) < 2 or not free:
             return
@@ -154,27 +157,46 @@ class Search:
         for a, b in combinations(expected, 2):
             if a in self.found or b in self.found:
                 continue
-            dx, dy = expected[b].x - expected[a].x, expected[b].y - expected[a].y
-            first, second = expected[a].deviation, expected[b].deviation
-            if max(first, second) > KNOWN_PLACE or 2 * math.hypot(first, second) > math.hypot(
-                dx, dy
-            ):
+            if max(expected[a].deviation, expected[b].deviation) > KNOWN_PLACE:
                 continue
-            middle = Spot(expected[a].x + 0.5 * dx, expected[a].y + 0.5 * dy, 0, 0.0)
             areas = self._looks[a].area, self._looks[b].area
             both = sum(areas)
             joined = [
-                spot
+                (spot, offset)
                 for spot in free
-                if are_close(spot, middle, 1.0 + first + second)
-                and 1.2 * max(areas) < spot.area < 1.3 * both
-                and not strangers.include(spot)
+                if 1.2 * max(areas) < spot.area < 1.3 * both
+                and (offset := self._offset_in(spot, areas, a, b, expected)) is not None
             ]
             if len(joined) == 1:
-                free.remove(joined[0])
+                spot, offset = joined[0]
+                free.remove(spot)
                 variance = 0.125 * both / math.pi
-                self.found[a], self.found[b] = lights.split(joined[0], dx, dy, variance)
+                self.found[a], self.found[b] = lights.split(spot, *offset, variance)
                 self._look()
+
+    def _offset_in(
+        self,
+        spot: Spot,
+        areas: tuple[float, float],
+        a: int,
+        b: int,
+        expected: Mapping[int, Expectation],
+    ) -> tuple[float, float] | None:
+        """From one marker to the other in a spot that may be both, px."""
+        pair = expected[a], expected[b]
+        variances = np.array([place.deviation**2 for place in pair])
+        places = np.array([(place.x, place.y) for place in pair])
+        offset = offset_in(spot, areas, places, np.diag(np.repeat(variances, 2)))
+        shape = self._sighting.shape
+        by_view = self._view.deviations(shape)[[a, b]]
+        if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
+            # Not as they moved, or their motions do not tell the sides; the others' places may.
+            jacobian = self._view.jacobian(shape)[[a, b]].reshape(4, 7)
+            spread = jacobian @ self._view.covariance @ jacobian.T
+            offset = offset_in(spot, areas, self._view.places(shape)[[a, b]], spread)
+        if offset is None or math.hypot(*offset) > _touching(*areas):
+            return None
+        return float(offset[0]), float(offset[1])
 
     def _is_likely(self, index: int, spot: Spot) -> bool:
         return self._looks[index].is_likely(spot)
@@ -189,6 +211,11 @@ class Search:
             for other, place in gates.items()
             if other != index
         )
+
+
+def _touching(first: float, second: float) -> float:
+    """The distance of two centres, px, up to which lights of such areas (px) may run together."""
+    return math.sqrt(first / math.pi) + math.sqrt(second / math.pi) + 3.0
 
 
 def are_close(a: Spot, b: Spot, distance: float) -> bool:
