@@ -25,6 +25,8 @@ CHANNELS = 2
 _BRIGHTEST = 97.0
 """Percentile of brightness from which on pixels are taken to be white: clouds, haze, paint."""
 _MOST_CAST = 1.3
+_USUAL_CAST = 1.12
+"""Blue sky may be the brightest: only what is beyond this is the picture's tint."""
 _EACH = 4
 
 
@@ -80,7 +82,7 @@ def shrink(image: Image) -> WorkingPicture:
 
 
 def white_of(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:
-    """Factors of blue, green and red that make the brightest pixels colourless.
+    """Factors of blue, green and red that take the tint from the brightest pixels.
 
     Args:
         pixels: (height, width, 3), blue first.
@@ -89,6 +91,7 @@ def white_of(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:
     brightness = some @ _OPPONENT[0]
     brightest = some[brightness >= np.percentile(brightness, _BRIGHTEST)].mean(axis=0)
     factors = np.clip(brightest.mean() / np.maximum(brightest, 1.0), 1 / _MOST_CAST, _MOST_CAST)
+    factors /= np.clip(factors, 1 / _USUAL_CAST, _USUAL_CAST)
     blue, green, red = (float(factor) for factor in factors)
     return blue, green, red
 

