@@ -31,7 +31,7 @@ def corners(
         Path | None, typer.Option('--json', help='Write the figures of every frame there.')
     ] = None,
     pictures: Annotated[
-        Path | None, typer.Option(help='Folder for overlays of the best, median, worst frames.')
+        Path | None, typer.Option(help='Folder for overlays: best, median, worst, each failure.')
     ] = None,
     minimum: Annotated[
         float,
@@ -78,6 +78,8 @@ def corners(
     if errors:
         median, high = np.percentile(errors, [50, 90])
         typer.echo(f'error / tolerance: median {median:.2f}, 90th percentile {high:.2f}')
+    for name, count in sorted(score.failures.items()):
+        typer.echo(f'failures {name} {count}')
     if as_json is not None:
         as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
     if not score.both >= minimum:

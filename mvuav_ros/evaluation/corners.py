@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,6 +79,17 @@ class FrameScore:
         """The worse edge's, in tolerances."""
         return max(self.left, self.right) / self.tolerance
 
+    @property
+    def failure(self) -> str:
+        """Empty, or its class: ``missing``, ``left_off``, ``right_off`` or ``both_off``."""
+        if self.found:
+            return ''
+        if not math.isfinite(self.error):
+            return 'missing'
+        if self.left > self.tolerance:
+            return 'both_off' if self.right > self.tolerance else 'left_off'
+        return 'right_off'
+
 
 @dataclass(frozen=True)
 class CornersScore:
@@ -114,6 +126,11 @@ class CornersScore:
         """Share of frames with a line reported for both edges."""
         return _share(math.isfinite(frame.error) for frame in self.counted)
 
+    @property
+    def failures(self) -> dict[str, int]:
+        """How many of the counted frames are of which class of failure."""
+        return dict(Counter(frame.failure for frame in self.counted if frame.failure))
+
     def figures(self) -> dict[str, object]:
         """For a JSON file; null where no line was reported."""
         return {
@@ -121,6 +138,7 @@ class CornersScore:
             'left_found': self.left,
             'right_found': self.right,
             'reported': self.reported,
+            'failures': self.failures,
             'warm_up': WARM_UP,
             'frames': [
                 {

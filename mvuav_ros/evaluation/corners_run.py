@@ -63,13 +63,17 @@ def write_pictures(
     """Draw overlays, with the labels in white, of the best, the median and the worst frame.
 
     Returns:
-        The files ``best.png``, ``median.png`` and ``worst.png``.
+        The files ``best.png``, ``median.png``, ``worst.png`` and, of each class of failure that
+        there is, its worst frame as ``failure_CLASS.png``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     ranked = sorted(range(WARM_UP, len(frames)), key=lambda index: score.frames[index].error)
     if not ranked:
         return []
     wanted = {'best': ranked[0], 'median': ranked[len(ranked) // 2], 'worst': ranked[-1]}
+    for index in ranked:
+        if failure := score.frames[index].failure:
+            wanted[f'failure_{failure}'] = index
     written = []
     for index, (frame, result) in enumerate(_results(labels, frames, parameters)):
         for name, at in wanted.items():

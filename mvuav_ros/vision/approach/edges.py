@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.features import features_of
+from mvuav_ros.vision.approach.features import PLAIN, Colours, features_of
 from mvuav_ros.vision.approach.level import Level
 from mvuav_ros.vision.approach.targets import Look
 
@@ -47,6 +47,7 @@ def find_edges(
     span: tuple[float, float],
     contrast: NDArray[np.float64],
     look: Look,
+    colours: Colours = PLAIN,
 ) -> tuple[EdgePoints, EdgePoints]:
     """Measure the left and the right edge.
 
@@ -57,6 +58,7 @@ def find_edges(
         span: first row and row after the last one, px below the vanishing point.
         contrast: (channels,) inside minus outside.
         look: of the target.
+        colours: with which ``contrast`` was measured.
     """
     x, y, *slopes = (float(v) for v in shape)
     far, near = span
@@ -78,7 +80,7 @@ def find_edges(
     )
     pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     direction, size = _direction(contrast, look)
-    features = features_of(pixels)
+    features = features_of(pixels, colours)
     profile = direction[0] * features[0] + direction[1] * features[1]
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = int(np.clip((slopes[1] - slopes[0]) * near / _WIDTHS_PER_STEP, 2, 4) / _SAMPLE)

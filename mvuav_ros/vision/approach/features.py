@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -19,6 +20,30 @@ Table = NDArray[np.float32]
 # Rows: brightness (eq. 3.3), blue against yellow, red against green; from blue, green, red.
 _OPPONENT = np.array([(0.114, 0.587, 0.299), (1.0, -0.5, -0.5), (0.0, -1.0, 1.0)], np.float32)
 CHANNELS = 2
+
+
+_BRIGHTEST = 97.0
+"""Percentile of brightness from which on pixels are taken to be white: clouds, haze, paint."""
+_MOST_CAST = 1.3
+_USUAL_CAST = 1.12
+"""Blue sky may be the brightest: only what is beyond this is the picture's tint."""
+_EACH = 4
+
+
+@dataclass(frozen=True)
+class Colours:
+    """How colours are taken before they are compared.
+
+    Attributes:
+        white: factors of blue, green and red that make white things white.
+        gain: factor of the colourfulness.
+    """
+
+    white: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    gain: float = 1.0
+
+
+PLAIN = Colours()
 
 
 class WorkingPicture(NamedTuple):
@@ -56,7 +81,22 @@ def shrink(image: Image) -> WorkingPicture:
     return WorkingPicture(np.ascontiguousarray(image, np.uint8), factor)
 
 
-def features_of(pixels: NDArray[Any]) -> Features:
+def white_of(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:
+    """Factors of blue, green and red that take the tint from the brightest pixels.
+
+    Args:
+        pixels: (height, width, 3), blue first.
+    """
+    some = pixels[::_EACH, ::_EACH].reshape(-1, 3).astype(np.float32)
+    brightness = some @ _OPPONENT[0]
+    brightest = some[brightness >= np.percentile(brightness, _BRIGHTEST)].mean(axis=0)
+    factors = np.clip(brightest.mean() / np.maximum(brightest, 1.0), 1 / _MOST_CAST, _MOST_CAST)
+    factors /= np.clip(factors, 1 / _USUAL_CAST, _USUAL_CAST)
+    blue, green, red = (float(factor) for factor in factors)
+    return blue, green, red
+
+
+def features_of(pixels: NDArray[Any], colours: Colours = PLAIN) -> Features:
     """Brightness and colourfulness.
 
     Pavement is greyer than what grows beside it, whether it is darker or brighter; and what is as
@@ -65,6 +105,7 @@ def features_of(pixels: NDArray[Any]) -> Features:
     Args:
         pixels: (rows, columns) or (rows, columns, 3), blue first; uint8, or uint16, which is
             scaled to the same grey levels.
+        colours: of the picture.
 
     Returns:
         (2, rows, columns), grey levels.
@@ -74,7 +115,9 @@ def features_of(pixels: NDArray[Any]) -> Features:
         levels /= 256
     if pixels.ndim == 2:
         return np.stack([levels, np.zeros_like(levels)])
-    opponent = cv2.transform(levels, _OPPONENT)
+    matrix = _OPPONENT.copy()
+    matrix[1:] *= np.multiply(colours.white, colours.gain, dtype=np.float32)
+    opponent = cv2.transform(levels, matrix)
     brightness, blue_yellow, red_green = cv2.split(opponent)
     # cv2.magnitude rounds as the arrays happen to lie in memory; results must repeat.
     blue_yellow *= blue_yellow

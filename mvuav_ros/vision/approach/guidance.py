@@ -20,13 +20,14 @@ Matrix = NDArray[np.float64]
 
 _OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
 
-# Px of the frame: what is wrong with all points of an edge alike, at either end of it; and px of
-# the working picture: of the near end's row.
-_EDGE_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.35, 0.05, 1.0
+# Px of the frame: what is wrong with all points of an edge alike, at either end of it: by itself,
+# and on both edges inwards or outwards alike (side stripes, defocus); and px of the working
+# picture: of the near end's row.
+_EDGE_BIAS, _WIDTH_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.12, 0.25, 0.05, 1.0
 # m: markings and overruns blur where the pavement begins.
 _BEGINNING_SIGMA = 10.0
 _CORRELATED_ROWS = 3.0
-_SLOPE_SIGMA = math.radians(0.12)
+_SLOPE_SIGMA = math.radians(0.06)
 _STEP = 1e-4
 
 
@@ -100,6 +101,8 @@ def locate(
     )
     noise = np.zeros((6, 6))
     noise[:2, :2], noise[2:4, 2:4] = left.covariance, right.covariance
+    inwards = np.kron([1.0, -1.0], np.eye(2))
+    noise[:4, :4] += (_WIDTH_BIAS / level.factor) ** 2 * (inwards.T @ inwards)
     noise[4, 4] = _SLOPE_SIGMA**2
     noise[5, 5] = 0.0 if near_row is None else _NEAR_SIGMA**2
 

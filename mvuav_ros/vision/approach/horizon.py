@@ -15,10 +15,13 @@ _MAX_ROLL_DEG = 66.0
 _HALF = 3
 _CAP = 24.0
 _FAINTEST = 3.0
-_MOST_UNREST = 0.5
-_SKY_ROWS = 12
+_MOST_UNREST = 0.4
+_SKY_ROWS, _LEAST_SKY = 12, 3
 _COLUMN_STEP, _REACH, _FEWEST_COLUMNS = 4, 5, 12
 _MOST_AGREE = 0.55
+_UNREST_COST, _UNREST_CAP, _ROW_COST = 1.0, 6.0, 0.03
+"""Grey levels of step per grey level of unrest: far land in haze has a smoother sky above it than
+the fields before it, at whose border the step may be as large."""
 
 
 class Horizon(NamedTuple):
@@ -28,7 +31,8 @@ class Horizon(NamedTuple):
         row: where it crosses the picture's middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
         strength: mean step across it, grey levels of blue; 0 where nothing was found.
-        unrest: how much neighbouring columns differ right above it, grey levels of blue.
+        unrest: how much neighbouring columns differ right above it, grey levels of blue;
+            infinite where too little of that is in the picture.
     """
 
     row: float
@@ -74,6 +78,9 @@ class HorizonFinder:
         )
         steps = self._steps(blue)
         padded = np.zeros((_HEIGHT + 2 * self._pad, _WIDTH), np.float32)
+        # Of steps alike, the upper one: sky is above all land.
+        lower = (_ROW_COST * np.arange(_HEIGHT, dtype=np.float32))[:, None]
+        steps -= lower + _UNREST_COST * _unrest_above(blue)
         padded[self._pad : self._pad + _HEIGHT] = steps
         sums = padded.take(self._index).mean(axis=2)
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
@@ -96,7 +103,8 @@ class HorizonFinder:
         above = (rows < horizon - _HALF) & (rows > horizon - _HALF - _SKY_ROWS)
         above = above[:, 1:]
         change = cv2.absdiff(blue[:, 1:], blue[:, :-1])
-        return float(change[above].mean()) if above.any() else 0.0
+        # Of what nothing can be seen, nobody knows that it is sky.
+        return float(change[above].mean()) if above.sum() > _LEAST_SKY * _WIDTH else math.inf
 
     def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
         """How much brighter it is above each place than below, capped."""
@@ -109,6 +117,20 @@ class HorizonFinder:
         np.clip(between, 0, _CAP, out=between)
         steps[_HALF : _HEIGHT - _HALF] = 0.5 * (between[:-1] + between[1:])
         return steps
+
+
+def _unrest_above(blue: NDArray[Any]) -> NDArray[np.float32]:
+    """How much neighbouring columns differ in the rows above each place, capped."""
+    change = np.zeros((_HEIGHT + 1, _WIDTH), np.float32)
+    difference = cv2.absdiff(blue[:, 1:], blue[:, :-1])
+    np.cumsum(np.minimum(difference, _UNREST_CAP), axis=0, out=change[1:, 1:])
+    rows = np.arange(_HEIGHT)
+    last = np.maximum(rows - _HALF, 0)
+    first = np.maximum(last - _SKY_ROWS, 0)
+    above: NDArray[np.float32] = change[last] - change[first]
+    above /= np.maximum(last - first, 1)[:, None]
+    above[last - first < _LEAST_SKY] = _UNREST_CAP
+    return above
 
 
 def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:

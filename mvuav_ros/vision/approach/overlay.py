@@ -80,10 +80,12 @@ def _draw_cross(picture: Picture, point: Point, scale: float) -> None:
     x, y = point
     if not (abs(x) < 1e5 and abs(y) < 1e5):
         return
-    reach = 7 * scale
+    # Open in the middle, so that a runway far away is not hidden.
+    gap, reach = 3 * scale, 8 * scale
     for ink, width in ((BLACK, 3), (WHITE, 1)):
-        _line(picture, (x - reach, y), (x + reach, y), ink, width)
-        _line(picture, (x, y - reach), (x, y + reach), ink, width)
+        for dx, dy in ((-1, 0), (1, 0), (0, -1)):
+            first = (x + gap * dx, y + gap * dy)
+            _line(picture, first, (x + reach * dx, y + reach * dy), ink, width)
 
 
 def _words(result: ApproachResult) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.edges import EdgePoints, find_edges
-from mvuav_ros.vision.approach.features import Table
+from mvuav_ros.vision.approach.features import Colours, Table
 from mvuav_ros.vision.approach.level import Level, turn_edge
 from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.strip import score_strips
@@ -33,6 +33,8 @@ _LEAST_AGE = 8
 _FADES = 0.8
 _WIDTH_SPREAD = 0.6
 """Natural logarithm."""
+_WIDEST_PER_ROW = 0.07
+"""Usual width over height, per px of the near end below the horizon, at most."""
 
 
 class Track:
@@ -106,6 +108,7 @@ class Track:
         horizon_sigma: float,
         target: Target,
         look: Look,
+        colours: Colours,
     ) -> None:
         """Follow it into the next frame."""
         self.age += 1
@@ -116,7 +119,7 @@ class Track:
             self.misses = _MOST_MISSES + 1
             return
         span = self.far, self.near
-        left, right = find_edges(image, level, array, span, self.contrast, target.look)
+        left, right = find_edges(image, level, array, span, self.contrast, target.look, colours)
         # A taxiway may join on one side.
         support = 0.5 * (left.support + right.support)
         if look.painted:
@@ -134,7 +137,7 @@ class Track:
         credible = self._credibility(array[1], horizon_row, table.shape[1], target)
         self.score = float(scores.score[0]) * sharp * credible
         self.quality += max(_MEMORY, 1.0 / self.age) * (self.score - self.quality)
-        self.merit = self.quality * _likelihood(float(array[2]), float(array[3]), target)
+        self.merit = self.quality * _likelihood(float(array[2]), float(array[3]), self.near, target)
         seen = self.score > 0.5 * target.keep_score and sharp > _LEAST_SHARP
         self.points = (left, right) if seen else None
         self.misses = 0 if seen else self.misses + 1
@@ -202,10 +205,17 @@ class Track:
         return credibility * min(max((reached - _HIGH) / (_LOW - _HIGH), 0.0), 1.0)
 
 
-def _likelihood(left: float, right: float, target: Target) -> float:
-    """1 for the usual offsets and widths, less beyond."""
+def _likelihood(left: float, right: float, near: float, target: Target) -> float:
+    """1 for the usual offsets and widths, less beyond.
+
+    What is as wide as the camera is high and yet ends close below the horizon is a bush or a roof:
+    a runway is that wide from nearby alone, where its near end lies far below.
+    """
     width = max(right - left, 1e-6)
     aside = max(0.0, abs(left + right) / 2 / width - target.usual_offset) / target.offset_spread
     narrow, usual = target.usual_widths
     wide = max(0.0, math.log(width / usual), math.log(narrow / width)) / _WIDTH_SPREAD
-    return math.exp(-0.5 * (aside**2 + wide**2))
+    shallow = 0.0
+    if target.has_ends:
+        shallow = max(0.0, math.log(width / (_WIDEST_PER_ROW * near))) / _WIDTH_SPREAD
+    return math.exp(-0.5 * (aside**2 + wide**2 + shallow**2))

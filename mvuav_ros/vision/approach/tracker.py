@@ -10,7 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.features import Features, Table, features_of, row_sums
+from mvuav_ros.vision.approach.features import (
+    PLAIN,
+    Colours,
+    Features,
+    Table,
+    features_of,
+    row_sums,
+    white_of,
+)
 from mvuav_ros.vision.approach.level import Level
 from mvuav_ros.vision.approach.paint import find_lanes
 from mvuav_ros.vision.approach.search import Search
@@ -31,6 +39,9 @@ _GREY, _COLOURFUL = 8.0, 20.0
 _TEXTURE = 15
 """Px over which land is compared with itself."""
 _FLOOR_PER_TEXTURE, _LEAST_FLOOR = 2.1, 3.0
+_COLOUR_PER_BRIGHTNESS, _MOST_COLOUR_GAIN, _COLOUR_MEMORY = 0.36, 3.0, 0.1
+"""Texture of colourfulness over that of brightness in fine weather; weaker colours are amplified
+to that, but not until they are noise."""
 _LEAST_LAND = 8
 _ABOVE_HORIZON = 24
 _TRIAL, _HOPELESS = 12, 0.5
@@ -43,6 +54,7 @@ class Tracker:
     def __init__(self, target: Target, height: int, width: int) -> None:
         self.target = target
         self._look = target.look
+        self._colours = PLAIN
         self._search = Search(target, height, width)
         self.tracks: list[Track] = []
         self.best: Track | None = None
@@ -74,7 +86,8 @@ class Tracker:
         if horizon_row is not None:
             # Nothing is looked for in the sky.
             first_row = min(max(0, int(horizon_row) - _ABOVE_HORIZON), level.height - _LEAST_LAND)
-        features = features_of(level.turned(pixels, first_row))
+        colours = self._colours_of(pixels)
+        features = features_of(level.turned(pixels, first_row), colours)
         self._table = table = row_sums(features, first_row, self._table)
         if horizon_row is not None:
             self._adapt(features[:, max(0, int(horizon_row) - first_row) :])
@@ -89,7 +102,9 @@ class Tracker:
                 track.turn(old, level)
             if abs(lift) > _LEAST_LIFT:
                 track.shape.reference += lift
-            track.step(image, level, table, horizon_row, HORIZON_SIGMA, self.target, self._look)
+            track.step(
+                image, level, table, horizon_row, HORIZON_SIGMA, self.target, self._look, colours
+            )
             track.weigh(self.target, steady)
         self._level = level
         self._frame += 1
@@ -113,13 +128,27 @@ class Tracker:
         if look.painted or not land.size:
             return
         land = land[:, ::2]
+        texture = [float(cv2.absdiff(x, cv2.blur(x, (_TEXTURE, 1))).mean()) for x in land]
         # Where land is colourful, brightness alone makes no strip of pavement.
         share = min(max((float(land[1].mean()) - _GREY) / (_COLOURFUL - _GREY), 0.0), 1.0)
         brightness = look.brightness * (1.0 - 0.5 * share)
-        texture = [float(cv2.absdiff(x, cv2.blur(x, (_TEXTURE, 1))).mean()) for x in land]
         floor = _FLOOR_PER_TEXTURE * math.hypot(brightness * texture[0], texture[1])
         floor = min(max(floor, _LEAST_FLOOR), look.floor)
         self._look = replace(look, brightness=brightness, floor=floor)
+        # Haze and weak colours fade land and runway alike, and so the land's texture too.
+        weak = _COLOUR_PER_BRIGHTNESS * texture[0] / max(texture[1] / self._colours.gain, 1e-3)
+        gain = min(max(weak, 1.0), _MOST_COLOUR_GAIN)
+        self._colours = replace(self._colours, gain=self._blend(self._colours.gain, gain))
+
+    def _colours_of(self, pixels: NDArray[np.uint8]) -> Colours:
+        if not self._look.painted:
+            blue, green, red = map(self._blend, self._colours.white, white_of(pixels))
+            self._colours = replace(self._colours, white=(blue, green, red))
+        return self._colours
+
+    def _blend(self, old: float, new: float) -> float:
+        """What colours are like does not change fast; the first picture counts alone."""
+        return new if self._frame == 0 else old + _COLOUR_MEMORY * (new - old)
 
     def _merge(self) -> None:
         """Of tracks that have become the same one keep the believed one, or the better."""

@@ -74,6 +74,22 @@ def test_frames_before_the_25th_do_not_count():
 
 
 @pytest.mark.parametrize(
+    ('left', 'right', 'failure'),
+    [
+        (3.0, 1.0, ''),
+        (3.1, 1.0, 'left_off'),
+        (1.0, 3.1, 'right_off'),
+        (9.0, 9.0, 'both_off'),
+        (9.0, math.inf, 'missing'),
+    ],
+)
+def test_every_failure_has_a_class(left, right, failure):
+    frame = FrameScore('x', left, right, 3.0)
+    assert frame.failure == failure
+    assert CornersScore((frame,) * 26).failures == ({failure: 2} if failure else {})
+
+
+@pytest.mark.parametrize(
     ('text', 'reason'),
     [
         ('file,near_left_x\na.jpg,1\n', 'no column near_left_y'),
@@ -110,7 +126,9 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     printed = capsys.readouterr().out
     assert 'frames counted 6' in printed
     assert 'both edges found 0.0 %' in printed
-    assert sorted(path.name for path in folder.iterdir()) == ['best.png', 'median.png', 'worst.png']
+    assert 'failures missing 6' in printed
+    names = sorted(path.stem for path in folder.iterdir())
+    assert names == ['best', 'failure_missing', 'median', 'worst']
     status = app([*arguments, '--minimum', '0.9'], standalone_mode=False)
     assert status == 1
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.edges import find_edges
-from mvuav_ros.vision.approach.features import features_of, row_sums, shrink
+from mvuav_ros.vision.approach.features import Colours, features_of, row_sums, shrink, white_of
 from mvuav_ros.vision.approach.level import Level, turn_edge
 from mvuav_ros.vision.approach.strip import score_strips
 from mvuav_ros.vision.approach.targets import RUNWAY
@@ -116,3 +116,17 @@ def test_an_even_picture_supports_no_edge():
     for points in find_edges(even, level, SHAPE, (FAR, NEAR), np.array([15.0, -60.0]), RUNWAY.look):
         assert points.support == 0
         assert (points.weights == 0).all()
+
+
+def test_a_tinted_or_faded_picture_has_the_same_white():
+    even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
+    even[:60] = (200, 200, 200)
+    assert white_of(even) == pytest.approx((1, 1, 1))
+    tinted = even.copy()
+    tinted[:60] = (230, 200, 170)
+    blue, green, red = white_of(tinted)
+    before = features_of(tinted)[1][:60]
+    after = features_of(tinted, Colours(white=(blue, green, red)))[1][:60]
+    assert after.mean() < 0.8 * before.mean()
+    plain = features_of(even, Colours())[1]
+    assert features_of(even, Colours(gain=2.0))[1] == pytest.approx(2 * plain)
