@@ -21,7 +21,7 @@ FLIGHTS = {
     'low pass': {'seed': 5, 'motion': 'low_pass'},
     'from afar': {'seed': 9, 'start_distance': 900.0, 'camera_pitch_deg': 5.0},
 }
-FRAMES = 300
+FRAMES = 275
 
 
 @lru_cache
