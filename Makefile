@@ -47,7 +47,7 @@ docs: .venv
 		|| { echo 'needs Python 3.11 to 3.13; name one with PYTHON=...'; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check -c requirements/tested.txt \
-		'.[ros,test,dev]'
+		'.[ros,panel,test,dev]'
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall .
 	touch $@
 
