@@ -98,7 +98,11 @@ class ParameterRow:
     def _make_slider(self) -> None:
         with box('wide'):
             self._slider = LocalSlider(
-                min=0, max=STEPS, step=1, on_change=lambda e: self._slid(e.value)
+                min=0,
+                max=STEPS,
+                step=1,
+                value=self._position(self._current),
+                on_change=lambda e: self._slid(e.value),
             )
             self._slider.props['aria-label'] = f'{self.control.name}, slider'
 

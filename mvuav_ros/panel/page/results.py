@@ -15,7 +15,7 @@ _TOTALS = {
     'combined_flags': 'combined',
 }
 _COLUMNS = {
-    'found': 'found',
+    'found': 'frames',
     'rho_flags': 'rho flags',
     'theta_flags': 'theta flags',
     'combined_flags': 'combined',
@@ -99,7 +99,7 @@ class Results:
 
     def _total_row(self) -> None:
         keys = {'frames': '', **{key: '' for key in _TOTALS if key != 'frames'}}
-        self._row('runway', 'frames', keys, len(_COLUMNS) - len(keys))
+        self._row('runway', 'all lines', keys, len(_COLUMNS) - len(keys))
 
     def _row(self, status: str, title: str, keys: dict[str, str], blank: int = 0) -> None:
         with box(tag='tr'):
@@ -138,10 +138,17 @@ class Results:
             return
         for (status, key), label in self._cells.items():
             values = node.statistics.get(status, {}) if status else node.status
-            words = values.get(key, '-')
-            label.set_text('-' if words == 'nan' else words)
+            label.set_text(_words(key, values.get(key, '-')))
 
     async def _reset(self) -> None:
         reason = await self._page.services.system.trigger(f'{self._page.selected}/reset_statistics')
         if reason:
             tell(reason, bad=True)
+
+
+def _words(key: str, value: str) -> str:
+    if value == 'nan':
+        return '-'
+    if key.endswith(('_mean', '_std', '_deg')) and value != '-':
+        return f'{float(value):.2f}'
+    return value

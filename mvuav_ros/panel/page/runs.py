@@ -50,11 +50,13 @@ class Runs:
             with box('line wrap'):
                 self._bag = ui.select([], label='Recording').props('outlined dense options-dense')
                 self._bag.classes('grow').style('min-width: 200px')
-                self._name = ui.input('Name').props('outlined dense').style('width: 160px')
-                self._run = button('Run', lambda: self._start(keep=False), 'play_arrow')
-                self._save = button(
-                    'Run and save', lambda: self._start(keep=True), 'save', main=True
-                )
+                self._name = ui.input('Name').props('outlined dense')
+                self._name.style('flex: 1 1 120px; max-width: 200px')
+                with box('actions'):
+                    self._run = button('Run', lambda: self._start(keep=False), 'play_arrow')
+                    self._save = button(
+                        'Run and save', lambda: self._start(keep=True), 'save', main=True
+                    )
             with box('line').style('min-height: 32px'):
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
                 self._bar.classes('grow').props['aria-label'] = 'Progress'

@@ -34,10 +34,13 @@ class Trends:
                     on_change=self._draw,
                 ).props('dense unelevated toggle-color=primary size=sm no-caps')
                 self._group = ui.select([], on_change=self._draw)
-                self._group.props('outlined dense options-dense').style('width: 190px')
+                self._group.props('outlined dense options-dense').style('flex: 1 1 160px')
                 self._group.props['aria-label'] = 'What is drawn'
-                self._csv = button('CSV', self._export_csv, 'download')
-                self._png = button('PNG', self._export_png, 'download')
+                with box('actions'):
+                    self._csv = button('CSV', self._export_csv)
+                    self._csv.tooltip('Save the numbers and parameters of the chosen runs')
+                    self._png = button('PNG', self._export_png)
+                    self._png.tooltip('Save the figure')
             self._place = box()
         self.show([])
 
