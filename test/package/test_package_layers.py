@@ -34,14 +34,15 @@ def test_the_inner_layers_do_without_ros(layer):
 @pytest.mark.parametrize(
     ('layer', 'outer'),
     [
-        ('parameters', 'vision recording sources messages processing nodes demo cli'),
-        ('vision', 'recording sources messages processing nodes demo cli'),
-        ('recording', 'vision sources processing nodes demo cli'),
-        ('sources', 'processing nodes demo cli'),
-        ('messages', 'recording sources processing nodes demo cli'),
-        ('processing', 'nodes demo cli'),
-        ('nodes', 'demo cli'),
-        ('demo', 'cli'),
+        ('parameters', 'vision recording sources messages processing nodes panel demo cli'),
+        ('vision', 'recording sources messages processing nodes panel demo cli'),
+        ('recording', 'vision sources processing nodes panel demo cli'),
+        ('sources', 'processing nodes panel demo cli'),
+        ('messages', 'recording sources processing nodes panel demo cli'),
+        ('processing', 'nodes panel demo cli'),
+        ('nodes', 'panel demo cli'),
+        ('panel', 'demo cli'),
+        ('demo', 'panel cli'),
     ],
 )
 def test_imports_point_inward(layer, outer):

@@ -17,6 +17,29 @@ _FIGURES = {
 }
 
 
+class _NodeButton:
+    """Chooses a node and shows whether it lives."""
+
+    def __init__(self, name: str, page: Page) -> None:
+        self._button = box('node', 'button').props('type=button')
+        self._button.on('click', lambda: page.select(name))
+        with self._button:
+            self._dot = box('dot')
+            text(name)
+            self._state = text('', 'state')
+        self._shown: tuple[object, ...] = ()
+
+    def show(self, node: LiveNode, *, chosen: bool) -> None:
+        """Follow the node."""
+        state = '' if node.alive else 'gone' if node.controls else 'starting'
+        color = 'bad' if state == 'gone' else 'warn' if state or node.level else 'good'
+        if (state, color, chosen) != self._shown:
+            self._shown = (state, color, chosen)
+            self._state.set_text(state)
+            self._dot.classes(replace=f'dot {color}')
+            self._button.props(f'aria-pressed={str(chosen).lower()}')
+
+
 class Head:
     """Node buttons and the chosen node's diagnostics."""
 
@@ -35,7 +58,7 @@ class Head:
                     self._figures[key] = text('-', 'number')
                     text(unit, 'soft small')
             self._words = text('', 'words soft small')
-        self._shown: list[tuple[str, bool, bool, int]] = []
+        self._buttons: dict[str, _NodeButton] = {}
         page.on_select.append(self.refresh)
         self.refresh()
 
@@ -45,31 +68,21 @@ class Head:
 
     def refresh(self) -> None:
         """After nodes came or went, or another was selected."""
-        nodes = list(self._page.services.system.nodes.values())
-        alive = [node for node in nodes if node.alive]
+        nodes = self._page.services.system.nodes
         if self._page.node is None and nodes:
-            self._page.select((alive or nodes)[0].name)
+            alive = [name for name, node in nodes.items() if node.alive]
+            self._page.select((alive or list(nodes))[0])
             return
-        shown = [(n.name, n.alive, n.name == self._page.selected, n.level) for n in nodes]
-        if shown != self._shown or not nodes:
-            self._shown = shown
+        if list(nodes) != list(self._buttons) or not nodes:
+            # Only then: a button that is made anew loses the keyboard's focus.
             self._nodes.clear()
             with self._nodes:
-                for node in nodes:
-                    self._button(node)
+                self._buttons = {name: _NodeButton(name, self._page) for name in nodes}
                 if not nodes:
                     text('looking for nodes …', 'soft')
+        for name, button in self._buttons.items():
+            button.show(nodes[name], chosen=name == self._page.selected)
         self.show_status()
-
-    def _button(self, node: LiveNode) -> None:
-        chosen = node.name == self._page.selected
-        made = box('node', 'button').props(f'type=button aria-pressed={str(chosen).lower()}')
-        made.on('click', lambda: self._page.select(node.name))
-        with made:
-            box('dot ' + ('bad' if not node.alive else 'warn' if node.level else 'good'))
-            text(node.name)
-            if not node.alive:
-                text('starting' if not node.controls else 'gone', 'state')
 
     def show_status(self) -> None:
         """After new diagnostics."""

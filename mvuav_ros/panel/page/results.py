@@ -57,6 +57,7 @@ class Results:
         same = bool(self._cells) and built[:1] == self._built[:1]
         self._built = built
         if same:
+            self._cells = {key: cell for key, cell in self._cells.items() if not key[0]}
             self._table_place.clear()
             with self._table_place:
                 self._statistics()
