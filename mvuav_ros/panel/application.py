@@ -18,6 +18,7 @@ from mvuav_ros.panel.page.view import View
 from mvuav_ros.panel.ros_thread import RosThread
 
 _STATIC = Path(__file__).with_name('static')
+_RECONNECT_TIME = 30.0
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
     'rx="7" fill="#0b62b8"/><path d="M7 11h18M7 21h18" stroke="#fff" stroke-width="2.4"/>'
@@ -65,6 +66,8 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
         dark=None,
         tailwind=False,
         binding_refresh_interval=None,
+        # A page on a slow link or machine comes back to its state instead of beginning anew.
+        reconnect_timeout=_RECONNECT_TIME,
         show_welcome_message=False,
     )
     # NiceGUI answers pages of every origin; the guard asks for ours, and so does this.

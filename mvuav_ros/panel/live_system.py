@@ -91,10 +91,12 @@ class LiveSystem:
         self._statistics: dict[str, Any] = {}
         self._scanning: asyncio.Task[None] | None = None
         self._reading: set[str] = set()
+        self._unread: set[str] = set()
 
     def listen(self, listener: Listener) -> None:
         """Follow the nodes until `leave`."""
-        self._listeners.append(listener)
+        if listener not in self._listeners:
+            self._listeners.append(listener)
         if self._scanning is None:
             self._scanning = asyncio.create_task(self._follow())
 
@@ -105,6 +107,10 @@ class LiveSystem:
         if not self._listeners and self._scanning is not None:
             self._scanning.cancel()
             self._scanning = None
+            # What changes while nobody looks is not heard of.
+            self._unread = set(self.nodes)
+            for node in self.nodes.values():
+                node.heard = 0.0
 
     async def set(self, name: str, values: Mapping[str, Value]) -> dict[str, str]:
         """Set parameters of a node.
@@ -119,8 +125,7 @@ class LiveSystem:
             refused = await remote.set(values)
         except NoAnswerError as error:
             return dict.fromkeys(values, str(error))
-        node.values.update({key: value for key, value in values.items() if key not in refused})
-        self._tell('values', node)
+        self._take_values(node, {k: v for k, v in values.items() if k not in refused})
         return refused
 
     async def trigger(self, service: str) -> str:
@@ -168,7 +173,7 @@ class LiveSystem:
                 self._tell('nodes', node)
             if name not in self._remotes:
                 self._remotes[name] = await self._ros.call(partial(self._connect, name))
-            if not node.alive and name not in self._reading:
+            if (not node.alive or name in self._unread) and name not in self._reading:
                 self._reading.add(name)
                 asyncio.create_task(self._read(node))  # noqa: RUF006 - kept in _reading
         for name, node in self.nodes.items():
@@ -188,7 +193,9 @@ class LiveSystem:
                 values = await remote.get([control.name for control in controls])
                 node.controls, node.values = controls, values
                 node.alive, node.heard = True, time.monotonic()
+                self._unread.discard(node.name)
                 self._tell('nodes', node)
+                self._tell('values', node)
         except NoAnswerError:
             pass
         finally:
@@ -260,6 +267,11 @@ class LiveSystem:
     def _on_parameters(self, event: ParameterEvent) -> None:
         node = self.nodes.get(event.node)
         if node is not None and node.controls:
-            for parameter in event.changed_parameters:
-                node.values[parameter.name] = parameter_value_to_python(parameter.value)
+            changed = event.changed_parameters
+            self._take_values(node, {p.name: parameter_value_to_python(p.value) for p in changed})
+
+    def _take_values(self, node: LiveNode, values: Mapping[str, Any]) -> None:
+        """The answer to a request and the event of the change tell the same."""
+        if any(node.values.get(name) != value for name, value in values.items()):
+            node.values.update(values)
             self._tell('values', node)

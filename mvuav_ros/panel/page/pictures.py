@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -121,6 +122,7 @@ class Pictures:
         self._tiles: list[Tile] = []
         self._wished: list[tuple[str, str]] | None = None
         self._touched = False
+        self._offered: list[str] | None = None
         with box('part pictures', 'section').props('aria-label=Pictures'):
             with box('bar'):
                 with ui.button('Add picture', icon='add').props('outline dense').classes('q-px-sm'):
@@ -146,17 +148,20 @@ class Pictures:
         streams = {stream.key: stream for node in nodes for stream in streams_of(node)}
         if not self._touched and streams:
             self._arrange(streams)
-        self._menu.clear()
         shown = {tile.stream.key for tile in self._tiles}
-        with self._menu:
-            for key, stream in streams.items():
-                if key not in shown:
-                    ui.menu_item(
-                        f'{stream.title} of {stream.node}', lambda s=stream: self.add(s)
-                    ).props('dense')
-            if not streams.keys() - shown:
-                text('All are shown', 'q-pa-sm soft')
         self._empty.set_visibility(not self._tiles)
+        offered = [key for key in streams if key not in shown]
+        if offered == self._offered:
+            return
+        self._offered = offered
+        self._menu.clear()
+        with self._menu:
+            for key in offered:
+                words = f'{streams[key].title} of {streams[key].node}'
+                add = partial(self.add, streams[key])
+                ui.menu_item(words, add, auto_close=False).props('dense')
+            if not offered:
+                text('All are shown' if streams else 'No node yet', 'q-pa-sm soft')
 
     def _arrange(self, streams: dict[str, Stream]) -> None:
         """The kept arrangement, or input and overlay of the selected node."""
@@ -188,6 +193,8 @@ class Pictures:
 
     def add(self, stream: Stream) -> None:
         """Show one more."""
+        # By hand: the item itself does not live to do it.
+        self._menu.close()
         self._make(stream, 'm')
         self._changed()
 

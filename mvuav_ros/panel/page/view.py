@@ -33,7 +33,8 @@ class View:
             client: the browser tab.
         """
         self._page = Page(services)
-        self._listening = False
+        self._restored = False
+        self._client = client
         with box('panel').props('data-part=parameters') as self._root:
             self._head = Head(self._page)
             with box('body'):
@@ -50,19 +51,24 @@ class View:
                 self._runs = Runs(self._page)
         self._page.on_select.append(self._name_node)
         client.on_connect(self._connected)
+        client.on_disconnect(self._disconnected)
         client.on_delete(self._closed)
 
     async def _connected(self) -> None:
-        if not self._listening:
-            self._listening = True
-            self._page.services.system.listen(self._heard)
-            self._refresh()
+        self._page.services.system.listen(self._heard)
+        self._refresh()
+        if not self._restored:
+            self._restored = True
             try:
                 with self._root:
                     self._pictures.restore(await ui.run_javascript(KEPT_ARRANGEMENT))
             except TimeoutError:
                 # A slow link; the usual arrangement will do.
                 pass
+
+    def _disconnected(self) -> None:
+        if not self._client.has_socket_connection:
+            self._closed()
 
     def _closed(self) -> None:
         self._page.services.system.leave(self._heard)
