@@ -98,6 +98,7 @@ class LiveSystem:
         if listener not in self._listeners:
             self._listeners.append(listener)
         if self._scanning is None:
+            self.nodes = {name: node for name, node in self.nodes.items() if node.alive}
             self._scanning = asyncio.create_task(self._follow())
 
     def leave(self, listener: Listener) -> None:
@@ -142,13 +143,6 @@ class LiveSystem:
         finally:
             await self._ros.call(lambda: self._ros.node.destroy_client(client))
         return '' if answer.success else str(answer.message)
-
-    def forget(self, name: str) -> None:
-        """Drop a node that is gone."""
-        node = self.nodes.get(name)
-        if node is not None and not node.alive:
-            del self.nodes[name]
-            self._tell('nodes', node)
 
     async def _follow(self) -> None:
         await self._ros.call(self._subscribe)

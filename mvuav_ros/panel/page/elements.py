@@ -58,17 +58,13 @@ def tell(words: str, *, bad: bool = False) -> None:
     ui.notify(words, type='negative' if bad else None, position='bottom', timeout=4000)
 
 
-def sheet(heads: list[str], rows: list[list[str]]) -> None:
-    """A table of text."""
-    with box('scroll'), box('sheet', 'table'):
-        with box(tag='thead'), box(tag='tr'):
-            for head in heads:
-                text(head, tag='th')
-        with box(tag='tbody'):
-            for row in rows:
-                with box(tag='tr'):
-                    for cell in row:
-                        text(cell, tag='td')
+def sheet(rows: list[list[str]]) -> None:
+    """A table of text without a head."""
+    with box('scroll'), box('sheet', 'table'), box(tag='tbody'):
+        for row in rows:
+            with box(tag='tr'):
+                for cell in row:
+                    text(cell, tag='td')
 
 
 def axes(

@@ -52,7 +52,11 @@ class ParameterRow:
     def _name(self) -> None:
         made = box('name', 'button').props('type=button aria-expanded=false')
         with made:
-            text(self.control.name, tag='span')
+            # May break after an underscore only.
+            for number, word in enumerate(self.control.name.split('_')):
+                if number:
+                    box(tag='wbr')
+                text(f'_{word}' if number else word, tag='span')
             with ui.tooltip().classes('small').props('max-width=320px delay=400'):
                 text(self._description)
         made.on('click', self._toggle_about)
@@ -172,11 +176,12 @@ class ParameterRow:
         self._words(reason, refused=True)
 
     def mark_difference(self, other: str) -> None:
-        """Mark a value other than the chosen set's, which is given in words; '' if it is that."""
+        """Mark a value other than the chosen set's, which ``other`` names; '' where it is that."""
         self._row.classes(add='off-set') if other else self._row.classes(remove='off-set')
         if not self._refused:
-            set_words = f'set: {other} · ' if other else ''
-            self._words(set_words + self._plain_hint, refused=False)
+            self._words(
+                f'{other} · {self._plain_hint}' if other else self._plain_hint, refused=False
+            )
 
     _refused = False
 

@@ -123,7 +123,8 @@ class Parameters:
         chosen = self._sets.refresh(values)
         for name, row in self._rows.items():
             other = name in chosen and name in values and chosen[name] != values[name]
-            row.mark_difference(value_text(chosen[name]) if other else '')
+            words = f'{self._page.chosen_set}: {value_text(chosen.get(name))}'
+            row.mark_difference(words if other else '')
 
     def _edited(self, name: str, value: Value) -> None:
         self._edits[name] = value

@@ -59,7 +59,7 @@ class Tile:
                 choice = ui.toggle(actions, value=SHOW_VALUE, on_change=self._choose)
                 choice.props('dense unelevated toggle-color=primary size=sm no-caps')
             self._words = text('Click a pixel to see its value.', 'small soft grow')
-            self._words.props('role=status')
+            self._words.style('min-width: 170px').props('role=status')
 
     def _choose(self, event: Any) -> None:
         self._action = event.value

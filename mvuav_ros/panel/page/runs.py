@@ -96,7 +96,7 @@ class Runs:
         self._show_trends()
 
     def _table(self, runs: list[SavedRun]) -> None:
-        with box('scroll'), box('sheet', 'table'):
+        with box('scroll'), box('sheet words', 'table'):
             with box(tag='thead'), box(tag='tr'):
                 for head in ('', 'run', 'node', 'recording', 'frames', 'other than default', ''):
                     text(head, tag='th')
@@ -239,8 +239,8 @@ class Runs:
             rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
             half = -(-len(rows) // 2)
             with box('charts').style('gap: 0 12px; padding: 4px 0 8px'):
-                sheet(['result', '', ''], rows[:half])
-                sheet(['', '', ''], rows[half:])
+                sheet(rows[:half])
+                sheet(rows[half:])
 
 
 def changed_values(run: SavedRun) -> dict[str, Any]:
