@@ -1,4 +1,5 @@
 # The two commands are `make demo` and `make test`; each builds .venv when it is missing.
+# `make demo PANEL=1` plays the sample bags again and again, with the tuning panel.
 PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := $(shell find mvuav_ros executables config launch bags resource -type f 2>/dev/null) \
@@ -7,7 +8,7 @@ SOURCES := $(shell find mvuav_ros executables config launch bags resource -type 
 .PHONY: demo test test-robot lint bench report bags docs clean .venv
 
 demo: .venv
-	$(BIN)/mvuav demo -o out
+	$(BIN)/mvuav demo $(if $(PANEL),--panel,-o out)
 
 test: lint
 	$(BIN)/python -m pytest
@@ -47,7 +48,7 @@ docs: .venv
 		|| { echo 'needs Python 3.11 to 3.13; name one with PYTHON=...'; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check -c requirements/tested.txt \
-		'.[ros,test,dev,dask]'
+		'.[ros,panel,dask,test,dev]'
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall .
 	touch $@
 

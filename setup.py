@@ -26,7 +26,7 @@ setup(
     maintainer_email='mvuav_ros@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'nodes/*.xml']},
+    package_data={NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*']},
     python_requires='>=3.11',
     install_requires=[
         'numpy>=1.26',
@@ -50,7 +50,8 @@ setup(
             'ros-jazzy-std-srvs',
         ],
         'dask': ['distributed>=2024.1'],
-        'test': ['pytest>=7,<9', 'hypothesis', 'scikit-image'],
+        'panel': ['nicegui>=3,<4'],
+        'test': ['pytest>=7,<9', 'hypothesis', 'scikit-image', 'playwright'],
         'dev': [
             'ruff',
             'mypy',
@@ -78,6 +79,7 @@ setup(
             'runway_detector = mvuav_ros.__main__:runway_detector',
             'video_source = mvuav_ros.__main__:video_source',
             'vision_process = mvuav_ros.__main__:vision_process',
+            'tuning_panel = mvuav_ros.__main__:tuning_panel',
             'mvuav = mvuav_ros.__main__:mvuav',
         ],
     },

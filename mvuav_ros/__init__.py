@@ -9,6 +9,7 @@ The layers, innermost first; imports only ever point inward:
 ``messages``    vision results to ROS messages (message classes, no rclpy)
 ``processing``  one frame in, the messages of one node out; live nodes and replay share it
 ``nodes``       the rclpy nodes
+``panel``       the tuning panel's node and page
 ``cli``         the ``mvuav`` command
 """
 

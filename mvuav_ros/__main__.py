@@ -14,6 +14,7 @@ NODES = {
     'runway_detector': 'mvuav_ros.nodes.runway_detector',
     'video_source': 'mvuav_ros.nodes.video_source',
     'vision_process': 'mvuav_ros.nodes.vision_process',
+    'tuning_panel': 'mvuav_ros.panel.main',
 }
 EXECUTABLES = {**NODES, 'mvuav': 'mvuav_ros.cli.app'}
 
@@ -44,6 +45,11 @@ def video_source() -> None:
 def vision_process() -> None:
     """The console script."""
     _run('vision_process')
+
+
+def tuning_panel() -> None:
+    """The console script."""
+    _run('tuning_panel')
 
 
 def mvuav() -> None:

@@ -19,17 +19,25 @@ def demo(
     bags: Annotated[
         Path | None, typer.Option(help='Folder of the sample bags.', show_default=False)
     ] = None,
+    panel: Annotated[
+        bool,
+        typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.'),
+    ] = False,
 ) -> None:
     """Play the sample bags through real nodes in separate processes; takes half a minute.
 
     Leaves demo.mcap, annotated pictures and a plot of the roll.
     """
     try:
+        from mvuav_ros.demo.panel import run_panel
         from mvuav_ros.demo.run import run_demo
     except ImportError as error:
         raise SourceError(
             f'the demo needs ROS 2: source it, or pip install "mvuav_ros[ros]" ({error})'
         ) from error
+    if panel:
+        run_panel(bags or sample_bags(), Console())
+        return
     for path in run_demo(bags or sample_bags(), output, Console()):
         typer.echo(path)
 

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import IO
 
+_MOST_OUTPUT = 1 << 16
+
 
 class NodeProcesses:
     """Starts executables of the package and ends them together.
@@ -22,14 +24,22 @@ class NodeProcesses:
         self._environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}
         self._running: list[tuple[str, subprocess.Popen[bytes], IO[bytes]]] = []
 
-    def start(self, executable: str, arguments: Sequence[str]) -> None:
-        """Start one, as ``ros2 run mvuav_ros EXECUTABLE --ros-args ARGUMENTS`` does."""
+    def start(
+        self, executable: str, arguments: Sequence[str] = (), before: Sequence[str] = ()
+    ) -> None:
+        """Start one, as ``ros2 run mvuav_ros EXECUTABLE BEFORE --ros-args ARGUMENTS`` does."""
         log = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        command = [sys.executable, '-m', 'mvuav_ros', executable, '--ros-args', *arguments]
+        command = [sys.executable, '-m', 'mvuav_ros', executable, *before]
+        command += ['--ros-args', *arguments]
         process = subprocess.Popen(
             command, env=self._environment, stdout=log, stderr=subprocess.STDOUT
         )
         self._running.append((executable, process, log))
+
+    def output(self, executable: str) -> str:
+        """What the first process of an executable has printed so far."""
+        log = next(log for name, _, log in self._running if name == executable)
+        return os.pread(log.fileno(), _MOST_OUTPUT, 0).decode(errors='replace')
 
     def failure(self) -> str:
         """Why a process has ended although it should run; empty while all do."""

@@ -4,36 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 
 from mvuav_ros.evaluation.comparison import line_errors, marker_errors, roll_errors
+from mvuav_ros.evaluation.metric import Metric
 from mvuav_ros.evaluation.numbers import distance_rms, rms
 from mvuav_ros.evaluation.observed import Observed, Rows
 from mvuav_ros.vision.markers.model import MarkerState
 from mvuav_ros.vision.runway.model import LineFlag, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics
-
-
-class Metric(NamedTuple):
-    """One number; metrics of one group are drawn together, since they have one unit."""
-
-    group: str
-    name: str
-    unit: str
-    value: float
-
-    @property
-    def cell(self) -> int | float:
-        """The value; counts as whole numbers."""
-        whole = not self.unit and self.value.is_integer()
-        return int(self.value) if whole else self.value
-
-    @property
-    def column(self) -> str:
-        """Name and unit."""
-        return f'{self.name} [{self.unit}]' if self.unit else self.name
 
 
 def metrics_of(observed: Observed) -> list[Metric]:

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mvuav_ros.evaluation.metrics import Metric, metrics_of
+from mvuav_ros.evaluation.metric import Metric
+from mvuav_ros.evaluation.metrics import metrics_of
 from mvuav_ros.evaluation.observed import replay
 from mvuav_ros.evaluation.processes import Done, each
 from mvuav_ros.parameters.declaration import ParameterError, Value

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import mvuav_ros
+from mvuav_ros.evaluation.metric import metric_groups
 from mvuav_ros.evaluation.report.model import Cell, Column, Picture, Report, Section, Table
 from mvuav_ros.evaluation.report.style import COLORS, drawing, label, legend_below
 from mvuav_ros.evaluation.sweep import Axis as SweepAxis
@@ -133,15 +134,27 @@ def _metric_cell(result: RunResult, column: str) -> Cell:
     return next((m.cell for m in result.metrics if m.column == column), None)
 
 
+def trend_picture(
+    results: Sequence[RunResult], arrangement: str, group: str, ticks: Sequence[str]
+) -> Picture:
+    """The trends of some runs in one figure.
+
+    Args:
+        results: in the order of the runs.
+        arrangement: ``single``, ``subplots`` or ``grouped``.
+        group: of metrics, where not all are drawn.
+        ticks: a name for each run.
+    """
+    groups = _groups(results)
+    if arrangement == 'subplots':
+        return _subplots(results, groups, ticks)
+    if arrangement == 'grouped':
+        return _grouped(results, {group: groups[group]}, ())[0]
+    return _single(results, group, groups[group], ticks)
+
+
 def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:
-    """Columns by group, without those that have no number at all."""
-    groups: dict[str, list[str]] = {}
-    for result in results:
-        for metric in result.metrics:
-            names = groups.setdefault(metric.group, [])
-            if metric.column not in names and not math.isnan(metric.value):
-                names.append(metric.column)
-    return {group: names for group, names in groups.items() if names}
+    return metric_groups(result.metrics for result in results)
 
 
 def _value(result: RunResult, column: str) -> float:

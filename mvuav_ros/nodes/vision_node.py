@@ -151,7 +151,7 @@ class VisionNode(Node):
         with self._lock:
             self._stamps.follow(frame.stamp_ns)
             self._format = f'{frame.picture.width}x{frame.picture.height} {frame.picture.encoding}'
-            outputs = self._processor.process(frame, self._debug_wanted())
+            outputs = self._processor.process(frame)
         processed = time.perf_counter()
         self._publish(outputs)
         published = time.perf_counter()
@@ -162,8 +162,11 @@ class VisionNode(Node):
             publish=published - processed,
             total=published - received.taken,
         )
+        debug = self._debug_wanted()
         with self._lock:
             self._frames.answer(times)
+            pictures = self._processor.draw(debug) if debug else []
+        self._publish(pictures)
 
     def _decode(self, data: bytes | Frame, info: CameraInfo | None) -> Frame:
         if isinstance(data, Frame):

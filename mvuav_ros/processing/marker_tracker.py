@@ -53,6 +53,7 @@ class MarkerTrackerProcessor(Processor):
         super().__init__()
         self._parameters = parameters or MarkerTrackerParameters()
         self._camera: CameraModel | None = None
+        self._newest: tuple[Picture, MarkerResult, Pose | None, Header] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
         self._refusal = ''
         self._remarks: list[str] = []
@@ -93,10 +94,11 @@ class MarkerTrackerProcessor(Processor):
             self._poses.reset()
 
     def _forget(self) -> None:
+        self._newest = None
         self._pipeline.reset()
         self._poses.reset()
 
-    def _process(self, frame: Frame, header: Header, debug: Collection[str]) -> list[Output]:
+    def _process(self, frame: Frame, header: Header) -> list[Output]:
         result = self._pipeline.process(frame.picture, frame.stamp_ns)
         pose = self._estimate(frame, result)
         self.status = '; '.join(filter(None, (result.status, *self._remarks)))
@@ -113,12 +115,18 @@ class MarkerTrackerProcessor(Processor):
         ]
         if pose is not None and TF_TOPIC in self.topics:
             outputs.append(Output(TF_TOPIC, encode_transform(pose, header, self._layout.name)))
-        if 'debug_image' in debug:
-            image = draw_markers(frame.picture, result)
-            if pose is not None and self._camera is not None:
-                draw_pose(image, pose, self._camera, self._layout)
-            outputs.append(Output('debug_image', encode_image(Picture(image, 'bgr8'), header)))
+        self._newest = (frame.picture, result, pose, header)
         return outputs
+
+    def draw(self, debug: Collection[str]) -> list[Output]:
+        """See `Processor.draw`."""
+        if self._newest is None or 'debug_image' not in debug:
+            return []
+        picture, result, pose, header = self._newest
+        image = draw_markers(picture, result)
+        if pose is not None and self._camera is not None:
+            draw_pose(image, pose, self._camera, self._layout)
+        return [Output('debug_image', encode_image(Picture(image, 'bgr8'), header))]
 
     def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
         self._remarks = []

@@ -65,8 +65,15 @@ class Processor(ABC):
         """Drop everything learnt from earlier frames."""
 
     @abstractmethod
-    def _process(self, frame: Frame, header: Header, debug: Collection[str]) -> list[Output]:
-        """The frame's results, and the debug images named in ``debug``."""
+    def _process(self, frame: Frame, header: Header) -> list[Output]:
+        """The frame's results."""
+
+    @abstractmethod
+    def draw(self, debug: Collection[str]) -> list[Output]:
+        """The debug images named in ``debug``, of the frame that `process` was called with last.
+
+        Apart from it, so that a live node's results need not wait for them.
+        """
 
     def set_camera(self, camera: CameraModel) -> None:  # noqa: B027 - most need none
         """Take the calibration of the next frame on; it may be an unusable one."""
@@ -102,6 +109,6 @@ class Processor(ABC):
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
-        outputs = self._process(frame, make_header(frame.stamp_ns, frame.frame_id), debug)
+        outputs = self._process(frame, make_header(frame.stamp_ns, frame.frame_id))
         self._last_stamp_ns = frame.stamp_ns
-        return outputs
+        return [*outputs, *self.draw(debug)] if debug else outputs

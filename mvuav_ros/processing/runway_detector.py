@@ -64,6 +64,7 @@ class RunwayDetectorProcessor(Processor):
         self._mode = (parameters or RunwayDetectorParameters()).mode
         self._thesis = RunwayPipeline(parameters)
         self._approach = ApproachPipeline(parameters)
+        self._newest: tuple[RunwayResult | ApproachResult, Header] | None = None
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
@@ -89,10 +90,11 @@ class RunwayDetectorProcessor(Processor):
         return [Output('statistics', encode_statistics(pipeline.statistics(), header))]
 
     def _forget(self) -> None:
+        self._newest = None
         self._thesis.reset()
         self._approach.reset()
 
-    def _process(self, frame: Frame, header: Header, debug: Collection[str]) -> list[Output]:
+    def _process(self, frame: Frame, header: Header) -> list[Output]:
         pixels = _pixels(frame.picture)
         result: RunwayResult | ApproachResult
         if self._mode == 'approach':
@@ -106,16 +108,25 @@ class RunwayDetectorProcessor(Processor):
             Output('corrections', encode_corrections(result, header)),
             Output('vanishing_point', encode_vanishing_point(result, header)),
         ]
+        if isinstance(result, ApproachResult) and result.guidance is not None:
+            outputs.append(Output('pose', encode_pose(result.guidance, header)))
+        self._newest = (result, header)
+        return outputs
+
+    def draw(self, debug: Collection[str]) -> list[Output]:
+        """See `Processor.draw`."""
+        if self._newest is None:
+            return []
+        result, header = self._newest
         if isinstance(result, ApproachResult):
-            if result.guidance is not None:
-                outputs.append(Output('pose', encode_pose(result.guidance, header)))
-            if 'debug/overlay' in debug:
-                drawn = Picture(draw_approach(result), 'bgr8')
-                outputs.append(Output('debug/overlay', encode_image(drawn, header)))
-            return outputs
+            if 'debug/overlay' not in debug:
+                return []
+            drawn = Picture(draw_approach(result), 'bgr8')
+            return [Output('debug/overlay', encode_image(drawn, header))]
+        outputs = []
         for topic in debug:
-            draw, encoding = _PICTURES[topic]
-            picture = draw(result)
+            paint, encoding = _PICTURES[topic]
+            picture = paint(result)
             if picture.size:
                 outputs.append(Output(topic, encode_image(Picture(picture, encoding), header)))
         return outputs

@@ -1,12 +1,17 @@
 """`mvuav demo` as the README's first command runs it: real nodes, real DDS, real bags."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -41,3 +46,24 @@ def test_a_missing_folder_of_bags_is_one_clear_line(tmp_path):
     result = mvuav('demo', '-o', tmp_path / 'out', '--bags', tmp_path)
     assert result.returncode == 1
     assert result.stderr.strip() == f'mvuav: {tmp_path}: no sample bags there'
+
+
+def test_demo_with_the_panel_serves_it_until_ctrl_c():
+    pytest.importorskip('nicegui', reason='the extra panel is not installed')
+    command = [sys.executable, '-u', '-m', 'mvuav_ros', 'mvuav', 'demo', '--panel']
+    environment = {k: v for k, v in os.environ.items() if k not in ('DISPLAY', 'WAYLAND_DISPLAY')}
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert 'panel' in process.stdout.readline()
+        url = process.stdout.readline().strip()
+        with urllib.request.urlopen(url, timeout=60) as answer:
+            assert b'Tuning panel' in answer.read()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 0
+    finally:
+        process.kill()
+        process.communicate()
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(url, timeout=10)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from pathlib import Path
 
@@ -38,10 +39,17 @@ def write_report(report: Report, folder: Path) -> Path:
 def write_csv(table: Table, path: Path) -> None:
     """Write a table with all digits of its numbers; what is missing stays empty."""
     with path.open('w', newline='', encoding='utf-8') as stream:
-        writer = csv.writer(stream)
-        writer.writerow([column.heading for column in table.columns])
-        for record in table.records():
-            writer.writerow(['' if value is None else value for value in record.values()])
+        stream.write(csv_text(table))
+
+
+def csv_text(table: Table) -> str:
+    """What `write_csv` writes."""
+    stream = io.StringIO(newline='')
+    writer = csv.writer(stream)
+    writer.writerow([column.heading for column in table.columns])
+    for record in table.records():
+        writer.writerow(['' if value is None else value for value in record.values()])
+    return stream.getvalue()
 
 
 def as_data(report: Report) -> dict[str, object]:

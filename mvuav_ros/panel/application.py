@@ -1,0 +1,75 @@
+"""The panel's web application: the page, its files, its WebSocket, and the guard around them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI, WebSocket
+from nicegui import Client, core, ui
+from starlette.staticfiles import StaticFiles
+
+from mvuav_ros.panel.guard import Guard
+from mvuav_ros.panel.live_socket import LiveSocket
+from mvuav_ros.panel.page.context import Services
+from mvuav_ros.panel.page.view import View
+from mvuav_ros.panel.ros_thread import RosThread
+
+_STATIC = Path(__file__).with_name('static')
+_RECONNECT_TIME = 30.0
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
+    'rx="7" fill="#0b62b8"/><path d="M7 11h18M7 21h18" stroke="#fff" stroke-width="2.4"/>'
+    '<circle cx="20" cy="11" r="3.6" fill="#fff"/><circle cx="12" cy="21" r="3.6" fill="#fff"/>'
+    '</svg>'
+)
+
+
+def make_application(ros: RosThread, services: Services, token: str) -> Guard:
+    """Everything that the web server serves.
+
+    Args:
+        ros: our own node; it spins while the application runs.
+        services: what the pages work with.
+        token: what a visitor must know; empty on loopback.
+    """
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        ros.start(asyncio.get_running_loop())
+        yield
+
+    application = FastAPI(lifespan=lifespan, openapi_url=None)
+
+    @application.websocket('/live')
+    async def live(socket: WebSocket) -> None:
+        await LiveSocket(socket, ros, services.system, services.feed).run()
+
+    application.mount('/panel', StaticFiles(directory=_STATIC))
+    stamp = max(int(path.stat().st_mtime) for path in _STATIC.iterdir())
+    ui.add_head_html(
+        f'<link rel="stylesheet" href="/panel/panel.css?{stamp}">'
+        f'<script defer src="/panel/live.js?{stamp}"></script>',
+        shared=True,
+    )
+
+    @ui.page('/')
+    def page(client: Client) -> None:
+        View(services, client)
+
+    ui.run_with(
+        application,
+        title='Tuning panel',
+        favicon=_ICON,
+        dark=None,
+        tailwind=False,
+        binding_refresh_interval=None,
+        # A page on a slow link or machine comes back to its state instead of beginning anew.
+        reconnect_timeout=_RECONNECT_TIME,
+        show_welcome_message=False,
+    )
+    # NiceGUI answers pages of every origin; the guard asks for ours, and so does this.
+    core.sio.eio.cors_allowed_origins = None
+    return Guard(application, token)

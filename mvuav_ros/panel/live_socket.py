@@ -1,0 +1,148 @@
+"""Pictures and curves to one page over a WebSocket, never faster than the page takes them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import struct
+import time
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from mvuav_ros.panel.live_system import LiveSystem
+from mvuav_ros.panel.pictures import PictureFeed, Shot, Stream, source_of, streams_of
+from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel.series import Point, SeriesFeed
+
+_CURVE_INTERVAL = 0.2
+"""Seconds between two batches of points."""
+_MOST_STREAMS = 16
+_LONGEST_REQUEST = 10_000
+_UNANSWERED = 2
+"""Pictures of one stream on their way; a slow link gets fewer pictures, not older ones."""
+
+
+class LiveSocket:
+    """One page's pictures and curves.
+
+    The page says what is on its screen: ``{"pictures": [key, …], "series": node}``, and tells of
+    each picture that it has drawn it: ``{"drawn": key}``. It gets pictures as binary messages
+    (uint32 length of a JSON header, the header, a JPEG) and curves as JSON.
+    """
+
+    def __init__(
+        self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: PictureFeed
+    ) -> None:
+        self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
+        self._looking: set[str] = set()
+        self._waiting: dict[str, Shot] = {}
+        self._under_way: dict[str, int] = {}
+        self._series: SeriesFeed | None = None
+        self._series_of = ''
+        self._points: list[Point] = []
+        self._something = asyncio.Event()
+        self._sent_curves = 0.0
+
+    async def run(self) -> None:
+        """Serve the page until it is closed."""
+        await self._socket.accept()
+        sender = asyncio.create_task(self._send())
+        try:
+            while True:
+                text = await self._socket.receive_text()
+                if len(text) <= _LONGEST_REQUEST:
+                    self._take(json.loads(text))
+        except (WebSocketDisconnect, ValueError, KeyError, TypeError, AttributeError):
+            pass
+        finally:
+            sender.cancel()
+            self._look_at([])
+            self._follow('')
+
+    def _take(self, request: dict[str, Any]) -> None:
+        if 'drawn' in request:
+            key = str(request['drawn'])
+            self._under_way[key] = max(self._under_way.get(key, 0) - 1, 0)
+            self._something.set()
+        if 'pictures' in request:
+            self._look_at([str(key) for key in request['pictures']][:_MOST_STREAMS])
+        if 'series' in request:
+            self._follow(str(request['series'] or ''))
+
+    def _look_at(self, keys: list[str]) -> None:
+        """Known streams only: what a page asks for never becomes a topic by itself."""
+        known: dict[str, tuple[Stream, str, bool]] = {}
+        for node in self._system.nodes.values():
+            for stream in streams_of(node):
+                topic, compressed = source_of(stream, node)
+                if topic and stream.key in keys:
+                    known[stream.key] = (stream, topic, compressed)
+        for key in self._looking - known.keys():
+            self._feed.look_away(key, self._arrived)
+            self._waiting.pop(key, None)
+            self._under_way.pop(key, None)
+        for stream, topic, compressed in known.values():
+            self._feed.look(stream, topic, compressed, self._arrived)
+        self._looking = set(known)
+
+    def _follow(self, name: str) -> None:
+        node = self._system.nodes.get(name)
+        name = node.name if node is not None else ''
+        if name == self._series_of:
+            return
+        if self._series is not None:
+            self._series.close()
+        self._points.clear()
+        self._series_of = name
+        self._series = (
+            SeriesFeed(self._ros, name, node.kind, self._points_arrived) if node else None
+        )
+
+    def _arrived(self, key: str, shot: Shot) -> None:
+        self._waiting[key] = shot
+        self._something.set()
+
+    def _points_arrived(self, point: Point) -> None:
+        self._points.append(point)
+        self._something.set()
+
+    async def _send(self) -> None:
+        while True:
+            await self._something.wait()
+            self._something.clear()
+            for key, shot in list(self._waiting.items()):
+                if self._under_way.get(key, 0) < _UNANSWERED:
+                    self._waiting.pop(key, None)
+                    self._under_way[key] = self._under_way.get(key, 0) + 1
+                    await self._socket.send_bytes(_message(key, shot))
+            now = time.monotonic()
+            if self._points and now - self._sent_curves >= _CURVE_INTERVAL:
+                self._sent_curves = now
+                points, self._points = self._points, []
+                await self._socket.send_text(curves_message(self._series_of, points))
+
+
+def _message(key: str, shot: Shot) -> bytes:
+    header = json.dumps({'key': key, 'width': shot.width, 'height': shot.height}).encode()
+    return struct.pack('<I', len(header)) + header + shot.jpeg
+
+
+def curves_message(node: str, points: list[Point]) -> str:
+    """Points as JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …]}``.
+
+    A value that is not known is null.
+    """
+    rounded = [
+        [
+            round(time_s, 3),
+            chart,
+            {
+                curve: round(value, 3) if math.isfinite(value) else None
+                for curve, value in values.items()
+            },
+        ]
+        for time_s, chart, values in points
+    ]
+    return json.dumps({'series': node, 'points': rounded})

@@ -1,0 +1,271 @@
+"""The running nodes as the page sees them, followed only while a page is open."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import parameter_value_to_python
+from std_srvs.srv import Trigger
+
+from mvuav_ros.panel.controls import Control
+from mvuav_ros.panel.discovery import Found, find_nodes
+from mvuav_ros.panel.remote_parameters import RemoteParameters
+from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
+from mvuav_ros.parameters.declaration import Value
+
+_SCAN_INTERVAL = 1.0
+_SILENCE = 4.0
+"""Seconds without a sign of life; a killed node stays in the graph for much longer."""
+
+
+@dataclass
+class LiveNode:
+    """One node.
+
+    Attributes:
+        found: its name, kind and input.
+        alive: it answers.
+        controls: its parameters, in order; empty until it has told them.
+        values: their current values.
+        status: its newest diagnostics.
+        message: the words of those.
+        level: their level, 0 when all is well.
+        statistics: its newest ``~/statistics``, values by status name.
+    """
+
+    found: Found
+    alive: bool = False
+    controls: list[Control] = field(default_factory=list)
+    values: dict[str, Any] = field(default_factory=dict)
+    status: dict[str, str] = field(default_factory=dict)
+    message: str = ''
+    level: int = 0
+    statistics: dict[str, dict[str, str]] = field(default_factory=dict)
+    heard: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Fully qualified."""
+        return self.found.name
+
+    @property
+    def kind(self) -> str:
+        """What it is, however it is called."""
+        return self.found.kind
+
+    @property
+    def image_topic(self) -> str:
+        """Where its images come from."""
+        return self.found.image_topic or self.status.get('image_topic', '')
+
+    @property
+    def picture_size(self) -> int:
+        """The longer side of its images, px; 0 while that is not known."""
+        sides = self.status.get('image', '').split(' ')[0].split('x')
+        return max((int(side) for side in sides if side.isdigit()), default=0)
+
+
+Listener = Callable[[str, LiveNode], None]
+"""Called in the loop with what changed: ``nodes``, ``values``, ``status`` or ``statistics``."""
+
+
+class LiveSystem:
+    """Finds nodes, keeps their parameters and diagnostics up to date, and sets parameters.
+
+    Without a listener nothing is subscribed and nothing runs.
+    """
+
+    def __init__(self, ros: RosThread) -> None:
+        self._ros = ros
+        self.nodes: dict[str, LiveNode] = {}
+        self._remotes: dict[str, RemoteParameters] = {}
+        self._listeners: list[Listener] = []
+        self._subscriptions: list[Any] = []
+        self._statistics: dict[str, Any] = {}
+        self._scanning: asyncio.Task[None] | None = None
+        self._reading: set[str] = set()
+        self._unread: set[str] = set()
+
+    def listen(self, listener: Listener) -> None:
+        """Follow the nodes until `leave`."""
+        if listener not in self._listeners:
+            self._listeners.append(listener)
+        if self._scanning is None:
+            self.nodes = {name: node for name, node in self.nodes.items() if node.alive}
+            self._scanning = asyncio.create_task(self._follow())
+
+    def leave(self, listener: Listener) -> None:
+        """End `listen`; the last one ends everything."""
+        if listener in self._listeners:
+            self._listeners.remove(listener)
+        if not self._listeners and self._scanning is not None:
+            self._scanning.cancel()
+            self._scanning = None
+            # What changes while nobody looks is not heard of.
+            self._unread = set(self.nodes)
+            for node in self.nodes.values():
+                node.heard = 0.0
+
+    async def set(self, name: str, values: Mapping[str, Value]) -> dict[str, str]:
+        """Set parameters of a node.
+
+        Returns:
+            For each that was not set the reason.
+        """
+        remote, node = self._remotes.get(name), self.nodes.get(name)
+        if remote is None or node is None:
+            return dict.fromkeys(values, 'the node is gone')
+        try:
+            refused = await remote.set(values)
+        except NoAnswerError as error:
+            return dict.fromkeys(values, str(error))
+        self._take_values(node, {k: v for k, v in values.items() if k not in refused})
+        return refused
+
+    async def trigger(self, service: str) -> str:
+        """Call a std_srvs/Trigger service; returns why it failed, or nothing."""
+        client = await self._ros.call(lambda: self._ros.node.create_client(Trigger, service))
+        try:
+            for _ in range(20):
+                if client.service_is_ready():
+                    break
+                await asyncio.sleep(0.05)
+            answer = await self._ros.request(client, Trigger.Request())
+        except NoAnswerError as error:
+            return str(error)
+        finally:
+            await self._ros.call(lambda: self._ros.node.destroy_client(client))
+        return '' if answer.success else str(answer.message)
+
+    async def _follow(self) -> None:
+        await self._ros.call(self._subscribe)
+        try:
+            while True:
+                found = await self._ros.call(lambda: find_nodes(self._ros.node))
+                await self._take(found)
+                await asyncio.sleep(_SCAN_INTERVAL)
+        finally:
+            # The loop must get there even though this task is cancelled.
+            self._scanning_ended = asyncio.ensure_future(self._ros.call(self._unsubscribe))
+
+    async def _take(self, found: Mapping[str, Found]) -> None:
+        now = time.monotonic()
+        for name, each in found.items():
+            node = self.nodes.get(name)
+            if node is None:
+                node = self.nodes[name] = LiveNode(each)
+                self._tell('nodes', node)
+            elif node.found != each:
+                node.found = each
+                self._tell('nodes', node)
+            if name not in self._remotes:
+                self._remotes[name] = await self._ros.call(partial(self._connect, name))
+            if (not node.alive or name in self._unread) and name not in self._reading:
+                self._reading.add(name)
+                asyncio.create_task(self._read(node))  # noqa: RUF006 - kept in _reading
+        for name, node in self.nodes.items():
+            silent = node.heard and now - node.heard > _SILENCE
+            if node.alive and (name not in found or silent):
+                node.alive = False
+                self._tell('nodes', node)
+            if name not in found and name in self._remotes:
+                await self._ros.call(partial(self._disconnect, name))
+
+    async def _read(self, node: LiveNode) -> None:
+        """Ask a node for everything; one that is gone is asked again by the next scan."""
+        remote = self._remotes.get(node.name)
+        try:
+            if remote is not None:
+                controls = await remote.describe()
+                values = await remote.get([control.name for control in controls])
+                node.controls, node.values = controls, values
+                node.alive, node.heard = True, time.monotonic()
+                self._unread.discard(node.name)
+                self._tell('nodes', node)
+                self._tell('values', node)
+        except NoAnswerError:
+            pass
+        finally:
+            self._reading.discard(node.name)
+
+    def _tell(self, what: str, node: LiveNode) -> None:
+        for listener in list(self._listeners):
+            listener(what, node)
+
+    # In the ROS thread:
+
+    def _connect(self, name: str) -> RemoteParameters:
+        self._statistics[name] = self._ros.node.create_subscription(
+            DiagnosticArray,
+            f'{name}/statistics',
+            lambda message: self._ros.tell(self._on_statistics, name, message),
+            10,
+        )
+        return RemoteParameters(self._ros, name)
+
+    def _disconnect(self, name: str) -> None:
+        self._ros.node.destroy_subscription(self._statistics.pop(name))
+        self._remotes.pop(name).close(self._ros.node)
+
+    def _subscribe(self) -> None:
+        node = self._ros.node
+        self._subscriptions = [
+            node.create_subscription(
+                DiagnosticArray,
+                '/diagnostics',
+                lambda message: self._ros.tell(self._on_diagnostics, message),
+                10,
+            ),
+            node.create_subscription(
+                ParameterEvent,
+                '/parameter_events',
+                lambda message: self._ros.tell(self._on_parameters, message),
+                100,
+            ),
+        ]
+
+    def _unsubscribe(self) -> None:
+        for subscription in self._subscriptions:
+            self._ros.node.destroy_subscription(subscription)
+        self._subscriptions = []
+        for name in list(self._remotes):
+            self._disconnect(name)
+
+    # In the loop again:
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            node = self.nodes.get(status.name)
+            if node is not None:
+                node.heard = time.monotonic()
+                node.status = {pair.key: pair.value for pair in status.values}
+                node.message, node.level = status.message, status.level[0]
+                self._tell('status', node)
+
+    def _on_statistics(self, name: str, message: DiagnosticArray) -> None:
+        node = self.nodes.get(name)
+        if node is not None:
+            node.statistics = {
+                status.name: {pair.key: pair.value for pair in status.values}
+                for status in message.status
+            }
+            self._tell('statistics', node)
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        node = self.nodes.get(event.node)
+        if node is not None and node.controls:
+            changed = event.changed_parameters
+            self._take_values(node, {p.name: parameter_value_to_python(p.value) for p in changed})
+
+    def _take_values(self, node: LiveNode, values: Mapping[str, Any]) -> None:
+        """The answer to a request and the event of the change tell the same."""
+        if any(node.values.get(name) != value for name, value in values.items()):
+            node.values.update(values)
+            self._tell('values', node)

@@ -1,0 +1,132 @@
+"""``tuning_panel``: a ROS 2 node that serves the page."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+PORT = 8642
+
+
+def main() -> None:
+    """Run the node."""
+    arguments = _parse(sys.argv[1:])
+    try:
+        # Before ROS: without the extra nothing is to be started.
+        import nicegui  # noqa: F401
+    except ImportError:
+        sys.exit('tuning_panel needs NiceGUI: pip install "mvuav_ros[panel]"')
+    try:
+        listening = _listen(arguments.host, arguments.port)
+    except OSError as error:
+        print(
+            f'{arguments.host}:{arguments.port}: {error.strerror or error}; choose another --port',
+            file=sys.stderr,
+        )
+        sys.exit(2)
+    sys.exit(_serve(arguments, listening))
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    # rclpy.utilities.remove_ros_args would import ROS before --help.
+    words = list(arguments)
+    ros = words[words.index('--ros-args') :] if '--ros-args' in words else []
+    parser = argparse.ArgumentParser(
+        prog='tuning_panel',
+        description='Serves a page that tunes running marker_tracker and runway_detector nodes.',
+        epilog='ROS arguments follow --ros-args.',
+    )
+    parser.add_argument(
+        '--host',
+        default='127.0.0.1',
+        help='address to serve on; any other than loopback asks visitors for a token',
+    )
+    parser.add_argument('--port', type=int, default=PORT, help=f'TCP port ({PORT}); 0: a free one')
+    parser.add_argument(
+        '--folder', type=Path, default=_data_folder(), help='for saved sets and runs (%(default)s)'
+    )
+    parser.add_argument(
+        '--bags',
+        type=Path,
+        action='append',
+        default=None,
+        help='a recording or a folder of them, to choose from for runs; may be repeated '
+        '(the sample bags)',
+    )
+    parsed = parser.parse_args(words[: len(words) - len(ros)])
+    parsed.ros = ros
+    return parsed
+
+
+def _data_folder() -> Path:
+    base = os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share'
+    return Path(base) / 'mvuav_ros'
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listening.bind((host, port))
+    listening.listen(64)
+    return listening
+
+
+def address(host: str, port: int, token: str) -> str:
+    """What a user opens."""
+    name = f'[{host}]' if ':' in host else host
+    if host in ('0.0.0.0', '::'):
+        name = socket.gethostname()
+    return f'http://{name}:{port}/' + (f'?token={token}' if token else '')
+
+
+def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
+    import uvicorn
+
+    from mvuav_ros.nodes.process_tuning import tune_process
+    from mvuav_ros.panel.application import make_application
+    from mvuav_ros.panel.guard import make_token
+    from mvuav_ros.panel.live_system import LiveSystem
+    from mvuav_ros.panel.package_data import built_in_sets, sample_bags
+    from mvuav_ros.panel.page.context import Services
+    from mvuav_ros.panel.pictures import PictureFeed
+    from mvuav_ros.panel.ros_thread import RosThread
+    from mvuav_ros.panel.runs import RunStore
+    from mvuav_ros.panel.sets import SetStore
+
+    tune_process()
+    ros = RosThread('tuning_panel', arguments.ros)
+    token = make_token(arguments.host)
+    folder: Path = arguments.folder.expanduser().resolve()
+    with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:
+        services = Services(
+            system=LiveSystem(ros),
+            feed=PictureFeed(ros),
+            sets=SetStore(folder / 'sets', built_in_sets()),
+            runs=RunStore(folder / 'runs'),
+            bags=tuple(path.expanduser() for path in arguments.bags or sample_bags()),
+            scratch=Path(scratch),
+        )
+        application = make_application(ros, services, token)
+        port = listening.getsockname()[1]
+        print(f'tuning_panel: {address(arguments.host, port, token)}', flush=True)
+        config = uvicorn.Config(
+            application,
+            log_level='warning',
+            access_log=False,
+            ws='websockets-sansio',
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=1,
+        )
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        except KeyboardInterrupt:
+            pass
+        finally:
+            ros.stop()
+    return 0

@@ -1,0 +1,46 @@
+"""A replay's numbers; imports much, and so only in the process of a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import mvuav_ros
+from mvuav_ros.evaluation.metrics import metrics_of
+from mvuav_ros.evaluation.observed import read_bag
+from mvuav_ros.panel.runs import SavedRun
+from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.replaying.job import ReplayOutcome
+
+
+def measured_run(
+    name: str,
+    kind: str,
+    source: str,
+    parameters: Mapping[str, Value],
+    outcome: ReplayOutcome,
+    settings: str = '',
+) -> SavedRun:
+    """The numbers of a replay that has ended.
+
+    Raises:
+        RecordingError: the results or the recording cannot be read.
+    """
+    observed = read_bag(outcome.output)
+    observed.truth = read_bag(Path(source)).truth
+    observed.frames = outcome.frames
+    observed.refused = outcome.frames - outcome.answered
+    metrics = [metric for metric in metrics_of(observed) if metric.name != 'time per frame']
+    return SavedRun(
+        name=name,
+        kind=kind,
+        source=source,
+        parameters=dict(parameters),
+        metrics=tuple(metrics),
+        version=mvuav_ros.__version__,
+        made=time.time(),
+        frames=outcome.frames,
+        answered=outcome.answered,
+        settings=settings,
+    )

@@ -1,0 +1,100 @@
+"""The page's head: the nodes to choose from, and how the chosen one does."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.page.context import Page
+from mvuav_ros.panel.page.elements import box, icon_button, text
+
+_FIGURES = {
+    'input_rate_hz': ('in', 'Hz'),
+    'output_rate_hz': ('out', 'Hz'),
+    'latency_p50_ms': ('latency p50', 'ms'),
+    'latency_p95_ms': ('p95', 'ms'),
+    'frames_refused': ('refused', ''),
+}
+
+
+class _NodeButton:
+    """Chooses a node and shows whether it lives."""
+
+    def __init__(self, name: str, page: Page) -> None:
+        self._button = box('node', 'button').props('type=button')
+        self._button.on('click', lambda: page.select(name))
+        with self._button:
+            self._dot = box('dot')
+            text(name)
+            self._state = text('', 'state')
+        self._shown: tuple[object, ...] = ()
+
+    def show(self, node: LiveNode, *, chosen: bool) -> None:
+        """Follow the node."""
+        state = '' if node.alive else 'gone' if node.controls else 'starting'
+        color = 'bad' if state == 'gone' else 'warn' if state or node.level else 'good'
+        if (state, color, chosen) != self._shown:
+            self._shown = (state, color, chosen)
+            self._state.set_text(state)
+            self._dot.classes(replace=f'dot {color}')
+            self._button.props(f'aria-pressed={str(chosen).lower()}')
+
+
+class Head:
+    """Node buttons and the chosen node's diagnostics."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._dark = ui.dark_mode(value=None)
+        with box('head', 'header'):
+            text('Tuning panel', tag='h1')
+            self._nodes = box('nodes grow').props('role=group aria-label="Nodes"')
+            icon_button('contrast', 'Light or dark', self._toggle)
+        with box('health'):
+            self._figures = {}
+            for key, (words, unit) in _FIGURES.items():
+                with box():
+                    text(words, 'soft small')
+                    self._figures[key] = text('-', 'number')
+                    text(unit, 'soft small')
+            self._words = text('', 'words soft small')
+        self._buttons: dict[str, _NodeButton] = {}
+        page.on_select.append(self.refresh)
+        self.refresh()
+
+    async def _toggle(self) -> None:
+        dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
+        self._dark.value = not dark
+
+    def refresh(self) -> None:
+        """After nodes came or went, or another was selected."""
+        nodes = self._page.services.system.nodes
+        if self._page.node is None and nodes:
+            alive = [name for name, node in nodes.items() if node.alive]
+            self._page.select((alive or list(nodes))[0])
+            return
+        if list(nodes) != list(self._buttons) or not nodes:
+            # Only then: a button that is made anew loses the keyboard's focus.
+            self._nodes.clear()
+            with self._nodes:
+                self._buttons = {name: _NodeButton(name, self._page) for name in nodes}
+                if not nodes:
+                    text('looking for nodes …', 'soft')
+        for name, button in self._buttons.items():
+            button.show(nodes[name], chosen=name == self._page.selected)
+        self.show_status()
+
+    def show_status(self) -> None:
+        """After new diagnostics."""
+        node = self._page.node
+        status = node.status if node is not None and node.alive else {}
+        for key, label in self._figures.items():
+            value = status.get(key, '-')
+            label.set_text('-' if value == 'nan' else value)
+        if node is None:
+            words = 'Start marker_tracker or runway_detector; it appears here by itself.'
+        elif not node.alive and node.controls:
+            words = 'The node is gone. It is taken up again as soon as it is back.'
+        else:
+            words = node.message
+        self._words.set_text(words)

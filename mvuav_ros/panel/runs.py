@@ -1,0 +1,152 @@
+"""Saved runs over recordings: a folder each, with the results' bag and ``run.json``."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mvuav_ros.evaluation.metric import Metric
+from mvuav_ros.evaluation.report.model import Cell, Column, Table
+from mvuav_ros.panel.names import NameRefusedError, checked_name
+from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.sources.opening import BAG_SUFFIXES
+
+RESULTS = 'results.mcap'
+_SUMMARY = 'run.json'
+_MOST_BAGS = 500
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """One run.
+
+    Attributes:
+        name: of its folder.
+        kind: the node that ran.
+        source: the recording.
+        parameters: all of the node's.
+        metrics: its numbers, those of ``mvuav sweep``.
+        version: of this package.
+        made: seconds since the epoch.
+        frames: read.
+        answered: with a result.
+        settings: the name of the parameters' set; empty where they were none's.
+    """
+
+    name: str
+    kind: str
+    source: str
+    parameters: Mapping[str, Value]
+    metrics: tuple[Metric, ...]
+    version: str
+    made: float
+    frames: int
+    answered: int
+    settings: str = ''
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, which has no NaN."""
+        metrics = [
+            {**metric._asdict(), 'value': metric.value if math.isfinite(metric.value) else None}
+            for metric in self.metrics
+        ]
+        return {**vars(self), 'parameters': dict(self.parameters), 'metrics': metrics}
+
+
+class RunStore:
+    """The runs of a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def all(self) -> list[SavedRun]:
+        """Every complete run, the oldest first; what cannot be read is left out."""
+        runs = []
+        for path in self.folder.glob(f'*/{_SUMMARY}'):
+            try:
+                runs.append(_read(path))
+            except (OSError, ValueError, KeyError, TypeError):
+                continue
+        return sorted(runs, key=lambda run: run.made)
+
+    def free_name(self) -> str:
+        """A name that no run has."""
+        number = 1
+        while (self.folder / f'run {number}').exists():
+            number += 1
+        return f'run {number}'
+
+    def new_folder(self, name: str) -> Path:
+        """Make the folder of a run to come.
+
+        Raises:
+            NameRefusedError: the name cannot be given, or is a run's already.
+        """
+        folder = self.folder / checked_name(name)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            raise NameRefusedError(f'there is a run {name} already') from None
+        return folder
+
+    def finish(self, run: SavedRun) -> None:
+        """Write what makes a run complete."""
+        path = self.folder / checked_name(run.name) / _SUMMARY
+        path.write_text(json.dumps(run.as_dict(), indent=1, ensure_ascii=False))
+
+    def delete(self, name: str) -> None:
+        """Remove a run.
+
+        Raises:
+            NameRefusedError: no run can have this name.
+        """
+        shutil.rmtree(self.folder / checked_name(name), ignore_errors=True)
+
+
+def _read(path: Path) -> SavedRun:
+    content = json.loads(path.read_text())
+    metrics = tuple(
+        Metric(m['group'], m['name'], m['unit'], math.nan if m['value'] is None else m['value'])
+        for m in content.pop('metrics')
+    )
+    # The folder's name counts: a user may have renamed it.
+    content['name'] = checked_name(path.parent.name)
+    return SavedRun(**content, metrics=metrics)
+
+
+def run_table(runs: Sequence[SavedRun]) -> Table:
+    """Everything about runs but their messages: one row each."""
+    metrics = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
+    parameters = list(dict.fromkeys(name for run in runs for name in run.parameters))
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        numbers = {metric.column: metric.cell for metric in run.metrics}
+        rows.append(
+            (
+                run.name,
+                run.kind,
+                run.source,
+                run.version,
+                *(numbers.get(column) for column in metrics),
+                *(run.parameters.get(name) for name in parameters),
+            )
+        )
+    heads = ('run', 'node', 'input', 'version', *metrics, *parameters)
+    return Table('runs', 'Runs', tuple(Column(head) for head in heads), tuple(rows))
+
+
+def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
+    """The recordings below some folders, by the name that the page shows."""
+    bags: dict[str, Path] = {}
+    for folder in folders:
+        for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
+            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MOST_BAGS:
+                name = str(path.relative_to(folder)) if path != folder else path.name
+                bags.setdefault(name, path)
+    return bags

@@ -1,0 +1,131 @@
+"""Named sets of parameters: ordinary ROS 2 parameter files in one folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from mvuav_ros.panel.names import NameRefusedError, checked_name
+from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.parameters.parameter_file import load_parameters
+
+_SUFFIX = '.yaml'
+_BUILT_IN = ('default', 'thesis')
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A parameter with its values in two sets; None where a set has none."""
+
+    name: str
+    left: object
+    right: object
+
+    @property
+    def differs(self) -> bool:
+        """Whether both have a value and not the same one."""
+        return self.left is not None and self.right is not None and self.left != self.right
+
+
+class SetStore:
+    """The sets of a folder, and those shipped with the package, which cannot be overwritten."""
+
+    def __init__(self, folder: Path, built_in: Path | None = None) -> None:
+        """Look after a folder.
+
+        Args:
+            folder: of the user's sets; made when the first one is saved.
+            built_in: the folder with ``default.yaml`` and ``thesis.yaml``.
+        """
+        self.folder = folder
+        self._built_in = {
+            name: built_in / f'{name}{_SUFFIX}'
+            for name in _BUILT_IN
+            if built_in is not None and (built_in / f'{name}{_SUFFIX}').is_file()
+        }
+
+    def names(self, kind: str) -> list[str]:
+        """The sets that say something of a kind of node; the shipped ones first."""
+        own = sorted(
+            path.stem
+            for path in self.folder.glob(f'*{_SUFFIX}')
+            if path.stem not in self._built_in and _is_name(path.stem)
+        )
+        return [name for name in (*self._built_in, *own) if self._says(name, kind)]
+
+    def is_built_in(self, name: str) -> bool:
+        """Whether a set is shipped with the package."""
+        return name in self._built_in
+
+    def load(self, name: str, kind: str) -> dict[str, object]:
+        """The values of a set for a kind of node.
+
+        Raises:
+            NameRefusedError: no set can have this name.
+            ParameterError: the file cannot be read.
+        """
+        return load_parameters(self._path(name), kind)
+
+    def save(self, name: str, kind: str, values: Mapping[str, Value]) -> Path:
+        """Write a set, in place of one of the same name.
+
+        Raises:
+            NameRefusedError: the name cannot be given, or is a shipped set's.
+            OSError: the file cannot be written.
+        """
+        if name.strip() in self._built_in:
+            raise NameRefusedError(f'{name.strip()} is shipped with the package; take another name')
+        path = self._path(name)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        content = {f'/**/{kind}': {'ros__parameters': dict(values)}}
+        whole = path.with_suffix('.new')
+        whole.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
+        os.replace(whole, path)  # noqa: PTH105 - says that it is atomic
+        return path
+
+    def delete(self, name: str) -> None:
+        """Remove one of the user's sets.
+
+        Raises:
+            NameRefusedError: it is a shipped one, or the name cannot be.
+        """
+        if name in self._built_in:
+            raise NameRefusedError(f'{name} is shipped with the package')
+        self._path(name).unlink(missing_ok=True)
+
+    def _path(self, name: str) -> Path:
+        if name in self._built_in:
+            return self._built_in[name]
+        return self.folder / f'{checked_name(name)}{_SUFFIX}'
+
+    def _says(self, name: str, kind: str) -> bool:
+        try:
+            return bool(self.load(name, kind))
+        except ValueError:
+            return False
+
+
+def differences(
+    left: Mapping[str, object], right: Mapping[str, object], *, all_of_them: bool = False
+) -> list[Difference]:
+    """What two sets say of each parameter, in the order of the first.
+
+    Args:
+        left: name to value.
+        right: the same.
+        all_of_them: also those that are equal or that only one set has.
+    """
+    names = dict.fromkeys((*left, *right))
+    found = [Difference(name, left.get(name), right.get(name)) for name in names]
+    return found if all_of_them else [each for each in found if each.differs]
+
+
+def _is_name(text: str) -> bool:
+    try:
+        return checked_name(text) == text
+    except NameRefusedError:
+        return False

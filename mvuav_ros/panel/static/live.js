@@ -1,0 +1,135 @@
+// Pictures and curves of the page: one WebSocket that asks only for what is on the screen.
+'use strict';
+(() => {
+  const WINDOW = 30; // seconds of curves
+  const STALE = 3000; // ms without a picture
+  const seen = new Set(); // canvases on the screen
+  const drawnAt = new Map();
+  let socket = null, asked = '', retry = 500, series = '', curves = {};
+
+  const panel = () => document.querySelector('.panel');
+  const visible = (part) => { const e = document.querySelector('.part.' + part); return !!e && e.offsetParent !== null; };
+
+  const watcher = new IntersectionObserver((entries) => {
+    for (const entry of entries) entry.isIntersecting ? seen.add(entry.target) : seen.delete(entry.target);
+    ask();
+  });
+
+  function wanted() {
+    if (document.hidden) return { pictures: [], series: '' };
+    const keys = [...seen].filter((c) => c.isConnected).map((c) => c.dataset.key);
+    return { pictures: [...new Set(keys)].sort(), series: visible('results') ? panel().dataset.node || '' : '' };
+  }
+
+  function ask(again) {
+    if (!socket || socket.readyState !== WebSocket.OPEN || !panel()) return;
+    const text = JSON.stringify(wanted());
+    if (text !== asked || again) socket.send(text);
+    asked = text;
+  }
+
+  function connect() {
+    socket = new WebSocket((location.protocol === 'https:' ? 'wss://' : 'ws://') + location.host + '/live');
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => { retry = 500; asked = ''; ask(); };
+    socket.onclose = () => { socket = null; setTimeout(connect, retry); retry = Math.min(retry * 2, 5000); };
+    socket.onmessage = (event) => typeof event.data === 'string' ? plot(JSON.parse(event.data)) : show(event.data);
+  }
+
+  async function show(data) {
+    const length = new DataView(data).getUint32(0, true);
+    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    try {
+      const picture = await createImageBitmap(new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
+      for (const canvas of document.querySelectorAll('canvas.picture')) {
+        if (canvas.dataset.key === header.key) draw(canvas, picture, header);
+      }
+      picture.close();
+    } finally {
+      if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ drawn: header.key }));
+    }
+  }
+
+  function draw(canvas, picture, header) {
+    if (canvas.width !== picture.width) canvas.width = picture.width;
+    if (canvas.height !== picture.height) canvas.height = picture.height;
+    canvas.fullSize = [header.width, header.height];
+    const context = canvas.getContext('2d');
+    context.drawImage(picture, 0, 0);
+    const rows = (canvas.dataset.rows || '').split(',').filter(Boolean).map(Number);
+    if (rows.length === 2 && rows[1] > rows[0]) {
+      context.setLineDash([8, 5]); context.lineWidth = 1.5; context.strokeStyle = '#ffb000';
+      for (const row of rows) {
+        const y = (row * canvas.height) / header.height;
+        context.beginPath(); context.moveTo(0, y); context.lineTo(canvas.width, y); context.stroke();
+      }
+    }
+    canvas.dataset.frames = Number(canvas.dataset.frames || 0) + 1;
+    canvas.parentElement.dataset.fresh = 'true';
+    drawnAt.set(canvas, performance.now());
+  }
+
+  // The pixel of the original under the pointer; the canvas is letterboxed into its box.
+  function pixel(canvas, event) {
+    if (!canvas.fullSize) return null;
+    const box = canvas.getBoundingClientRect();
+    const scale = Math.min(box.width / canvas.width, box.height / canvas.height);
+    const x = (event.clientX - box.left - (box.width - canvas.width * scale) / 2) / (canvas.width * scale);
+    const y = (event.clientY - box.top - (box.height - canvas.height * scale) / 2) / (canvas.height * scale);
+    if (x < 0 || y < 0 || x >= 1 || y >= 1) return null;
+    return { x: Math.floor(x * canvas.fullSize[0]), y: Math.floor(y * canvas.fullSize[1]) };
+  }
+
+  document.addEventListener('click', (event) => {
+    const canvas = event.target.closest && event.target.closest('canvas.clickable');
+    const at = canvas && pixel(canvas, event);
+    if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
+  });
+
+  function plot(message) {
+    if (message.series !== series) { series = message.series; curves = {}; }
+    const touched = new Set();
+    for (const [time, chart, values] of message.points) {
+      const here = (curves[chart] ||= {});
+      touched.add(chart);
+      for (const name of new Set([...Object.keys(here), ...Object.keys(values)])) {
+        const line = (here[name] ||= []);
+        line.push([time, values[name] ?? null]);
+        while (line.length && line[0][0] < time - WINDOW) line.shift();
+      }
+    }
+    for (const chart of touched) {
+      const holder = document.querySelector(`[data-curves="${chart}"][data-node="${CSS.escape(series)}"]`);
+      const instance = holder && window.getElement && getElement(Number(holder.id.slice(1)))?.chart;
+      if (!instance) continue;
+      const lines = Object.entries(curves[chart]);
+      const end = Math.max(...lines.map(([, line]) => line[line.length - 1][0]));
+      instance.setOption({
+        legend: { data: lines.map(([name]) => name) },
+        series: lines.map(([name, line]) => ({
+          id: name, name, type: 'line', showSymbol: false, animation: false, lineStyle: { width: 1.4 },
+          data: line.map(([time, value]) => [+(time - end).toFixed(3), value]),
+        })),
+      }, { lazyUpdate: true });
+    }
+  }
+
+  function look() {
+    for (const canvas of document.querySelectorAll('canvas.picture')) watcher.observe(canvas);
+    for (const canvas of [...seen]) if (!canvas.isConnected) { watcher.unobserve(canvas); seen.delete(canvas); }
+    const now = performance.now();
+    for (const [canvas, time] of drawnAt) {
+      if (!canvas.isConnected) drawnAt.delete(canvas);
+      else if (now - time > STALE) canvas.parentElement.dataset.fresh = 'false';
+    }
+    ask(true);
+  }
+
+  window.panelPart = (part) => {
+    panel().dataset.part = part;
+    for (const tab of document.querySelectorAll('.tab')) tab.setAttribute('aria-selected', String(tab.classList.contains(part)));
+    requestAnimationFrame(look);
+  };
+  document.addEventListener('visibilitychange', () => { ask(); });
+  document.addEventListener('DOMContentLoaded', () => { connect(); setInterval(look, 1000); });
+})();

@@ -1,0 +1,92 @@
+"""Named sets of the panel: ordinary parameter files that cannot leave their folder."""
+
+import pytest
+
+from mvuav_ros.panel.names import NameRefusedError, checked_name
+from mvuav_ros.panel.package_data import built_in_sets
+from mvuav_ros.panel.sets import SetStore, differences
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.parameter_file import load_parameters
+
+KIND = 'marker_tracker'
+OUTSIDE = [
+    '',
+    ' ',
+    '.',
+    '..',
+    '../other',
+    'a/b',
+    'a\\b',
+    '/etc/passwd',
+    '.hidden',
+    'a..b',
+    'ends.',
+    'nul\0',
+    'line\nbreak',
+    'x' * 65,
+    '<b>bold</b>',
+    'ünï',
+    '~root',
+    '$HOME',
+]
+
+
+@pytest.mark.parametrize('name', OUTSIDE)
+def test_a_name_cannot_leave_its_folder(name, tmp_path):
+    with pytest.raises(NameRefusedError):
+        checked_name(name)
+    store = SetStore(tmp_path / 'sets')
+    for act in (lambda: store.save(name, KIND, {'threshold': 0.5}), lambda: store.delete(name)):
+        with pytest.raises(NameRefusedError):
+            act()
+    with pytest.raises(NameRefusedError):
+        store.load(name, KIND)
+    assert list(tmp_path.rglob('*')) == []
+
+
+@pytest.mark.parametrize('name', ['night', 'Night 2', 'rain_7', 'v1.2-final', '7'])
+def test_ordinary_names_are_taken(name):
+    assert checked_name(f' {name} ') == name
+
+
+def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tmp_path):
+    store = SetStore(tmp_path / 'sets')
+    values = {**MarkerTrackerParameters().as_dict(), 'threshold': 0.55, 'mode': 'detect'}
+    path = store.save('night', KIND, values)
+    assert path.parent == tmp_path / 'sets'
+    assert load_parameters(path, KIND) == values
+    assert store.load('night', KIND) == values
+    assert MarkerTrackerParameters.from_mapping(load_parameters(path, KIND)).threshold == 0.55
+    assert store.names(KIND) == ['night']
+    assert store.names('runway_detector') == []
+    store.delete('night')
+    assert store.names(KIND) == []
+
+
+def test_shipped_sets_come_first_and_cannot_be_overwritten_or_deleted(tmp_path):
+    store = SetStore(tmp_path / 'sets', built_in_sets())
+    store.save('a first one', KIND, {'threshold': 0.5})
+    assert store.names(KIND) == ['default', 'thesis', 'a first one']
+    assert store.load('default', KIND) == MarkerTrackerParameters().as_dict()
+    for name in ('default', ' thesis '):
+        with pytest.raises(NameRefusedError, match='shipped'):
+            store.save(name, KIND, {'threshold': 0.5})
+    with pytest.raises(NameRefusedError, match='shipped'):
+        store.delete('default')
+
+
+def test_foreign_files_in_the_folder_are_left_out(tmp_path):
+    (tmp_path / 'broken.yaml').write_text('{')
+    (tmp_path / 'list.yaml').write_text('[1, 2]')
+    (tmp_path / '.hidden.yaml').write_text('marker_tracker: {ros__parameters: {threshold: 0.5}}')
+    (tmp_path / 'good.yaml').write_text('marker_tracker: {ros__parameters: {threshold: 0.5}}')
+    assert SetStore(tmp_path).names(KIND) == ['good']
+
+
+def test_differences_of_two_sets():
+    left = {'threshold': 0.7, 'mode': 'track', 'min_area': 1}
+    right = {'threshold': 0.6, 'mode': 'track', 'max_area': 0}
+    (found,) = differences(left, right)
+    assert (found.name, found.left, found.right) == ('threshold', 0.7, 0.6)
+    names = [each.name for each in differences(left, right, all_of_them=True)]
+    assert names == ['threshold', 'mode', 'min_area', 'max_area']
