@@ -10,8 +10,10 @@ SOURCES := $(shell find mvuav_ros executables config launch bags resource -type 
 demo: .venv
 	$(BIN)/mvuav demo $(if $(PANEL),--panel,-o out)
 
+# First what needs no ROS graph, on all cores; then the nodes, alone with the machine.
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --ignore test/nodes --ignore test/demo --ignore test/panel
+	$(BIN)/python -m pytest test/nodes test/demo test/panel
 
 lint: .venv
 	$(BIN)/ruff check .

@@ -51,7 +51,7 @@ setup(
         ],
         'dask': ['distributed>=2024.1'],
         'panel': ['nicegui>=3,<4'],
-        'test': ['pytest>=7,<9', 'hypothesis', 'scikit-image', 'playwright'],
+        'test': ['pytest>=7,<9', 'pytest-xdist', 'hypothesis', 'scikit-image', 'playwright'],
         'dev': [
             'ruff',
             'mypy',

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from mvuav_ros.messages.header import stamp_ns_of
 from mvuav_ros.messages.image_decoding import decode_image
 from mvuav_ros.messages.points import decode_points
+from mvuav_ros.messages.stamp import stamp_ns_of
 from mvuav_ros.recording.reading import open_recording
 
 mpl.use('Agg')

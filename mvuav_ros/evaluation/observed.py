@@ -14,8 +14,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.header import make_header, stamp_ns_of
+from mvuav_ros.messages.header import make_header
 from mvuav_ros.messages.points import decode_points
+from mvuav_ros.messages.stamp import stamp_ns_of
 from mvuav_ros.messages.truth import encode_true_lines, encode_true_markers, encode_true_rpy
 from mvuav_ros.processing.processor import DuplicateStampError, Processor
 from mvuav_ros.processing.registry import PROCESSORS

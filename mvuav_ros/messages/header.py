@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
-
-
-def stamp_ns_of(header: Any) -> int:
-    """A header's stamp in nanoseconds; takes ROS and rosbags messages."""
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
 def make_header(stamp_ns: int, frame_id: str) -> Header:

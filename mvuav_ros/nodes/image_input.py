@@ -30,8 +30,8 @@ from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind, qos_profile_sens
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo
 
-from mvuav_ros.messages.header import stamp_ns_of
 from mvuav_ros.messages.serialized_image import stamp_ns_in
+from mvuav_ros.messages.stamp import stamp_ns_of
 from mvuav_ros.sources.frame import Frame
 from mvuav_ros.sources.stamp_pairing import StampPairing
 from mvuav_ros.vision.picture import ImageError

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from mvuav_ros.messages.camera_info import decode_camera_info
-from mvuav_ros.messages.header import stamp_ns_of
 from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.messages.stamp import stamp_ns_of
 from mvuav_ros.recording.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recording.images import (
     CAMERA_INFO,

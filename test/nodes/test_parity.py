@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages.header import stamp_ns_of
+from mvuav_ros.messages.stamp import stamp_ns_of
 from mvuav_ros.processing.serialization import serialize
 from mvuav_ros.recording.images import IMAGE
 from mvuav_ros.recording.reading import open_recording
