@@ -29,7 +29,7 @@ report: .venv
 
 # The same tests against the oldest libraries that a robot has: apt's of Ubuntu 24.04.
 test-robot: .venv-robot/installed
-	.venv-robot/bin/python -m pytest test/vision test/messages test/parameters test/recording
+	.venv-robot/bin/python -m pytest -n auto test/vision test/messages test/parameters test/recording
 
 # The sample bags: synthetic flights, the same on every machine, with their truth.
 bags: .venv
