@@ -149,10 +149,10 @@ def _process(processor: Processor, frame: Frame, observed: Observed) -> bool:
         outputs = processor.process(frame)
     except (DuplicateStampError, ImageError):
         return False
-    for topic, message in outputs:
+    for topic, make in outputs:
         kind = RESULT_TOPICS.get(f'/{processor.name}/{topic}')
         if kind:
-            observed.results.add(kind, message)
+            observed.results.add(kind, make())
     return True
 
 

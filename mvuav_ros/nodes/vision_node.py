@@ -183,10 +183,10 @@ class VisionNode(Node):
         return Frame(stamp_ns, frame_id, picture, camera)
 
     def _publish(self, outputs: list[Output]) -> None:
-        for topic, result in outputs:
+        for topic, make in outputs:
             publisher = self._result_publishers.get(topic) or self._debug_publishers[topic]
             if is_heard(publisher):
-                publisher.publish(result)
+                publisher.publish(make())
 
     def _debug_wanted(self) -> list[str]:
         return [topic for topic, each in self._debug_publishers.items() if is_heard(each)]
@@ -234,8 +234,8 @@ class VisionNode(Node):
             message.status.append(self._status())
             periodic = self._processor.periodic(message.header)
         self._diagnostics_publisher.publish(message)
-        for topic, result in periodic:
-            self._periodic_publishers[topic].publish(result)
+        for topic, make in periodic:
+            self._periodic_publishers[topic].publish(make())
 
     def _image_publishers(self) -> list[str]:
         if isinstance(self._input, FrameHandover):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
@@ -104,17 +105,19 @@ class MarkerTrackerProcessor(Processor):
         self.status = '; '.join(filter(None, (result.status, *self._remarks)))
         numbered = self._parameters.mode == 'track_any'
         outputs = [
-            Output('markers', encode_markers(result, header, numbered=numbered)),
-            Output('rpy', encode_rpy(result, header, pose)),
-            Output('pose', encode_pose(pose, header)),
+            Output('markers', partial(encode_markers, result, header, numbered=numbered)),
+            Output('rpy', partial(encode_rpy, result, header, pose)),
+            Output('pose', partial(encode_pose, pose, header)),
         ]
         outputs += [
-            Output(self._marker_topics[marker.label], encode_marker(marker, header))
+            Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
             for marker in result.markers
             if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST
         ]
         if pose is not None and TF_TOPIC in self.topics:
-            outputs.append(Output(TF_TOPIC, encode_transform(pose, header, self._layout.name)))
+            outputs.append(
+                Output(TF_TOPIC, partial(encode_transform, pose, header, self._layout.name))
+            )
         self._newest = (frame.picture, result, pose, header)
         return outputs
 
@@ -126,7 +129,7 @@ class MarkerTrackerProcessor(Processor):
         image = draw_markers(picture, result)
         if pose is not None and self._camera is not None:
             draw_pose(image, pose, self._camera, self._layout)
-        return [Output('debug_image', encode_image(Picture(image, 'bgr8'), header))]
+        return [Output('debug_image', partial(encode_image, Picture(image, 'bgr8'), header))]
 
     def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
         self._remarks = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from std_msgs.msg import Header
@@ -19,10 +19,16 @@ class DuplicateStampError(ValueError):
 
 
 class Output(NamedTuple):
-    """A message for the node's own topic ``~/<topic>``."""
+    """A message for the node's own topic ``~/<topic>``.
+
+    Attributes:
+        topic: its name below the node's.
+        make: builds the message, which costs about as much as finding the markers; so it is
+            called only where somebody listens.
+    """
 
     topic: str
-    message: Any
+    make: Callable[[], Any]
 
 
 class Processor(ABC):

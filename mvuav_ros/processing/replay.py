@@ -96,6 +96,7 @@ def _process(frame: Frame, processors: Sequence[Processor], write: Write, debug:
 
 
 def _write(processor: Processor, outputs: list[Output], stamp_ns: int, write: Write) -> None:
-    for topic, message in outputs:
+    for topic, make in outputs:
+        message = make()
         kind = message_type(message)
         write(f'/{processor.name}/{topic}', kind, stamp_ns, serialize(message))

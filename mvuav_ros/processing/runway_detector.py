@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -87,7 +88,7 @@ class RunwayDetectorProcessor(Processor):
     def periodic(self, header: Header) -> list[Output]:
         """See `Processor.periodic`."""
         pipeline = self._approach if self._mode == 'approach' else self._thesis
-        return [Output('statistics', encode_statistics(pipeline.statistics(), header))]
+        return [Output('statistics', partial(encode_statistics, pipeline.statistics(), header))]
 
     def _forget(self) -> None:
         self._newest = None
@@ -103,13 +104,13 @@ class RunwayDetectorProcessor(Processor):
             result = self._thesis.process(pixels, frame.stamp_ns)
         self.status = result.status
         outputs = [
-            Output('line_params', encode_line_params(result, header)),
-            Output('lines', encode_lines(result, header)),
-            Output('corrections', encode_corrections(result, header)),
-            Output('vanishing_point', encode_vanishing_point(result, header)),
+            Output('line_params', partial(encode_line_params, result, header)),
+            Output('lines', partial(encode_lines, result, header)),
+            Output('corrections', partial(encode_corrections, result, header)),
+            Output('vanishing_point', partial(encode_vanishing_point, result, header)),
         ]
         if isinstance(result, ApproachResult) and result.guidance is not None:
-            outputs.append(Output('pose', encode_pose(result.guidance, header)))
+            outputs.append(Output('pose', partial(encode_pose, result.guidance, header)))
         self._newest = (result, header)
         return outputs
 
@@ -122,13 +123,15 @@ class RunwayDetectorProcessor(Processor):
             if 'debug/overlay' not in debug:
                 return []
             drawn = Picture(draw_approach(result), 'bgr8')
-            return [Output('debug/overlay', encode_image(drawn, header))]
+            return [Output('debug/overlay', partial(encode_image, drawn, header))]
         outputs = []
         for topic in debug:
             paint, encoding = _PICTURES[topic]
             picture = paint(result)
             if picture.size:
-                outputs.append(Output(topic, encode_image(Picture(picture, encoding), header)))
+                outputs.append(
+                    Output(topic, partial(encode_image, Picture(picture, encoding), header))
+                )
         return outputs
 
 

@@ -98,7 +98,7 @@ def write_bag(path, results):
         for message in recording.messages():
             writer.copy(message)
         for frame in open_source(str(flight)).frames():
-            for topic, message in processor.process(frame):
+            for topic, message in ((o.topic, o.make()) for o in processor.process(frame)):
                 if topic in TYPES:
                     data = serialize_message(message)
                     writer.write(f'/marker_tracker/{topic}', TYPES[topic], frame.stamp_ns, data)

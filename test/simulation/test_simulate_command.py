@@ -59,7 +59,7 @@ def test_a_tanker_flight_and_what_the_tracker_makes_of_it(tmp_path):
     for frame, truth, roll in zip(
         frames, messages['/truth/markers'], messages['/truth/rpy'], strict=True
     ):
-        outputs = {output.topic: output.message for output in tracker.process(frame)}
+        outputs = {output.topic: output.make() for output in tracker.process(frame)}
         found, true = decode_points(outputs['markers']), decode_points(truth)
         assert list(true['label']) == [0, 1, 2, 3, 4]
         np.testing.assert_allclose(found['x'], true['x'], atol=0.4)

@@ -102,7 +102,10 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
     camera = flight.camera
     processor.set_camera(CameraModel(640, 480, tuple(camera.matrix.ravel())))
     for frame in flight:
-        outputs = dict(processor.process(Frame(frame.stamp_ns, 'cam', frame.picture)))
+        outputs = {
+            o.topic: o.make()
+            for o in processor.process(Frame(frame.stamp_ns, 'cam', frame.picture))
+        }
     assert topics <= set(outputs)
     rows = decode_points(outputs['markers'])
     assert list(rows['label']) == list(range(len(names)))

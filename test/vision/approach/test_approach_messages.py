@@ -59,7 +59,7 @@ EMPTY = Picture(np.full((480, 640, 3), 90, np.uint8), 'bgr8')
 
 
 def outputs(processor, index, debug=()):
-    return {output.topic: output.message for output in processor.process(frame(index), debug)}
+    return {output.topic: output.make() for output in processor.process(frame(index), debug)}
 
 
 def flown(calibrated=True, **values):
@@ -155,7 +155,7 @@ def test_absence_is_said_on_every_topic():
         RunwayDetectorParameters(mode='approach', runway_width=30.0)
     )
     processor.set_camera(camera())
-    said = {o.topic: o.message for o in processor.process(Frame(1, 'camera', EMPTY))}
+    said = {o.topic: o.make() for o in processor.process(Frame(1, 'camera', EMPTY))}
     assert set(said) == ALWAYS | {'pose'}
     rows = decode_points(said['line_params'])
     assert rows['role'].tolist() == [1, 2, 3, 4, 5]
