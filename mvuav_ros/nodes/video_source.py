@@ -201,12 +201,14 @@ class VideoSource(Node):
         if given.stamp == 'now':
             stamp_ns = self.get_clock().now().nanoseconds
         header = make_header(stamp_ns, given.frame_id or frame.frame_id)
-        info = self._camera_info(frame, picture, header)
-        for listener in self._listeners:
-            listener(Frame(stamp_ns, header.frame_id, picture, decode_camera_info(info)))
-        # First, so that no image has to wait for it.
-        if is_heard(self._infos):
-            self._infos.publish(info)
+        info_heard = is_heard(self._infos)
+        if info_heard or self._listeners:
+            info = self._camera_info(frame, picture, header)
+            for listener in self._listeners:
+                listener(Frame(stamp_ns, header.frame_id, picture, decode_camera_info(info)))
+            # First, so that no image has to wait for it.
+            if info_heard:
+                self._infos.publish(info)
         if is_heard(self._images):
             self._images.publish(serialize_image(picture, header))
         if is_heard(self._compressed):

@@ -248,6 +248,10 @@ def test_a_set_is_saved_changed_and_loaded(panel):
     dialog = page.get_by_role('dialog')
     dialog.get_by_text('No parameter differs.').wait_for()
     dialog.get_by_role('button', name='Close').click()
+    page.get_by_role('button', name='Delete the set').click()
+    page.get_by_role('dialog').get_by_text('Delete the set night?').wait_for()
+    page.get_by_role('dialog').get_by_role('button', name='Delete').click()
+    panel.until(lambda: not list(panel.folder.rglob('*.yaml')), 'the set to be gone')
 
 
 def test_a_click_on_the_input_sets_a_row_or_shows_the_pixel(panel):
@@ -292,6 +296,10 @@ def test_two_runs_are_made_and_the_trend_shows_both(panel):
             page.get_by_role('button', name=words).click()
         content = download.value.path().read_bytes()
         assert content.startswith(b'\x89PNG') if words == 'PNG' else b'run 2' in content
+    page.get_by_role('button', name='Delete run 2').click()
+    page.get_by_role('dialog').get_by_role('button', name='Delete').click()
+    page.locator('[data-run="run 2"]').wait_for(state='detached')
+    assert page.locator('[data-run="run 1"]').count() == 1
 
 
 def test_results_are_plotted(panel):

@@ -53,6 +53,23 @@ def empty(title: str, words: str) -> None:
         text(words)
 
 
+def ask_to_delete(question: str, delete: Callable[[], None]) -> None:
+    """Call ``delete`` if the user says so."""
+    with ui.dialog() as dialog, ui.card().classes('card'):
+        text(question, 'title')
+
+        def confirmed() -> None:
+            # First: what delete() draws anew may hold the dialog.
+            dialog.close()
+            delete()
+
+        with box('line'):
+            button('Delete', confirmed, main=True)
+            button('Keep', dialog.close)
+    dialog.on('hide', dialog.delete)
+    dialog.open()
+
+
 def tell(words: str, *, bad: bool = False) -> None:
     """A short message at the bottom."""
     ui.notify(words, type='negative' if bad else None, position='bottom', timeout=4000)

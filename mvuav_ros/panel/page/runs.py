@@ -12,7 +12,16 @@ from nicegui import background_tasks, ui
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, empty, icon_button, sheet, tell, text
+from mvuav_ros.panel.page.elements import (
+    ask_to_delete,
+    box,
+    button,
+    empty,
+    icon_button,
+    sheet,
+    tell,
+    text,
+)
 from mvuav_ros.panel.page.trends import Trends
 from mvuav_ros.panel.run_process import RunFailedError, RunProcess
 from mvuav_ros.panel.runs import RESULTS, SavedRun, find_bags
@@ -140,19 +149,11 @@ class Runs:
         self._trends.show([run for run in runs if run.name in self._chosen])
 
     def _ask(self, name: str) -> None:
-        with ui.dialog() as dialog, ui.card().classes('card'):
-            text(f'Delete {name} with its results?', 'title')
+        def delete() -> None:
+            self._page.services.runs.delete(name)
+            self._show_list()
 
-            def delete() -> None:
-                self._page.services.runs.delete(name)
-                dialog.close()
-                self._show_list()
-
-            with box('line'):
-                button('Delete', delete, main=True)
-                button('Keep', dialog.close)
-        dialog.on('hide', dialog.delete)
-        dialog.open()
+        ask_to_delete(f'Delete {name} with its results?', delete)
 
     def _start(self, *, keep: bool) -> None:
         node, bag = self._page.node, self._bags.get(self._bag.value or '')

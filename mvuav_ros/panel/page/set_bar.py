@@ -10,7 +10,7 @@ from nicegui import ui
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, icon_button, tell, text
+from mvuav_ros.panel.page.elements import ask_to_delete, box, button, icon_button, tell, text
 from mvuav_ros.panel.sets import differences
 from mvuav_ros.parameters.declaration import ParameterError, Value
 
@@ -138,20 +138,13 @@ class SetBar:
 
     def _ask_delete(self) -> None:
         name = self._page.chosen_set
-        with ui.dialog() as dialog, ui.card().classes('card'):
-            text(f'Delete the set {name}?', 'title')
 
-            def delete() -> None:
-                self._page.services.sets.delete(name)
-                dialog.close()
-                self._list()
-                self._changed()
+        def delete() -> None:
+            self._page.services.sets.delete(name)
+            self._list()
+            self._changed()
 
-            with box('line'):
-                button('Delete', delete, main=True)
-                button('Keep', dialog.close)
-        dialog.on('hide', dialog.delete)
-        dialog.open()
+        ask_to_delete(f'Delete the set {name}?', delete)
 
     def _compare(self) -> None:
         names = [LIVE, *self._page.services.sets.names(self._kind)]
