@@ -16,11 +16,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
-from mvuav_ros.messages.header import make_header
-from mvuav_ros.messages.serialized_image import serialize_image
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.serialized_image import serialize_compressed_image, serialize_image
 from mvuav_ros.nodes.process_tuning import tune_process
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.vision.picture import Picture
@@ -53,16 +52,14 @@ class _Camera:
 
     def __init__(self, width: int, height: int, encoding: str, compressed: bool) -> None:
         pictures = [scene(width, height, encoding, index) for index in range(60)]
-        make = self._jpeg if compressed else (lambda p: serialize_image(p, make_header(0, 'nose')))
+        make = self._jpeg if compressed else (lambda p: serialize_image(p, cdr_header(0, 'nose')))
         self._images = [make(picture) for picture in pictures]
         self._count = 0
 
     @staticmethod
     def _jpeg(picture: Picture) -> bytes:
         pixels: NDArray[Any] = cv2.imencode('.jpg', picture.pixels)[1]
-        message = CompressedImage(header=make_header(0, 'nose'), format='jpeg')
-        message.data = pixels.tobytes()
-        return bytes(serialize_message(message))
+        return serialize_compressed_image('jpeg', pixels.tobytes(), cdr_header(0, 'nose'))
 
     def shoot(self, stamp_ns: int) -> bytes:
         """The next image with that stamp."""

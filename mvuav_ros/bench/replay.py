@@ -138,10 +138,8 @@ def _timed(method: Callable[..., Any], spent: list[float]) -> Callable[..., Any]
 
 
 def _write_bag(path: Path, frames: int, seed: int) -> None:
-    from rclpy.serialization import serialize_message
-
-    from mvuav_ros.messages.header import make_header
-    from mvuav_ros.messages.image_encoding import encode_image
+    from mvuav_ros.messages.cdr import cdr_header
+    from mvuav_ros.messages.serialized_image import serialize_image
     from mvuav_ros.recording.images import IMAGE
     from mvuav_ros.recording.writing import RecordingWriter
     from mvuav_ros.vision.picture import Picture
@@ -151,8 +149,8 @@ def _write_bag(path: Path, frames: int, seed: int) -> None:
         for index in range(frames):
             stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / _RATE)
             picture = Picture(_scene(index, random), 'mono8')
-            message = encode_image(picture, make_header(stamp_ns, 'camera'))
-            writer.write('/image_raw', IMAGE, stamp_ns, serialize_message(message))
+            message = serialize_image(picture, cdr_header(stamp_ns, 'camera'))
+            writer.write('/image_raw', IMAGE, stamp_ns, message)
 
 
 def _scene(index: int, random: np.random.Generator) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 
-from mvuav_ros.processing.serialization import message_type
+from mvuav_ros.messages.type_name import type_name
 from mvuav_ros.recording.writing import RecordingWriter
 
 RATE_WINDOW = 2.0
@@ -54,10 +54,10 @@ class Recorder(Node):
         return len(arrivals) / RATE_WINDOW
 
     def _keeper(self, topic: str, kind: type) -> Any:
-        type_name = message_type(kind())
+        name = type_name(kind)
 
         def keep(data: bytes) -> None:
-            self._writer.write(topic, type_name, time.time_ns(), data)
+            self._writer.write(topic, name, time.time_ns(), data)
             self.counts[topic] += 1
             self.changed_at = time.monotonic()
             self._arrivals[topic].append(self.changed_at)

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.header import make_header
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.points import decode_points
 from mvuav_ros.messages.stamp import stamp_ns_of
 from mvuav_ros.messages.truth import encode_true_lines, encode_true_markers, encode_true_rpy
@@ -31,6 +31,11 @@ from mvuav_ros.vision.picture import ImageError
 
 MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
 TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
+_TYPES = {
+    MARKERS: 'sensor_msgs/msg/PointCloud2',
+    RPY: 'geometry_msgs/msg/Vector3Stamped',
+    LINES: 'sensor_msgs/msg/PointCloud2',
+}
 RESULT_TOPICS = {
     '/marker_tracker/markers': MARKERS,
     '/marker_tracker/rpy': RPY,
@@ -47,8 +52,13 @@ class Observations:
     rpy: dict[int, float] = field(default_factory=dict)
     lines: dict[int, Rows] = field(default_factory=dict)
 
-    def add(self, kind: str, message: Any) -> None:
-        """Take in a message, made by ROS or by rosbags."""
+    def add(self, kind: str, data: bytes | memoryview) -> None:
+        """Take in a message's CDR.
+
+        Raises:
+            MalformedMessageError: it is none of that kind.
+        """
+        message = decode_message(_TYPES[kind], data)
         stamp_ns = stamp_ns_of(message.header)
         if kind == RPY:
             self.rpy[stamp_ns] = float(message.vector.x)
@@ -96,7 +106,7 @@ def read_bag(path: Path) -> Observed:
             kind = TRUTH_TOPICS.get(message.topic) or RESULT_TOPICS[message.topic]
             target = observed.truth if truth else observed.results
             try:
-                target.add(kind, decode_message(message.type, message.data))
+                target.add(kind, message.data)
             except (MalformedMessageError, AttributeError, KeyError, ValueError):
                 unreadable += 1
         observed.losses = list(recording.losses)
@@ -176,7 +186,7 @@ def _flown(text: str, truth: Observations) -> Iterator[Frame]:
     flight = make_flight(kind, {name: yaml.safe_load(value) for name, value in parse_qsl(query)})
     for index in flight.indices:
         frame = flight.frame(index)
-        header = make_header(frame.stamp_ns, FRAME_ID)
+        header = cdr_header(frame.stamp_ns, FRAME_ID)
         if isinstance(frame.truth, TankerTruth):
             truth.add(MARKERS, encode_true_markers(frame.truth, header))
             truth.add(RPY, encode_true_rpy(frame.truth, header))

@@ -1,48 +1,65 @@
-"""Structured NumPy arrays to sensor_msgs/PointCloud2 and back."""
+"""Rows of numbers to sensor_msgs/PointCloud2, and back."""
 
 from __future__ import annotations
 
-import array
+import math
+import struct
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import PointCloud2, PointField
-from std_msgs.msg import Header
 
-_DATATYPES = {np.dtype(np.float32): PointField.FLOAT32, np.dtype(np.uint8): PointField.UINT8}
+from mvuav_ros.messages.cdr import CdrWriter, without_encapsulation
 
-
-def point_fields(dtype: np.dtype[np.void]) -> list[PointField]:
-    """The fields of a structured dtype of float32 and uint8 members."""
-    assert dtype.fields is not None
-    return [
-        PointField(name=name, offset=offset, datatype=_DATATYPES[member], count=1)
-        for name, (member, offset, *_) in dtype.fields.items()
-    ]
+_DATATYPES = {np.dtype(np.float32): 7, np.dtype(np.uint8): 2}
+"""FLOAT32 and UINT8 of sensor_msgs/PointField."""
 
 
-def encode_points(
-    points: NDArray[np.void], fields: list[PointField], header: Header
-) -> PointCloud2:
-    """One row per point; ``is_dense`` says whether every x, y and z is a number."""
-    data = array.array('B')
-    data.frombytes(points.tobytes())
-    position = np.array([points['x'], points['y'], points['z']])
-    message = PointCloud2(
-        header=header,
-        height=1,
-        width=len(points),
-        fields=fields,
-        is_bigendian=False,
-        point_step=points.dtype.itemsize,
-        row_step=points.dtype.itemsize * len(points),
-        is_dense=bool(np.isfinite(position).all()),
-    )
-    message.data = data
-    return message
+class PointLayout:
+    """The fields of a PointCloud2 whose rows begin with x, y and z."""
+
+    def __init__(self, dtype: np.dtype[np.void]) -> None:
+        """Prepare to write rows of a structured dtype of float32 and uint8 members."""
+        assert dtype.fields is not None
+        members = [(name, *field[:2]) for name, field in dtype.fields.items()]
+        row, end = '<', 0
+        for _, member, offset in members:
+            row += f'{offset - end}x{member.char}'
+            end = offset + member.itemsize
+        self._row = struct.Struct(f'{row}{dtype.itemsize - end}x')
+        writer = CdrWriter()
+        writer.numbers('I', len(members))
+        for name, member, offset in members:
+            writer.text(name)
+            writer.numbers('I', offset)
+            writer.numbers('B', _DATATYPES[member])
+            count = 1
+            writer.numbers('I', count)
+        is_bigendian = False
+        writer.numbers('B', is_bigendian)
+        self._fields = without_encapsulation(writer.message())
+
+    def encode(self, rows: Sequence[Sequence[float]], header: bytes) -> bytes:
+        """A PointCloud2 in CDR: one row per point.
+
+        ``is_dense`` says whether every x, y and z is a number.
+
+        Args:
+            rows: a number for each field.
+            header: `cdr_header`.
+        """
+        pack, step, finite = self._row.pack, self._row.size, math.isfinite
+        writer = CdrWriter(header)
+        writer.numbers('II', 1, len(rows))
+        writer.written(self._fields)
+        writer.numbers('II', step, step * len(rows))
+        writer.octets(b''.join([pack(*row) for row in rows]))
+        writer.numbers('B', all(finite(x) and finite(y) and finite(z) for x, y, z, *_ in rows))
+        return writer.message()
 
 
-def decode_points(message: PointCloud2) -> NDArray[np.void]:
+def decode_points(message: Any) -> NDArray[np.void]:
     """The rows of a PointCloud2 of float32 and uint8 fields as a structured array."""
     types = {number: dtype for dtype, number in _DATATYPES.items()}
     dtype = np.dtype(

@@ -7,18 +7,7 @@ import importlib.util
 import math
 from typing import Any
 
-from geometry_msgs.msg import (
-    Point,
-    PoseWithCovariance,
-    PoseWithCovarianceStamped,
-    Quaternion,
-    Transform,
-    TransformStamped,
-    Vector3,
-)
-from geometry_msgs.msg import Pose as PoseMessage
-from std_msgs.msg import Header
-
+from mvuav_ros.messages.cdr import CdrWriter, without_encapsulation
 from mvuav_ros.vision.pose import Pose
 
 TF_TYPE: Any = None
@@ -27,42 +16,26 @@ if importlib.util.find_spec('tf2_msgs') is not None:
     TF_TYPE = importlib.import_module('tf2_msgs.msg').TFMessage
 
 
-def encode_pose(pose: Pose | None, header: Header) -> PoseWithCovarianceStamped:
-    """The body in the camera's optical frame (m, rad); all NaN where there is no pose."""
+def encode_pose(pose: Pose | None, header: bytes) -> bytes:
+    """A PoseWithCovarianceStamped: the body in the camera's optical frame (m, rad).
+
+    All NaN where there is no pose.
+    """
+    writer = CdrWriter(header)
     if pose is None:
-        unknown = math.nan
-        return PoseWithCovarianceStamped(
-            header=header,
-            pose=PoseWithCovariance(
-                pose=PoseMessage(
-                    position=Point(x=unknown, y=unknown, z=unknown),
-                    orientation=Quaternion(x=unknown, y=unknown, z=unknown, w=unknown),
-                ),
-                covariance=[unknown] * 36,
-            ),
-        )
-    x, y, z = pose.translation.tolist()
-    qx, qy, qz, qw = pose.quaternion
-    return PoseWithCovarianceStamped(
-        header=header,
-        pose=PoseWithCovariance(
-            pose=PoseMessage(
-                position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)
-            ),
-            covariance=pose.covariance.ravel(),
-        ),
-    )
+        writer.numbers('43d', *[math.nan] * 43)
+    else:
+        writer.numbers('7d', *pose.translation.tolist(), *pose.quaternion)
+        writer.numbers('36d', *pose.covariance.ravel().tolist())
+    return writer.message()
 
 
-def encode_transform(pose: Pose, header: Header, child_frame: str) -> Any:
-    """The transform from the camera's frame to the body's; only where there is `TF_TYPE`."""
-    x, y, z = pose.translation.tolist()
-    qx, qy, qz, qw = pose.quaternion
-    transform = TransformStamped(
-        header=header,
-        child_frame_id=child_frame,
-        transform=Transform(
-            translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw)
-        ),
-    )
-    return TF_TYPE(transforms=[transform])
+def encode_transform(pose: Pose, header: bytes, child_frame: str) -> bytes:
+    """A TFMessage: from the camera's frame to the body's."""
+    writer = CdrWriter()
+    transforms = 1
+    writer.numbers('I', transforms)
+    writer.written(without_encapsulation(header))
+    writer.text(child_frame)
+    writer.numbers('7d', *pose.translation.tolist(), *pose.quaternion)
+    return writer.message()

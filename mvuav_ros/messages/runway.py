@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
-from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages.points import encode_points, point_fields
+from mvuav_ros.messages.cdr import CdrWriter, without_encapsulation
+from mvuav_ros.messages.points import PointLayout
 from mvuav_ros.vision.approach.model import ApproachResult, Guidance
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.runway.model import LineRole, RunwayLine, RunwayResult
@@ -29,22 +27,24 @@ LINE = np.dtype(
         'itemsize': 48,
     }
 )
-_FIELDS = point_fields(LINE)
+_LINES = PointLayout(LINE)
 LINE_WIDTH = 2.0
 """Px, of ``~/lines``."""
-
+_LINE_LIST, _ADD, _DELETE = 5, 0, 2
+"""Of visualization_msgs/Marker."""
+_NO_COLOR, _NO_LIFETIME = (0.0, 0.0, 0.0, 0.0), (0, 0)
+_OK, _WARN = 0, 1
+"""Of diagnostic_msgs/DiagnosticStatus."""
 
 Result = RunwayResult | ApproachResult
 
 
-def encode_line_params(result: Result, header: Header) -> PointCloud2:
-    """Every row: px and rad on the whole frame, votes and flags; NaN where no line was found."""
-    # Field by field into zeros: whole rows would leave chance bytes between the fields.
-    lines = np.zeros(len(result.lines), LINE)
-    columns = zip(*(_values(line) for line in result.lines), strict=True)
-    for name, column in zip(_NAMES, columns, strict=True):
-        lines[name] = column
-    return encode_points(lines, _FIELDS, header)
+def encode_line_params(result: Result, header: bytes) -> bytes:
+    """A PointCloud2: px and rad on the whole frame, votes and flags; NaN where no line was found.
+
+    Like all results it is in CDR and begins with a `cdr_header`.
+    """
+    return _LINES.encode([_values(line) for line in result.lines], header)
 
 
 def _values(line: RunwayLine) -> tuple[float | int, ...]:
@@ -65,24 +65,60 @@ def _values(line: RunwayLine) -> tuple[float | int, ...]:
     )
 
 
-def encode_lines(result: Result, header: Header) -> Marker:
-    """The segments as a LINE_LIST, coloured by role, or by flag where roles are not known.
+def encode_lines(result: Result, header: bytes) -> bytes:
+    """A Marker: the segments as a LINE_LIST, coloured by role, or by flag without roles.
 
     Without any, the marker is deleted.
     """
-    marker = Marker(header=header, ns='runway', id=0, type=Marker.LINE_LIST)
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = LINE_WIDTH
+    points: list[float] = []
+    colors: list[float] = []
     for line in result.lines:
         # A line may be known and yet miss the frame.
         if math.isnan(line.x):
             continue
+        points += (line.x, line.y, 0.0, line.x2, line.y2, 0.0)
         blue, green, red = (value / 255 for value in _color(line))
-        color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
-        marker.points += [Point(x=line.x, y=line.y), Point(x=line.x2, y=line.y2)]
-        marker.colors += [color, color]
-    marker.action = Marker.ADD if marker.points else Marker.DELETE
-    return marker
+        colors += 2 * (red, green, blue, 1.0)
+    number, action = 0, _ADD if points else _DELETE
+    writer = CdrWriter(header)
+    writer.text('runway')
+    writer.numbers('3i', number, _LINE_LIST, action)
+    position, orientation, scale = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (LINE_WIDTH, 0.0, 0.0)
+    writer.numbers('10d', *position, *orientation, *scale)
+    writer.numbers('4f', *_NO_COLOR)
+    writer.numbers('2i', *_NO_LIFETIME)
+    frame_locked = False
+    writer.numbers('B', frame_locked)
+    writer.numbers('I', len(points) // 3)
+    writer.numbers(f'{len(points)}d', *points)
+    writer.numbers('I', len(colors) // 4)
+    writer.numbers(f'{len(colors)}f', *colors)
+    writer.written(_NO_TEXTURE_TEXT_AND_MESH)
+    return writer.message()
+
+
+def _nothing_more() -> bytes:
+    """A Marker's fields from ``texture_resource`` on, which begin 4-byte aligned."""
+    writer = CdrWriter()
+    writer.text('')
+    # texture: stamp, frame, format and data.
+    writer.numbers('2i', 0, 0)
+    writer.text('')
+    writer.text('')
+    writer.octets(b'')
+    uv_coordinates = 0
+    writer.numbers('I', uv_coordinates)
+    # text, mesh_resource and mesh_file.
+    writer.text('')
+    writer.text('')
+    writer.text('')
+    writer.octets(b'')
+    mesh_use_embedded_materials = False
+    writer.numbers('B', mesh_use_embedded_materials)
+    return without_encapsulation(writer.message())
+
+
+_NO_TEXTURE_TEXT_AND_MESH = _nothing_more()
 
 
 def _color(line: RunwayLine) -> tuple[int, int, int]:
@@ -91,55 +127,64 @@ def _color(line: RunwayLine) -> tuple[int, int, int]:
     return ROLE_COLORS[line.role]
 
 
-def encode_vanishing_point(result: Result, header: Header) -> PointStamped:
-    """Where the edges meet, px, z = 0; NaN while that is not known."""
-    message = PointStamped(header=header)
-    point = message.point
-    point.x, point.y, point.z = math.nan, math.nan, math.nan
+def encode_vanishing_point(result: Result, header: bytes) -> bytes:
+    """A PointStamped: where the edges meet, px, z = 0; NaN while that is not known."""
+    x = y = z = math.nan
     if isinstance(result, ApproachResult) and not math.isnan(result.vanishing_point[0]):
-        (point.x, point.y), point.z = result.vanishing_point, 0.0
-    return message
+        (x, y), z = result.vanishing_point, 0.0
+    writer = CdrWriter(header)
+    writer.numbers('3d', x, y, z)
+    return writer.message()
 
 
-def encode_pose(guidance: Guidance, header: Header) -> PoseWithCovarianceStamped:
-    """The camera in the runway's frame; NaN with a huge variance where it is not known.
+def encode_pose(guidance: Guidance, header: bytes) -> bytes:
+    """A PoseWithCovarianceStamped: the camera in the runway's frame.
 
-    The orientation is that of the camera's body axes (x forward, y left, z up).
+    NaN with a huge variance where it is not known. The orientation is that of the camera's body
+    axes (x forward, y left, z up).
     """
-    message = PoseWithCovarianceStamped(header=header)
-    pose = message.pose.pose
-    pose.position.x, pose.position.y, pose.position.z = guidance.x, guidance.y, guidance.z
     cr, sr = math.cos(0.5 * guidance.roll), math.sin(0.5 * guidance.roll)
     cp, sp = math.cos(0.5 * guidance.pitch), math.sin(0.5 * guidance.pitch)
     cy, sy = math.cos(0.5 * guidance.yaw), math.sin(0.5 * guidance.yaw)
-    pose.orientation.x = sr * cp * cy - cr * sp * sy
-    pose.orientation.y = cr * sp * cy + sr * cp * sy
-    pose.orientation.z = cr * cp * sy - sr * sp * cy
-    pose.orientation.w = cr * cp * cy + sr * sp * sy
-    message.pose.covariance = guidance.covariance.ravel().tolist()
-    return message
-
-
-def encode_corrections(result: Result, header: Header) -> DiagnosticArray:
-    """One status per row, for ``ros2 topic echo``."""
-    return DiagnosticArray(
-        header=header,
-        status=[_correction(index, line) for index, line in enumerate(result.lines)],
+    quaternion = (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
     )
+    writer = CdrWriter(header)
+    writer.numbers('7d', guidance.x, guidance.y, guidance.z, *quaternion)
+    writer.numbers('36d', *guidance.covariance.ravel().tolist())
+    return writer.message()
 
 
-def _correction(index: int, line: RunwayLine) -> DiagnosticStatus:
+class _Status(NamedTuple):
+    """A diagnostic_msgs/DiagnosticStatus, its values as text."""
+
+    level: int
+    name: str
+    message: str
+    values: dict[str, str]
+
+
+def encode_corrections(result: Result, header: bytes) -> bytes:
+    """A DiagnosticArray: one status per row, for ``ros2 topic echo``."""
+    statuses = [_correction(index, line) for index, line in enumerate(result.lines)]
+    return _encode_statuses(statuses, header)
+
+
+def _correction(index: int, line: RunwayLine) -> _Status:
     if not line.found:
         message = 'not found'
     elif line.corrected:
         message = 'corrected: the old values are kept'
     else:
         message = 'ok'
-    return DiagnosticStatus(
-        level=DiagnosticStatus.OK if message == 'ok' else DiagnosticStatus.WARN,
+    return _Status(
+        level=_OK if message == 'ok' else _WARN,
         name=_name(index, line),
         message=message,
-        values=_key_values(
+        values=_texts(
             rho=line.rho,
             theta_deg=math.degrees(line.theta),
             rho_flag=line.rho_flag,
@@ -155,13 +200,13 @@ def _name(index: int, line: RunwayLine) -> str:
     return f'line {index} ({line.role.name.lower()})'
 
 
-def encode_statistics(summary: RunwaySummary, header: Header) -> DiagnosticArray:
-    """The GUI's result section: totals first, then one status per line."""
-    total = DiagnosticStatus(
-        level=DiagnosticStatus.OK,
+def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
+    """A DiagnosticArray, the GUI's result section: totals first, then one status per line."""
+    total = _Status(
+        level=_OK,
         name='runway',
         message=f'{summary.frames} frames',
-        values=_key_values(
+        values=_texts(
             frames=summary.frames,
             rho_flags=summary.rho_flags,
             theta_flags=summary.theta_flags,
@@ -169,15 +214,15 @@ def encode_statistics(summary: RunwaySummary, header: Header) -> DiagnosticArray
         ),
     )
     lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines)]
-    return DiagnosticArray(header=header, status=[total, *lines])
+    return _encode_statuses([total, *lines], header)
 
 
-def _line_statistics(index: int, line: LineSummary) -> DiagnosticStatus:
-    return DiagnosticStatus(
-        level=DiagnosticStatus.OK,
+def _line_statistics(index: int, line: LineSummary) -> _Status:
+    return _Status(
+        level=_OK,
         name=f'line {index}',
         message=f'found in {line.found} frames',
-        values=_key_values(
+        values=_texts(
             found=line.found,
             rho_flags=line.rho_flags,
             theta_flags=line.theta_flags,
@@ -190,8 +235,24 @@ def _line_statistics(index: int, line: LineSummary) -> DiagnosticStatus:
     )
 
 
-def _key_values(**values: float | bool) -> list[KeyValue]:
-    return [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+def _encode_statuses(statuses: Sequence[_Status], header: bytes) -> bytes:
+    writer = CdrWriter(header)
+    writer.numbers('I', len(statuses))
+    for level, name, message, values in statuses:
+        writer.numbers('B', level)
+        writer.text(name)
+        writer.text(message)
+        hardware_id = ''
+        writer.text(hardware_id)
+        writer.numbers('I', len(values))
+        for key, value in values.items():
+            writer.text(key)
+            writer.text(value)
+    return writer.message()
+
+
+def _texts(**values: float | bool) -> dict[str, str]:
+    return {key: _text(value) for key, value in values.items()}
 
 
 def _text(value: float | bool) -> str:

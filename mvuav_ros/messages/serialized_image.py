@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from std_msgs.msg import Header
 
+from mvuav_ros.messages.cdr import CdrWriter
 from mvuav_ros.vision.picture import ImageError, Picture
 
 LONGEST_NAME = 1024
@@ -142,26 +142,36 @@ def view_compressed_image(message: bytes) -> SerializedCompressedImage:
     return SerializedCompressedImage(stamp_ns, frame_id, reader.text('format'), reader.octets())
 
 
-def serialize_image(picture: Picture, header: Header) -> bytes:
+def serialize_image(picture: Picture, header: bytes) -> bytes:
     """A picture as a serialized sensor_msgs/Image, its pixels copied once.
 
     rclpy publishes the bytes as they are. By way of a message object the pixels are copied three
     times before they reach DDS.
+
+    Args:
+        picture: is written little endian and without row padding.
+        header: `cdr_header`.
     """
     pixels = np.ascontiguousarray(picture.pixels)
     data = pixels.data.cast('B')
-    stamp = struct.pack('<iI', header.stamp.sec, header.stamp.nanosec)
-    start = _padded(b'\0\1\0\0' + stamp + _text(header.frame_id))
-    start += struct.pack('<II', picture.height, picture.width)
-    start = _padded(start + _text(picture.encoding) + b'\0')
-    start += struct.pack('<II', len(data) // picture.height, len(data))
-    return b''.join((start, data))
+    writer = CdrWriter(header)
+    writer.numbers('II', picture.height, picture.width)
+    writer.text(picture.encoding)
+    is_bigendian = False
+    writer.numbers('B', is_bigendian)
+    writer.numbers('II', len(data) // picture.height, len(data))
+    return b''.join((writer.message(), data))
 
 
-def _text(text: str) -> bytes:
-    encoded = text.encode() + b'\0'
-    return struct.pack('<I', len(encoded)) + encoded
+def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
+    """A serialized sensor_msgs/CompressedImage.
 
-
-def _padded(message: bytes) -> bytes:
-    return message + bytes(-len(message) % 4)
+    Args:
+        kind: its format, such as ``jpeg``.
+        data: the compressed picture.
+        header: `cdr_header`.
+    """
+    writer = CdrWriter(header)
+    writer.text(kind)
+    writer.octets(data)
+    return writer.message()

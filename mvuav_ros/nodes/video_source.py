@@ -20,8 +20,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.camera_info import decode_camera_info
 from mvuav_ros.messages.camera_info_encoding import encode_camera_info
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.header import make_header
-from mvuav_ros.messages.serialized_image import serialize_image
+from mvuav_ros.messages.serialized_image import serialize_compressed_image, serialize_image
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.playback import Pace
 from mvuav_ros.nodes.running import run_node
@@ -200,15 +201,16 @@ class VideoSource(Node):
         stamp_ns = frame.stamp_ns
         if given.stamp == 'now':
             stamp_ns = self.get_clock().now().nanoseconds
-        header = make_header(stamp_ns, given.frame_id or frame.frame_id)
+        frame_id = given.frame_id or frame.frame_id
         info_heard = is_heard(self._infos)
         if info_heard or self._listeners:
-            info = self._camera_info(frame, picture, header)
+            info = self._camera_info(frame, picture, make_header(stamp_ns, frame_id))
             for listener in self._listeners:
-                listener(Frame(stamp_ns, header.frame_id, picture, decode_camera_info(info)))
+                listener(Frame(stamp_ns, frame_id, picture, decode_camera_info(info)))
             # First, so that no image has to wait for it.
             if info_heard:
                 self._infos.publish(info)
+        header = cdr_header(stamp_ns, frame_id)
         if is_heard(self._images):
             self._images.publish(serialize_image(picture, header))
         if is_heard(self._compressed):
@@ -239,11 +241,11 @@ def _as_encoding(picture: Picture, encoding: str) -> Picture:
     return Picture(bgr if encoding == 'bgr8' else bgr[:, :, ::-1], encoding)
 
 
-def _jpeg(picture: Picture, header: Header, quality: int) -> CompressedImage:
+def _jpeg(picture: Picture, header: bytes, quality: int) -> bytes:
     gray = picture.encoding in ('mono8', '8UC1')
     pixels = picture.pixels if gray else picture.bgr()
     _, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return CompressedImage(header=header, format='jpeg', data=data.tobytes())
+    return serialize_compressed_image('jpeg', data.tobytes(), header)
 
 
 def _camera_info(calibration: Calibration | None, picture: Picture, header: Header) -> CameraInfo:

@@ -17,6 +17,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.camera_info import decode_camera_info
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.messages.serialized_image import view_compressed_image, view_image
 from mvuav_ros.nodes.frame_handover import FrameHandover
@@ -229,10 +230,11 @@ class VisionNode(Node):
 
     def _once_a_second(self) -> None:
         message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
+        now = self.get_clock().now()
+        message.header.stamp = now.to_msg()
         with self._lock:
             message.status.append(self._status())
-            periodic = self._processor.periodic(message.header)
+            periodic = self._processor.periodic(cdr_header(now.nanoseconds, ''))
         self._diagnostics_publisher.publish(message)
         for topic, make in periodic:
             self._periodic_publishers[topic].publish(make())

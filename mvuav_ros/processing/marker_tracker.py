@@ -9,11 +9,10 @@ from functools import partial
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 
-from mvuav_ros.messages.image_encoding import encode_image
 from mvuav_ros.messages.markers import encode_marker, encode_markers, encode_rpy
 from mvuav_ros.messages.pose import TF_TYPE, encode_pose, encode_transform
+from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.processor import Output, Processor
@@ -54,7 +53,7 @@ class MarkerTrackerProcessor(Processor):
         super().__init__()
         self._parameters = parameters or MarkerTrackerParameters()
         self._camera: CameraModel | None = None
-        self._newest: tuple[Picture, MarkerResult, Pose | None, Header] | None = None
+        self._newest: tuple[Picture, MarkerResult, Pose | None, bytes] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
         self._refusal = ''
         self._remarks: list[str] = []
@@ -99,7 +98,7 @@ class MarkerTrackerProcessor(Processor):
         self._pipeline.reset()
         self._poses.reset()
 
-    def _process(self, frame: Frame, header: Header) -> list[Output]:
+    def _process(self, frame: Frame, header: bytes) -> list[Output]:
         result = self._pipeline.process(frame.picture, frame.stamp_ns)
         pose = self._estimate(frame, result)
         self.status = '; '.join(filter(None, (result.status, *self._remarks)))
@@ -129,7 +128,7 @@ class MarkerTrackerProcessor(Processor):
         image = draw_markers(picture, result)
         if pose is not None and self._camera is not None:
             draw_pose(image, pose, self._camera, self._layout)
-        return [Output('debug_image', partial(encode_image, Picture(image, 'bgr8'), header))]
+        return [Output('debug_image', partial(serialize_image, Picture(image, 'bgr8'), header))]
 
     def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
         self._remarks = []

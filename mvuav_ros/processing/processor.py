@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from std_msgs.msg import Header
+from sensor_msgs.msg import Image
 
-from mvuav_ros.messages.header import make_header
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.sources.frame import Frame
 from mvuav_ros.vision.camera_model import CameraModel
@@ -23,12 +23,11 @@ class Output(NamedTuple):
 
     Attributes:
         topic: its name below the node's.
-        make: builds the message, which costs about as much as finding the markers; so it is
-            called only where somebody listens.
+        make: builds the message in CDR; called only where somebody listens.
     """
 
     topic: str
-    make: Callable[[], Any]
+    make: Callable[[], bytes]
 
 
 class Processor(ABC):
@@ -71,7 +70,7 @@ class Processor(ABC):
         """Drop everything learnt from earlier frames."""
 
     @abstractmethod
-    def _process(self, frame: Frame, header: Header) -> list[Output]:
+    def _process(self, frame: Frame, header: bytes) -> list[Output]:
         """The frame's results."""
 
     @abstractmethod
@@ -81,10 +80,15 @@ class Processor(ABC):
         Apart from it, so that a live node's results need not wait for them.
         """
 
+    def type_of(self, topic: str) -> type:
+        """The message class of an `Output`'s topic."""
+        kind = self.topics.get(topic) or self.periodic_topics.get(topic)
+        return Image if kind is None else kind
+
     def set_camera(self, camera: CameraModel) -> None:  # noqa: B027 - most need none
         """Take the calibration of the next frame on; it may be an unusable one."""
 
-    def periodic(self, header: Header) -> list[Output]:
+    def periodic(self, header: bytes) -> list[Output]:
         """What a live node says once a second and a replay at its end."""
         return []
 
@@ -115,6 +119,6 @@ class Processor(ABC):
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
             self.set_camera(frame.camera)
-        outputs = self._process(frame, make_header(frame.stamp_ns, frame.frame_id))
+        outputs = self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
         self._last_stamp_ns = frame.stamp_ns
         return [*outputs, *self.draw(debug)] if debug else outputs

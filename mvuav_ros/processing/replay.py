@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from mvuav_ros.messages.header import make_header
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.type_name import type_name
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor
-from mvuav_ros.processing.serialization import message_type, serialize
 from mvuav_ros.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.picture import ImageError
 
@@ -72,7 +72,7 @@ def replay(
             counts.answered += not reasons
         yield counts
     if last is not None:
-        header = make_header(last.stamp_ns, last.frame_id)
+        header = cdr_header(last.stamp_ns, last.frame_id)
         for processor in processors:
             _write(processor, processor.periodic(header), last.stamp_ns, write)
 
@@ -97,6 +97,5 @@ def _process(frame: Frame, processors: Sequence[Processor], write: Write, debug:
 
 def _write(processor: Processor, outputs: list[Output], stamp_ns: int, write: Write) -> None:
     for topic, make in outputs:
-        message = make()
-        kind = message_type(message)
-        write(f'/{processor.name}/{topic}', kind, stamp_ns, serialize(message))
+        kind = type_name(processor.type_of(topic))
+        write(f'/{processor.name}/{topic}', kind, stamp_ns, make())

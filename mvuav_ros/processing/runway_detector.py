@@ -9,10 +9,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages.image_encoding import encode_image
 from mvuav_ros.messages.runway import (
     encode_corrections,
     encode_line_params,
@@ -21,6 +19,7 @@ from mvuav_ros.messages.runway import (
     encode_statistics,
     encode_vanishing_point,
 )
+from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.processor import Output, Processor
 from mvuav_ros.sources.frame import Frame
@@ -65,7 +64,7 @@ class RunwayDetectorProcessor(Processor):
         self._mode = (parameters or RunwayDetectorParameters()).mode
         self._thesis = RunwayPipeline(parameters)
         self._approach = ApproachPipeline(parameters)
-        self._newest: tuple[RunwayResult | ApproachResult, Header] | None = None
+        self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
@@ -85,7 +84,7 @@ class RunwayDetectorProcessor(Processor):
         self._thesis.reset_statistics()
         self._approach.reset_statistics()
 
-    def periodic(self, header: Header) -> list[Output]:
+    def periodic(self, header: bytes) -> list[Output]:
         """See `Processor.periodic`."""
         pipeline = self._approach if self._mode == 'approach' else self._thesis
         return [Output('statistics', partial(encode_statistics, pipeline.statistics(), header))]
@@ -95,7 +94,7 @@ class RunwayDetectorProcessor(Processor):
         self._thesis.reset()
         self._approach.reset()
 
-    def _process(self, frame: Frame, header: Header) -> list[Output]:
+    def _process(self, frame: Frame, header: bytes) -> list[Output]:
         pixels = _pixels(frame.picture)
         result: RunwayResult | ApproachResult
         if self._mode == 'approach':
@@ -123,14 +122,14 @@ class RunwayDetectorProcessor(Processor):
             if 'debug/overlay' not in debug:
                 return []
             drawn = Picture(draw_approach(result), 'bgr8')
-            return [Output('debug/overlay', partial(encode_image, drawn, header))]
+            return [Output('debug/overlay', partial(serialize_image, drawn, header))]
         outputs = []
         for topic in debug:
             paint, encoding = _PICTURES[topic]
             picture = paint(result)
             if picture.size:
                 outputs.append(
-                    Output(topic, partial(encode_image, Picture(picture, encoding), header))
+                    Output(topic, partial(serialize_image, Picture(picture, encoding), header))
                 )
         return outputs
 

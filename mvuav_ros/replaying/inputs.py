@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import Protocol
 
-from mvuav_ros.messages.header import make_header
-from mvuav_ros.messages.image_encoding import encode_image
-from mvuav_ros.processing.serialization import serialize
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.recording.images import IMAGE
 from mvuav_ros.recording.model import RecordedMessage
 from mvuav_ros.recording.writing import RELIABLE_QOS
@@ -104,6 +103,5 @@ class _Pictures:
 
 
 def _message(frame: Frame) -> RecordedMessage:
-    header = make_header(frame.stamp_ns, frame.frame_id)
-    data = serialize(encode_image(frame.picture, header))
+    data = serialize_image(frame.picture, cdr_header(frame.stamp_ns, frame.frame_id))
     return RecordedMessage(IMAGE_TOPIC, IMAGE, frame.stamp_ns, data, None, RELIABLE_QOS)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from node_outputs import image_of
 from sensor_msgs.msg import CompressedImage, Image
 
 from mvuav_ros.messages.header import make_header
 from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.messages.image_encoding import encode_image
 from mvuav_ros.vision.picture import ENCODINGS, ImageError, Picture
 
 HEADER = make_header(5_000_000_007, 'nose')
@@ -42,7 +42,7 @@ def random_pixels(encoding, height=6, width=8, seed=0):
 @pytest.mark.parametrize('encoding', ENCODINGS)
 def test_round_trip(encoding):
     pixels = random_pixels(encoding)
-    encoded = encode_image(Picture(pixels, encoding), HEADER)
+    encoded = image_of(Picture(pixels, encoding), 5_000_000_007, 'nose')
     assert encoded.header == HEADER
     assert len(encoded.data) == pixels.nbytes
     decoded = decode_image(encoded)
@@ -52,7 +52,7 @@ def test_round_trip(encoding):
 
 @pytest.mark.parametrize('encoding', ENCODINGS)
 def test_nothing_is_copied(encoding):
-    encoded = encode_image(Picture(random_pixels(encoding), encoding), HEADER)
+    encoded = image_of(Picture(random_pixels(encoding), encoding), 5_000_000_007, 'nose')
     decoded = decode_image(encoded)
     before = decoded.pixels.ravel()[0]
     encoded.data[0] ^= 1

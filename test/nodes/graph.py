@@ -17,14 +17,13 @@ from typing import IO, Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from node_outputs import image_of
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
-from mvuav_ros.messages.header import make_header
-from mvuav_ros.messages.image_encoding import encode_image
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.vision.picture import Picture
 
@@ -120,10 +119,12 @@ class Graph:
         self._processes.append(process)
         return process
 
-    def listen(self, topic: str, kind: type, qos: QoSProfile = EVERYTHING) -> list[Any]:
-        """Collect a topic's messages from now on; waits for its publisher."""
+    def listen(
+        self, topic: str, kind: type, qos: QoSProfile = EVERYTHING, *, raw: bool = False
+    ) -> list[Any]:
+        """Collect a topic's messages, or their bytes, from now on; waits for its publisher."""
         messages = self.received[topic]
-        self.probe.create_subscription(kind, topic, messages.append, qos)
+        self.probe.create_subscription(kind, topic, messages.append, qos, raw=raw)
         self.until(lambda: self.probe.count_publishers(topic) > 0, f'a publisher of {topic}')
         self.spin(0.3)
         return messages
@@ -207,4 +208,4 @@ def image_message(pixels, index: int, *, hz: float = 30.0, frame_id: str = 'nose
     """Frame ``index`` of a flight, mono8 or bgr8."""
     encoding = 'mono8' if pixels.ndim == 2 else 'bgr8'
     stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / hz)
-    return encode_image(Picture(pixels, encoding), make_header(stamp_ns, frame_id))
+    return image_of(Picture(pixels, encoding), stamp_ns, frame_id)

@@ -11,7 +11,7 @@ from marker_scenes import draw, tanker_at
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
-from mvuav_ros.messages.header import make_header
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.points import decode_points
 from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.vision.picture import Picture
@@ -50,7 +50,7 @@ class Stream:
     def good(self, hz: float = 60.0) -> bytes:
         """The next frame of a tanker's flight, serialized."""
         pixels = draw(tanker_at(320 + 25 * math.sin(self.index / 15), 240))
-        return serialize_image(Picture(pixels, 'mono8'), make_header(self.next_stamp(hz), 'nose'))
+        return serialize_image(Picture(pixels, 'mono8'), cdr_header(self.next_stamp(hz), 'nose'))
 
     def play(self, seconds: float, hz: float = 60.0, beside: Any = None) -> int:
         """Publish good frames at a pace; ``beside`` is called after each. Returns their number."""

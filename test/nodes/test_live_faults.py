@@ -19,8 +19,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from mvuav_ros.messages.header import make_header
-from mvuav_ros.messages.image_encoding import encode_image
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.points import decode_points
 from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.vision.picture import ENCODINGS, Picture
@@ -46,7 +45,7 @@ def test_sizes_and_encodings_that_change_with_every_frame(graph):
             if 'yuv' in encoding or 'uyvy' in encoding or 'yuyv' in encoding:
                 width += width % 2
             picture = any_picture(encoding, width, height)
-            header = make_header(stream.next_stamp(), 'nose')
+            header = cdr_header(stream.next_stamp(), 'nose')
             stream.publisher.publish(serialize_image(picture, header))
             sent += 1
             graph.spin(0.002)
@@ -79,7 +78,7 @@ def test_stamps_that_repeat_stand_still_and_jump(graph):
     ancient = [-(2**31) * second, 0, second, (2**31 - 1) * second + 999_999_999]
     stamps = first[:10] + repeated + still + forward + back + ancient
     for stamp_ns in stamps:
-        message = encode_image(Picture(draw(tanker_at()), 'mono8'), make_header(stamp_ns, ''))
+        message = serialize_image(Picture(draw(tanker_at()), 'mono8'), cdr_header(stamp_ns, ''))
         stream.publisher.publish(message)
         graph.spin(0.005)
     answered = sum(a != b for a, b in zip(stamps, [None, *stamps], strict=False))
@@ -168,7 +167,8 @@ def test_two_publishers_and_their_end(graph):
 
     def beside() -> None:
         pixels = draw(tanker_at(300, 200))
-        other.publish(encode_image(Picture(pixels, 'mono8'), make_header(stream.next_stamp(), 'b')))
+        header = cdr_header(stream.next_stamp(), 'b')
+        other.publish(serialize_image(Picture(pixels, 'mono8'), header))
 
     sent = 2 * stream.play(1.5, beside=beside)
     stream.until_answered(sent)
@@ -238,7 +238,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 sys.path[:0] = ['test/vision', 'test/nodes']
 from marker_scenes import draw, tanker_at
-from mvuav_ros.messages.header import make_header
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.vision.picture import Picture
@@ -250,7 +250,7 @@ def publish():
     publisher = node.create_publisher(Image, 'image_raw', QoSProfile(depth=10))
     picture = Picture(draw(tanker_at()), 'mono8')
     while True:
-        publisher.publish(serialize_image(picture, make_header(time.time_ns(), 'nose')))
+        publisher.publish(serialize_image(picture, cdr_header(time.time_ns(), 'nose')))
         time.sleep(1 / 60)
 
 # Everything is imported once; each camera is a copy of this process.

@@ -11,12 +11,11 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from live_stream import KEEP_EVERYTHING, Stream
 from marker_scenes import draw, tanker_at
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CompressedImage
 
-from mvuav_ros.messages.header import make_header
+from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.messages.serialized_image import (
+    serialize_compressed_image,
     serialize_image,
     view_compressed_image,
     view_image,
@@ -26,7 +25,7 @@ from mvuav_ros.vision.picture import ENCODINGS, ImageError, Picture
 COUNT = int(os.environ.get('MVUAV_MALFORMED', '10000'))
 GROUP = 20
 SMALL = np.random.default_rng(0).integers(0, 255, (24, 32), np.uint8)
-VALID = serialize_image(Picture(SMALL, 'mono8'), make_header(5_000_000_007, 'nose'))
+VALID = serialize_image(Picture(SMALL, 'mono8'), cdr_header(5_000_000_007, 'nose'))
 HEADER_BYTES = len(VALID) - SMALL.nbytes
 EXTREMES = st.sampled_from([0, 1, 2, 31, 32, 33, 2**16, 2**31 - 1, 2**31, 2**32 - 1])
 
@@ -74,9 +73,7 @@ PNG = cv2.imencode('.png', SMALL)[1].tobytes()
 
 
 def compressed(kind: str, data: bytes) -> bytes:
-    return serialize_message(
-        CompressedImage(header=make_header(5_000_000_007, 'nose'), format=kind, data=data)
-    )
+    return serialize_compressed_image(kind, data, cdr_header(5_000_000_007, 'nose'))
 
 
 def claiming(width: int, height: int, file: bytes) -> bytes:
@@ -145,8 +142,7 @@ def test_malformed_messages_are_counted_and_good_frames_answered(graph, is_compr
         if not is_compressed:
             return stream.good()
         pixels = cv2.imencode('.png', draw(tanker_at()))[1].tobytes()
-        header = make_header(stream.next_stamp(), 'nose')
-        return serialize_message(CompressedImage(header=header, format='png', data=pixels))
+        return serialize_compressed_image('png', pixels, cdr_header(stream.next_stamp(), 'nose'))
 
     def send(messages: list[bytes]) -> None:
         nonlocal bad, good

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from node_outputs import messages_of as messages_from
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
@@ -59,7 +60,7 @@ def test_a_tanker_flight_and_what_the_tracker_makes_of_it(tmp_path):
     for frame, truth, roll in zip(
         frames, messages['/truth/markers'], messages['/truth/rpy'], strict=True
     ):
-        outputs = {output.topic: output.make() for output in tracker.process(frame)}
+        outputs = messages_from(tracker, tracker.process(frame))
         found, true = decode_points(outputs['markers']), decode_points(truth)
         assert list(true['label']) == [0, 1, 2, 3, 4]
         np.testing.assert_allclose(found['x'], true['x'], atol=0.4)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from node_outputs import messages_of
 
 from mvuav_ros.messages.points import decode_points
 from mvuav_ros.parameters.declaration import ParameterError
@@ -102,10 +103,8 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
     camera = flight.camera
     processor.set_camera(CameraModel(640, 480, tuple(camera.matrix.ravel())))
     for frame in flight:
-        outputs = {
-            o.topic: o.make()
-            for o in processor.process(Frame(frame.stamp_ns, 'cam', frame.picture))
-        }
+        given = Frame(frame.stamp_ns, 'cam', frame.picture)
+        outputs = messages_of(processor, processor.process(given))
     assert topics <= set(outputs)
     rows = decode_points(outputs['markers'])
     assert list(rows['label']) == list(range(len(names)))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from node_outputs import messages_of
 
 from mvuav_ros.messages.pose import TF_TYPE
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -17,16 +18,13 @@ FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=8, seed=3, failure
 CAMERA = CameraModel(640, 480, tuple(FLIGHT.camera.matrix.ravel()))
 
 
-def built(outputs):
-    return {topic: make() for topic, make in outputs}
-
-
 def run(camera=CAMERA, debug=(), **parameters):
     processor = MarkerTrackerProcessor(MarkerTrackerParameters(**parameters))
     if camera is not None:
         processor.set_camera(camera)
     frames = [
-        built(processor.process(Frame(f.stamp_ns, 'camera', f.picture), debug)) for f in FLIGHT
+        messages_of(processor, processor.process(Frame(f.stamp_ns, 'camera', f.picture), debug))
+        for f in FLIGHT
     ]
     return processor, frames
 
@@ -119,7 +117,8 @@ def test_a_new_calibration_takes_effect():
         k = flight.camera.matrix.ravel().tolist()
         k[0], k[4] = factor * k[0], factor * k[4]
         processor.set_camera(CameraModel(640, 480, tuple(k)))
-        outputs = built(processor.process(Frame(frame.stamp_ns, 'camera', frame.picture)))
+        given = Frame(frame.stamp_ns, 'camera', frame.picture)
+        outputs = messages_of(processor, processor.process(given))
         distances.append(outputs['pose'].pose.pose.position.z)
     assert distances[0] == pytest.approx(distances[2], rel=0.01)
     assert abs(distances[4] - distances[2]) > 1.0

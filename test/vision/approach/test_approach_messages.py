@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip('sensor_msgs')
 
+from node_outputs import messages_of
 from sensor_msgs.msg import PointField
 
 from mvuav_ros.messages.image_decoding import decode_image
@@ -59,7 +60,7 @@ EMPTY = Picture(np.full((480, 640, 3), 90, np.uint8), 'bgr8')
 
 
 def outputs(processor, index, debug=()):
-    return {output.topic: output.make() for output in processor.process(frame(index), debug)}
+    return messages_of(processor, processor.process(frame(index), debug))
 
 
 def flown(calibrated=True, **values):
@@ -155,7 +156,7 @@ def test_absence_is_said_on_every_topic():
         RunwayDetectorParameters(mode='approach', runway_width=30.0)
     )
     processor.set_camera(camera())
-    said = {o.topic: o.make() for o in processor.process(Frame(1, 'camera', EMPTY))}
+    said = messages_of(processor, processor.process(Frame(1, 'camera', EMPTY)))
     assert set(said) == ALWAYS | {'pose'}
     rows = decode_points(said['line_params'])
     assert rows['role'].tolist() == [1, 2, 3, 4, 5]
