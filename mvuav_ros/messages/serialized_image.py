@@ -20,6 +20,7 @@ LONGEST_NAME = 1024
 """Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
 
 _ENCAPSULATION = 4
+_SIZES = {'B': 1, 'i': 4, 'I': 4}
 _BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)
 """Second byte of plain CDR, version 1 and 2."""
 
@@ -65,20 +66,19 @@ class _Reader:
 
     def numbers(self, layout: str) -> tuple[int, ...]:
         """Numbers of one size each aligned to it, such as ``II``."""
-        self._align(struct.calcsize(layout[0]))
-        layout = self._order + layout
+        size = _SIZES[layout[0]]
+        position = self._position + -(self._position - _ENCAPSULATION) % size
+        self._position = position + size * len(layout)
         try:
-            numbers = struct.unpack_from(layout, self._view, self._position)
+            return struct.unpack_from(self._order + layout, self._view, position)
         except struct.error:
             raise ImageError(f'the message ends after {len(self._view)} bytes') from None
-        self._position += struct.calcsize(layout)
-        return numbers
 
     def text(self, name: str) -> str:
         (length,) = self.numbers('I')
         if length > LONGEST_NAME:
             raise ImageError(f'{name} has {length} bytes')
-        return bytes(self._take(length)).split(b'\0', 1)[0].decode('utf-8', 'replace')
+        return str(self._take(length), 'utf-8', 'replace').split('\0', 1)[0]
 
     def octets(self) -> memoryview:
         (length,) = self.numbers('I')
@@ -93,9 +93,6 @@ class _Reader:
         taken = self._view[self._position : end]
         self._position = end
         return taken
-
-    def _align(self, size: int) -> None:
-        self._position += -(self._position - _ENCAPSULATION) % size
 
     def header(self) -> tuple[int, str]:
         (sec,) = self.numbers('i')

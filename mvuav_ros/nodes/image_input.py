@@ -114,6 +114,7 @@ class ImageInput:
         topic: str,
         on_image: Callable[[Received], None],
         info_topic: str | None = None,
+        awaits_info: Callable[[], bool] = lambda: True,
     ) -> None:
         """Subscribe.
 
@@ -122,11 +123,13 @@ class ImageInput:
             kind: Image or CompressedImage.
             topic: of the images.
             on_image: called with each, from a thread of its own.
-            info_topic: of the CameraInfo that belongs to the images, where that is wanted.
+            info_topic: of the CameraInfo that belongs to the images, where that may be wanted.
+            awaits_info: whether an image is to wait for it, now.
         """
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
+        self._awaits_info = awaits_info
         self._group = _OwnThread()
         self._pairing = StampPairing[CameraInfo, Received]()
         # Before the images, so that a source that sees the one subscription has seen the other.
@@ -273,7 +276,9 @@ class ImageInput:
     def _may_wait(self) -> bool:
         """Whether the longest-held image's CameraInfo may yet come."""
         held = self._pairing.held
-        if self._infos is None or held is None or self._infos.get_publisher_count() == 0:
+        if self._infos is None or held is None or not self._awaits_info():
+            return False
+        if self._infos.get_publisher_count() == 0:
             return False
         return time.perf_counter() < held.taken + LONGEST_HOLD
 

@@ -111,11 +111,16 @@ class VisionNode(Node):
     def _subscription(self) -> ImageInput:
         images = self.resolve_topic_name('image_raw')
         infos = self._camera_info_topic if self._processor.uses_camera_info else None
+        kind: type
         if self._compressed:
             # Resolved first, so that a remapping of image_raw moves the compressed topic along.
-            topic = f'{images}/compressed'
-            return ImageInput(self, CompressedImage, topic, self._on_image, infos)
-        return ImageInput(self, Image, 'image_raw', self._on_image, infos)
+            topic, kind = f'{images}/compressed', CompressedImage
+        else:
+            topic, kind = 'image_raw', Image
+        return ImageInput(self, kind, topic, self._on_image, infos, self._awaits_info)
+
+    def _awaits_info(self) -> bool:
+        return self._processor.awaits_camera_info
 
     def _configure(self, parameters: ParameterSet) -> None:
         with self._lock:

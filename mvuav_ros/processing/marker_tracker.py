@@ -87,6 +87,11 @@ class MarkerTrackerProcessor(Processor):
         else:
             self._pipeline.configure(parameters)
 
+    @property
+    def awaits_camera_info(self) -> bool:
+        """See `Processor.awaits_camera_info`."""
+        return self._parameters.pose
+
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
         if camera != self._camera:

@@ -61,6 +61,11 @@ class Processor(ABC):
         self.resets = 0
         self._last_stamp_ns: int | None = None
 
+    @property
+    def awaits_camera_info(self) -> bool:
+        """Whether the next frame's results depend on its camera, so that it is worth a wait."""
+        return self.uses_camera_info
+
     @abstractmethod
     def configure(self, parameters: Any) -> None:
         """Use other parameters from the next frame on, as a whole."""

@@ -66,6 +66,11 @@ class RunwayDetectorProcessor(Processor):
         self._approach = ApproachPipeline(parameters)
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
 
+    @property
+    def awaits_camera_info(self) -> bool:
+        """See `Processor.awaits_camera_info`."""
+        return self._mode == 'approach'
+
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         self._thesis.configure(parameters)

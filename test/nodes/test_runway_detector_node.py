@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from graph import image_message
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
@@ -272,3 +272,19 @@ def test_a_change_of_resolution_and_odd_frames(frames):
             assert found(frames.show(np.full(shape, value, np.uint8))) == 0
     assert found(frames.show(runway(size=(640, 480)))) == 3
     assert graph.diagnostics(NODE)['frames_refused'] == '0'
+
+
+@pytest.mark.parametrize(('mode', 'waits'), [('thesis', False), ('approach', True)])
+def test_only_mode_approach_waits_for_the_camera_info(graph, mode, waits):
+    graph.start(NODE, mode=mode)
+    graph.probe.create_publisher(CameraInfo, '/camera_info', 10)
+    answers = listen(graph)
+    graph.publish_images([image_message(runway(), i) for i in range(10)], hz=20)
+    graph.until(lambda: len(answers) == 10, '10 answers')
+    values = graph.diagnostics(NODE)
+    # The first three wait for 0.1 s, in vain.
+    if waits:
+        assert float(values['latency_p99_ms']) >= 95.0
+    else:
+        assert float(values['latency_p50_ms']) < 95.0
+        assert float(values['latency_p95_ms']) < 95.0
