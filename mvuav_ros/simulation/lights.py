@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc
 
 from mvuav_ros.simulation.rotation import read_only
 from mvuav_ros.vision.point_operations import Image
@@ -54,7 +54,8 @@ class Spot:
     def profile(self) -> NDArray[np.float32]:
         """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px."""
         r = np.arange(self.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
-        disc = 0.5 * self.peak * erfc((r - self.radius) / (np.sqrt(2.0) * self.softness))
+        edge = (r - self.radius) / (math.sqrt(2.0) * self.softness)
+        disc = 0.5 * self.peak * np.array([math.erfc(x) for x in edge.tolist()])
         glow = self.glow * np.exp(-r / self.glow_length)
         # Down to zero at the window's edge, or its corners would show and pull the centroid.
         taper = np.clip(1.0 - (r / self.reach) ** 2, 0.0, None) ** 2

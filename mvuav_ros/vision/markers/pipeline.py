@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.body import TANKER_747, BodyLayout
-from mvuav_ros.vision.markers.any_lights import AnyLightsTracker
 from mvuav_ros.vision.markers.detection import detect, detect_any
 from mvuav_ros.vision.markers.identity import IdentityTracker
 from mvuav_ros.vision.markers.model import MarkerResult
 from mvuav_ros.vision.markers.tracking import MarkerTracker
 from mvuav_ros.vision.picture import Picture
+
+if TYPE_CHECKING:
+    from mvuav_ros.vision.markers.any_lights import AnyLightsTracker
 
 
 class MarkerPipeline:
@@ -47,6 +51,9 @@ class MarkerPipeline:
 
     def _make_tracker(self) -> MarkerTracker | IdentityTracker | AnyLightsTracker:
         if self.parameters.mode == 'track_any':
+            # It imports SciPy's optimizers, which took more than half of a node's start.
+            from mvuav_ros.vision.markers.any_lights import AnyLightsTracker
+
             return AnyLightsTracker()
         if self.parameters.prediction == 'kalman':
             return IdentityTracker(self.layout)
