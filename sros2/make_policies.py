@@ -10,7 +10,7 @@ from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 
 FOLDER = Path(__file__).resolve().parent
-EVERY_NODE_PUBLISHES = ('rosout', 'parameter_events', 'diagnostics')
+EVERY_NODE_PUBLISHES = ('rosout', 'parameter_events')
 EVERY_NODE_ANSWERS = (
     '~/describe_parameters',
     '~/get_parameter_types',
@@ -20,6 +20,8 @@ EVERY_NODE_ANSWERS = (
     '~/set_parameters',
     '~/set_parameters_atomically',
 )
+PANEL_CURVES = ('markers', 'rpy', 'line_params')
+PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_parameters')
 
 
 def detector_policy(processor: type[Processor]) -> str:
@@ -31,7 +33,7 @@ def detector_policy(processor: type[Processor]) -> str:
     services = ['reset', 'enable', *processor.triggers]
     return policy(
         processor.name,
-        publish=[f'~/{topic}' for topic in results],
+        publish=['diagnostics', *(f'~/{topic}' for topic in results)],
         subscribe=inputs,
         reply=[f'~/{service}' for service in services],
     )
@@ -41,18 +43,43 @@ def source_policy() -> str:
     """Images out."""
     return policy(
         'video_source',
-        publish=['image_raw', 'image_raw/compressed', 'camera_info'],
+        publish=['diagnostics', 'image_raw', 'image_raw/compressed', 'camera_info'],
         subscribe=['clock'],
         reply=['~/pause', '~/restart'],
     )
 
 
+def panel_policy() -> str:
+    """Results, pictures and diagnostics in; parameters set."""
+    subscribe = ['diagnostics', 'parameter_events', 'image_raw', 'image_raw/compressed', 'clock']
+    request = []
+    for name, processor in PROCESSORS.items():
+        shown = [*PANEL_CURVES, *processor.debug_topics, *processor.periodic_topics]
+        subscribe += [f'{name}/{topic}' for topic in shown if topic in _topics(processor)]
+        # The panel asks every node for its statistics, whether it has any or not.
+        subscribe.append(f'{name}/statistics')
+        asked = [*PANEL_ASKS, *(t for t in processor.triggers if t == 'reset_statistics')]
+        request += [f'{name}/{service}' for service in asked]
+    return policy('tuning_panel', publish=[], subscribe=set(subscribe), reply=[], request=request)
+
+
+def _topics(processor: type[Processor]) -> set[str]:
+    return {*processor.topics, *processor.debug_topics, *processor.periodic_topics}
+
+
 def policy(
-    node: str, *, publish: Iterable[str], subscribe: Iterable[str], reply: Iterable[str]
+    node: str,
+    *,
+    publish: Iterable[str],
+    subscribe: Iterable[str],
+    reply: Iterable[str],
+    request: Iterable[str] = (),
 ) -> str:
     """One enclave with one node."""
+    request = list(request)
     blocks = [
         _rules('services', 'reply', 'service', [*EVERY_NODE_ANSWERS, *reply]),
+        _rules('services', 'request', 'service', request) if request else '',
         _rules('topics', 'publish', 'topic', [*EVERY_NODE_PUBLISHES, *publish]),
         _rules('topics', 'subscribe', 'topic', subscribe),
     ]
@@ -83,6 +110,7 @@ FILES = {
         for name, processor in PROCESSORS.items()
     },
     FOLDER / 'video_source.policy.xml': source_policy(),
+    FOLDER / 'tuning_panel.policy.xml': panel_policy(),
 }
 
 if __name__ == '__main__':

@@ -60,7 +60,7 @@ def allowed(profile: ET.Element, tag: str, kind: str) -> set[str]:
 
 def test_there_is_a_policy_for_every_node():
     names = {name for path in POLICIES for name in profiles(path)}
-    assert names == {*PROCESSORS, 'video_source'}
+    assert names == {*PROCESSORS, 'video_source', 'tuning_panel'}
 
 
 def test_a_policy_names_what_its_node_uses_and_nothing_else(graph):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -380,6 +381,33 @@ def test_nothing_comes_from_another_host_and_nothing_went_wrong(panel):
     foreign = [url for url in panel.requests if not url.startswith((panel.url, 'data:', 'blob:'))]
     assert panel.requests and foreign == []
     assert panel.errors == []
+
+
+def test_its_policy_names_what_it_uses(panel):
+    """Held against the panel with all it has shown; the inputs are remapped in this test."""
+    policy = ET.parse(ROOT / 'sros2' / 'tuning_panel.policy.xml')
+
+    def written(tag, kind):
+        rules = policy.iterfind(f".//{tag}[@{kind}='ALLOW']/*")
+        return {f'/{rule.text}'.replace('/~/', '/tuning_panel/') for rule in rules}
+
+    def seen(ask):
+        names = {name for name, _ in ask('tuning_panel', '/')}
+        return {re.sub('^/(tanker|runway)/', '/', name) for name in names}
+
+    probe = panel.graph.probe
+    seen_topics = set()
+    for node in (TRACKER, DETECTOR):
+        panel.choose(node)
+        panel.graph.spin(2.0)
+        seen_topics |= seen(probe.get_subscriber_names_and_types_by_node)
+    assert seen_topics <= written('topics', 'subscribe')
+    assert {'/marker_tracker/markers', '/runway_detector/line_params'} <= seen_topics
+    assert '/diagnostics' in seen_topics
+    assert seen(probe.get_publisher_names_and_types_by_node) == written('topics', 'publish')
+    assert seen(probe.get_service_names_and_types_by_node) == written('services', 'reply')
+    asked = seen(probe.get_client_names_and_types_by_node)
+    assert asked == written('services', 'request') - {'/runway_detector/reset_statistics'}
 
 
 def test_with_the_page_closed_nothing_is_subscribed(panel):
