@@ -10,10 +10,12 @@ SOURCES := $(shell find mvuav_ros executables config launch bags resource -type 
 demo: .venv
 	$(BIN)/mvuav demo $(if $(PANEL),--panel,-o out)
 
-# First what needs no ROS graph, on all cores; then the nodes, alone with the machine.
+# First what needs no ROS graph, on all cores; then the live nodes, two tests at a time, each in
+# a domain of its own, as they mostly wait; then what has a browser or a whole demo in it.
 test: lint
 	$(BIN)/python -m pytest -n auto --ignore test/nodes --ignore test/demo --ignore test/panel
-	$(BIN)/python -m pytest test/nodes test/demo test/panel
+	$(BIN)/python -m pytest -n 2 --dist worksteal test/nodes
+	$(BIN)/python -m pytest test/demo test/panel
 
 lint: .venv
 	$(BIN)/ruff check .
