@@ -13,7 +13,7 @@ demo: .venv
 # First what needs no ROS graph, on all cores; then the live nodes, two tests at a time, each in
 # a domain of its own, as they mostly wait; then what has a browser or a whole demo in it.
 test: lint
-	$(BIN)/python -m pytest -n auto --ignore test/nodes --ignore test/demo --ignore test/panel
+	$(BIN)/python -m pytest -n auto --dist worksteal --ignore test/nodes --ignore test/demo --ignore test/panel
 	$(BIN)/python -m pytest -n 2 --dist worksteal test/nodes
 	$(BIN)/python -m pytest test/demo test/panel
 
@@ -31,7 +31,7 @@ report: .venv
 
 # The same tests against the oldest libraries that a robot has: apt's of Ubuntu 24.04.
 test-robot: .venv-robot/installed
-	.venv-robot/bin/python -m pytest -n auto test/vision test/messages test/parameters test/recording
+	.venv-robot/bin/python -m pytest -n auto --dist worksteal test/vision test/messages test/parameters test/recording
 
 # The sample bags: synthetic flights, the same on every machine, with their truth.
 bags: .venv

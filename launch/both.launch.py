@@ -1,50 +1,7 @@
 """A source of images and both detectors: ros2 launch mvuav_ros both.launch.py source:=0."""
 
-from pathlib import Path
-
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-
-CONFIG = Path(__file__).resolve().parent.parent / 'config'
+from mvuav_ros.launching import launch_flight
 
 
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('source', default_value='0', description='See video_source.'),
-            DeclareLaunchArgument('loop', default_value='false', description='Play it again.'),
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=str(CONFIG / 'default.yaml'),
-                description='Parameters of the nodes; thesis.yaml has the values of the thesis.',
-            ),
-            Node(
-                package='mvuav_ros',
-                executable='video_source',
-                parameters=[
-                    LaunchConfiguration('params_file'),
-                    {
-                        'source': ParameterValue(LaunchConfiguration('source'), value_type=str),
-                        'loop': ParameterValue(LaunchConfiguration('loop'), value_type=bool),
-                        'wait_for_subscribers': 2,
-                    },
-                ],
-                output='screen',
-            ),
-            Node(
-                package='mvuav_ros',
-                executable='marker_tracker',
-                parameters=[LaunchConfiguration('params_file')],
-                output='screen',
-            ),
-            Node(
-                package='mvuav_ros',
-                executable='runway_detector',
-                parameters=[LaunchConfiguration('params_file')],
-                output='screen',
-            ),
-        ]
-    )
+    return launch_flight(__file__, 'video_source', 'marker_tracker', 'runway_detector')

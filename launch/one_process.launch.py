@@ -1,37 +1,7 @@
 """All in one process: ros2 launch mvuav_ros one_process.launch.py source:=0 (docs/transport.md)."""
 
-from pathlib import Path
-
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-
-CONFIG = Path(__file__).resolve().parent.parent / 'config'
+from mvuav_ros.launching import launch_flight
 
 
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('source', default_value='0', description='See video_source.'),
-            DeclareLaunchArgument('loop', default_value='false', description='Play it again.'),
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=str(CONFIG / 'default.yaml'),
-                description='Parameters of the nodes; thesis.yaml has the values of the thesis.',
-            ),
-            Node(
-                package='mvuav_ros',
-                executable='vision_process',
-                parameters=[
-                    LaunchConfiguration('params_file'),
-                    {
-                        'source': ParameterValue(LaunchConfiguration('source'), value_type=str),
-                        'loop': ParameterValue(LaunchConfiguration('loop'), value_type=bool),
-                    },
-                ],
-                output='screen',
-            ),
-        ]
-    )
+    return launch_flight(__file__, 'vision_process')

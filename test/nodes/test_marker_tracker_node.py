@@ -7,6 +7,7 @@ import signal
 import pytest
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from graph import image_message
+from live_stream import KEEP_EVERYTHING
 from marker_scenes import draw, tanker_at
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
@@ -30,7 +31,7 @@ def flight(first, count, **keywords):
 
 
 def test_one_answer_for_every_image_with_its_header(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     rpy = graph.listen(f'/{NODE}/rpy', Vector3Stamped)
     rudder = graph.listen(f'/{NODE}/marker/rudder', PointStamped)
@@ -58,7 +59,7 @@ def test_one_answer_for_every_image_with_its_header(graph):
 def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
     """Drivers publish the image first; the first frame has a pose like all others."""
     flown = TankerFlight(TankerSettings(motion='docking', frames=10))
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     rpy = graph.listen(f'/{NODE}/rpy', Vector3Stamped)
     infos = graph.probe.create_publisher(CameraInfo, '/camera_info', QoSProfile(depth=1000))
     graph.until(lambda: infos.get_subscription_count() > 0, 'a subscriber of camera_info')
@@ -73,7 +74,7 @@ def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
 
 
 def test_absence_is_said(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     rpy = graph.listen(f'/{NODE}/rpy', Vector3Stamped)
     rudder = graph.listen(f'/{NODE}/marker/rudder', PointStamped)
@@ -89,7 +90,7 @@ def test_absence_is_said(graph):
 
 
 def test_parameters_change_between_frames_and_bad_values_are_refused(graph):
-    graph.start(NODE, mode='detect_any')
+    graph.start(NODE, mode='detect_any', **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     image = draw(tanker_at())
     image[image == 255] = 200
@@ -133,13 +134,14 @@ def test_parameters_change_between_frames_and_bad_values_are_refused(graph):
 @pytest.mark.parametrize(('prediction', 'state'), [('acceleration', 1), ('none', 0)])
 def test_prediction_takes_effect_on_the_next_frame(graph, prediction, state):
     """Speeding up by 2 px a frame each frame outruns a window that does not lead."""
-    graph.start(NODE, prediction='none', search_radius=12, lost_timeout=0.1)
+    graph.start(NODE, prediction='none', search_radius=12, lost_timeout=0.1, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
 
     def accelerating(first, last):
         return [image_message(draw(tanker_at(160 + i * i, 240)), i) for i in range(first, last)]
 
     graph.publish_images(accelerating(0, 5))
+    graph.until(lambda: len(markers) == 5, '5 answers')
     assert graph.set_parameter(NODE, 'prediction', prediction).successful
     # Without the left wing in view, the search of the whole frame cannot rescue anything.
     half = [image_message(draw(tanker_at(160 + i * i, 240)[1:]), i) for i in range(5, 18)]
@@ -152,7 +154,7 @@ def test_prediction_takes_effect_on_the_next_frame(graph, prediction, state):
 
 
 def test_every_parameter_is_declared_with_its_documentation(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     names = list(MarkerTrackerParameters.names())
     for spec, descriptor in zip(
         MarkerTrackerParameters.specs(), graph.describe_parameters(NODE, names), strict=True
@@ -166,7 +168,7 @@ def test_every_parameter_is_declared_with_its_documentation(graph):
 
 
 def test_bad_images_are_counted_and_survived(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     good = flight(0, 10)
     cut = image_message(draw([]), 100)
@@ -188,7 +190,7 @@ def test_bad_images_are_counted_and_survived(graph):
 
 
 def test_stamps_that_jump_back_reset_the_state(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     graph.publish_images([*flight(0, 6), *flight(0, 6)])
     graph.until(lambda: len(markers) == 12, '12 answers')
@@ -198,15 +200,17 @@ def test_stamps_that_jump_back_reset_the_state(graph):
 
 
 def test_services(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     graph.publish_images(flight(0, 5))
+    graph.until(lambda: len(markers) == 5, '5 answers')
     assert graph.call(Trigger, f'/{NODE}/reset', Trigger.Request()).success
     graph.publish_images(flight(5, 1))
     graph.until(lambda: len(markers) == 6, '6 answers')
     assert all(math.isnan(v) for v in decode_points(markers[5])['vx'])
     assert graph.call(SetBool, f'/{NODE}/enable', SetBool.Request(data=False)).success
     graph.publish_images(flight(6, 3))
+    graph.until(lambda: graph.diagnostics(NODE)['frames_received'] == '9', '9 images')
     assert graph.diagnostics(NODE)['state'] == 'disabled'
     assert graph.call(SetBool, f'/{NODE}/enable', SetBool.Request(data=True)).success
     graph.publish_images(flight(9, 1))
@@ -214,9 +218,10 @@ def test_services(graph):
 
 
 def test_debug_image_appears_when_asked_for(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     graph.publish_images(flight(0, 5))
+    graph.until(lambda: len(markers) == 5, '5 answers')
     pictures = graph.listen(f'/{NODE}/debug_image', Image)
     for index in range(5, 200):
         # Until the node has seen the subscription.
@@ -249,7 +254,7 @@ def test_compressed_images_in_a_namespace_under_another_name(graph):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_it_cleanly(graph, number):
-    process = graph.start(NODE)
+    process = graph.start(NODE, **KEEP_EVERYTHING)
     process.send_signal(number)
     output, _ = process.communicate(timeout=10)
     assert process.returncode == 0, output

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import image_message
+from live_stream import KEEP_EVERYTHING
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -58,12 +59,12 @@ class Frames:
 
 @pytest.fixture
 def frames(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     return Frames(graph, listen(graph))
 
 
 def test_one_answer_for_every_image_on_every_topic(graph):
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     params = listen(graph)
     markers = graph.listen(f'/{NODE}/lines', Marker)
     corrections = graph.listen(f'/{NODE}/corrections', DiagnosticArray)
@@ -183,7 +184,7 @@ def shared_node():
     from graph import Graph
 
     graph = Graph()
-    graph.start(NODE)
+    graph.start(NODE, **KEEP_EVERYTHING)
     yield graph
     graph.close()
 
@@ -249,8 +250,12 @@ def test_debug_pictures_only_while_somebody_looks(frames):
         name: graph.listen(f'/{NODE}/debug/{name}', Image)
         for name in ('confined', 'edges', 'hough', 'overlay')
     }
-    frames.show(runway())
-    graph.until(lambda: all(len(p) == 1 for p in pictures.values()), 'four pictures')
+    for _ in range(200):
+        # Until the node has seen all subscriptions.
+        frames.show(runway())
+        if all(pictures.values()):
+            break
+    assert all(pictures.values())
     confined = decode_image(pictures['confined'][0])
     np.testing.assert_array_equal(confined.pixels, runway()[50:130, :, 2])
     edges = decode_image(pictures['edges'][0]).pixels
@@ -276,7 +281,7 @@ def test_a_change_of_resolution_and_odd_frames(frames):
 
 @pytest.mark.parametrize(('mode', 'waits'), [('thesis', False), ('approach', True)])
 def test_only_mode_approach_waits_for_the_camera_info(graph, mode, waits):
-    graph.start(NODE, mode=mode)
+    graph.start(NODE, mode=mode, **KEEP_EVERYTHING)
     graph.probe.create_publisher(CameraInfo, '/camera_info', 10)
     answers = listen(graph)
     graph.publish_images([image_message(runway(), i) for i in range(10)], hz=20)

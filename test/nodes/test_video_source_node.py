@@ -86,7 +86,7 @@ def test_loop_pause_and_restart(graph, bag):
     assert len(images) == count
     assert graph.set_parameter(NODE, 'loop', False).successful
     assert graph.call(SetBool, f'/{NODE}/pause', SetBool.Request(data=False)).success
-    graph.spin(0.5)
+    graph.until(lambda: graph.diagnostics(NODE)['state'] == 'ended', 'the end')
     images.clear()
     graph.spin(0.3)
     assert images == []
@@ -98,8 +98,10 @@ def test_restart_in_the_middle(graph, bag):
     images = play(graph, bag, rate=10.0)
     graph.until(lambda: len(images) == 3, '3 images')
     assert graph.call(Trigger, f'/{NODE}/restart', Trigger.Request()).success
-    graph.until(lambda: len(images) == 8, '5 more images')
-    assert stamps(images[3:])[0] == stamps(images)[0]
+    begun = stamps(images)[0]
+    graph.until(lambda: begun in stamps(images[3:]), 'the first image again')
+    # It had not come to the end by itself.
+    assert len(images) - 1 < 10
 
 
 def test_encoding_gamma_and_stamp(graph, folder):
