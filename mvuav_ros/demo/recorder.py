@@ -69,4 +69,7 @@ class Recorder(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            self.latency_ms[status.name] = values.get('latency_p50_ms', '')
+            latency = values.get('latency_p50_ms', 'nan')
+            # After the flight there is none any more.
+            if latency != 'nan':
+                self.latency_ms[status.name] = latency
