@@ -18,11 +18,18 @@ from mvuav_ros.vision.picture import Picture
 
 RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params'}
 START_NS = 1_700_000_000_000_000_000
-# Every single message is to reach the node, however fast they come.
+# Every single message is to reach the node and every answer us, however fast they come and however
+# long one of us has to wait for the processor.
 KEEP_EVERYTHING = {
-    f'qos_overrides.{topic}.subscription.{policy}': value
-    for topic in ('/image_raw', '/image_raw/compressed')
-    for policy, value in (('reliability', 'reliable'), ('history', 'keep_all'))
+    **{
+        f'qos_overrides.{topic}.subscription.{policy}': value
+        for topic in ('/image_raw', '/image_raw/compressed')
+        for policy, value in (('reliability', 'reliable'), ('history', 'keep_all'))
+    },
+    **{
+        f'qos_overrides./{node}/{topic}.publisher.history': 'keep_all'
+        for node, topic in RESULTS.items()
+    },
 }
 
 

@@ -90,7 +90,8 @@ def lived(
     """What the live node says to the same bag, published as fast as it goes."""
     with open_recording(bag) as recording:
         frames = sum(message.type == IMAGE for message in recording.messages())
-    graph.start(node, **parameters, **RECEIVING)
+    answering = {f'qos_overrides.{topic}.publisher.history': 'keep_all' for topic in topics}
+    graph.start(node, **parameters, **RECEIVING, **answering)
     live = {topic: graph.listen(topic, kind, raw=True) for topic, kind in topics.items()}
     graph.start('video_source', source=bag, rate=1000.0, **SENDING)
     main = next(iter(topics))
