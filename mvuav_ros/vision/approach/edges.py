@@ -16,6 +16,8 @@ from mvuav_ros.vision.approach.targets import Look
 _MOST_ROWS = 40
 _SAMPLE = 0.5
 """Px of the working picture between samples across an edge."""
+_COLOUR_SMOOTHING = 13
+"""Samples across an edge, to find its line in: JPEG rounds colour coarsely."""
 _REACH_SHARE, _LEAST_REACH, _MOST_REACH = 0.35, 3.0, 8.0
 _SUPPORT = 0.25
 """A row supports an edge with a step of this share of the strip's contrast."""
@@ -80,19 +82,27 @@ def find_edges(
     )
     pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     direction, size = _direction(contrast, look)
-    features = features_of(pixels, colours)
-    profile = direction[0] * features[0] + direction[1] * features[1]
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = int(np.clip((slopes[1] - slopes[0]) * near / _WIDTHS_PER_STEP, 2, 4) / _SAMPLE)
     margin = base // 2
     base = 2 * margin
-    step = profile[:, base:] - profile[:, :-base]
-    step = step.reshape(2, count, -1)
-    step[1] *= -1
     inside = (on_x > 0) & (on_x < image.shape[1] - 1) & (on_y > 0) & (on_y < image.shape[0] - 1)
-    step = np.where(inside[:, :, margin:-margin], np.clip(step, 0.0, size), 0.0)
+    inside = inside[:, :, margin:-margin]
+
+    def steps_of(smoothing: int) -> NDArray[Any]:
+        features = features_of(pixels, colours, smoothing)
+        profile = direction[0] * features[0] + direction[1] * features[1]
+        step = profile[:, base:] - profile[:, :-base]
+        step = step.reshape(2, count, -1)
+        step[1] *= -1
+        return np.where(inside, np.clip(step, 0.0, size), 0.0)
+
+    # Noise of colour hides the line, smoothing it moves the steps: each for what it leaves alone.
+    clear, smooth = steps_of(1), steps_of(_COLOUR_SMOOTHING)
     left, right = (
-        _fit(step[side], across[margin:-margin], expected[side], y + depth, size, base)
+        _fit(
+            clear[side], smooth[side], across[margin:-margin], expected[side], y + depth, size, base
+        )
         for side in (0, 1)
     )
     return left, right
@@ -108,13 +118,14 @@ def _direction(contrast: NDArray[np.float64], look: Look) -> tuple[NDArray[np.fl
 
 def _fit(
     step: NDArray[Any],
+    smooth: NDArray[Any],
     across: NDArray[Any],
     expected: NDArray[Any],
     rows: NDArray[Any],
     size: float,
     base: int,
 ) -> EdgePoints:
-    """Choose the straight line with the most steps along it, then take the steps' own places."""
+    """Choose the straight line with the most smooth steps along it, then the steps' own places."""
     count, places = step.shape
     along = (rows - rows[0]) / max(rows[-1] - rows[0], 1e-6)
     ends = np.arange(0, places, 2)
@@ -124,7 +135,7 @@ def _fit(
     middle = 0.5 * (places - 1)
     # Of equal lines the expected one.
     away = (np.abs(far - middle) + np.abs(near - middle)) / places
-    votes = step.ravel().take(index).sum(axis=1)
+    votes = smooth.ravel().take(index).sum(axis=1)
     votes = votes * (1.0 - 0.3 * away)
     best = int(votes.argmax())
     chosen = np.rint(at[best]).astype(np.intp)

@@ -96,7 +96,7 @@ def white_of(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:
     return blue, green, red
 
 
-def features_of(pixels: NDArray[Any], colours: Colours = PLAIN) -> Features:
+def features_of(pixels: NDArray[Any], colours: Colours = PLAIN, smoothing: int = 1) -> Features:
     """Brightness and colourfulness.
 
     Pavement is greyer than what grows beside it, whether it is darker or brighter; and what is as
@@ -106,6 +106,7 @@ def features_of(pixels: NDArray[Any], colours: Colours = PLAIN) -> Features:
         pixels: (rows, columns) or (rows, columns, 3), blue first; uint8, or uint16, which is
             scaled to the same grey levels.
         colours: of the picture.
+        smoothing: columns, odd, over which colour (not brightness) is averaged, by a Gaussian.
 
     Returns:
         (2, rows, columns), grey levels.
@@ -119,6 +120,10 @@ def features_of(pixels: NDArray[Any], colours: Colours = PLAIN) -> Features:
     matrix[1:] *= np.multiply(colours.white, colours.gain, dtype=np.float32)
     opponent = cv2.transform(levels, matrix)
     brightness, blue_yellow, red_green = cv2.split(opponent)
+    if smoothing > 1:
+        # Before the magnitude, which would take noise for colour.
+        blue_yellow = cv2.GaussianBlur(blue_yellow, (smoothing, 1), 0)
+        red_green = cv2.GaussianBlur(red_green, (smoothing, 1), 0)
     # cv2.magnitude rounds as the arrays happen to lie in memory; results must repeat.
     blue_yellow *= blue_yellow
     red_green *= red_green
