@@ -397,12 +397,16 @@ def test_its_policy_names_what_it_uses(panel):
 
     probe = panel.graph.probe
     seen_topics = set()
-    for node in (TRACKER, DETECTOR):
+
+    def subscribes(topic):
+        seen_topics.update(seen(probe.get_subscriber_names_and_types_by_node))
+        return topic in seen_topics
+
+    for node, curves in ((TRACKER, 'markers'), (DETECTOR, 'line_params')):
         panel.choose(node)
-        panel.graph.spin(2.0)
-        seen_topics |= seen(probe.get_subscriber_names_and_types_by_node)
+        panel.part('results')
+        panel.until(lambda t=f'{node}/{curves}': subscribes(t), f'curves of {node}')
     assert seen_topics <= written('topics', 'subscribe')
-    assert {'/marker_tracker/markers', '/runway_detector/line_params'} <= seen_topics
     assert '/diagnostics' in seen_topics
     assert seen(probe.get_publisher_names_and_types_by_node) == written('topics', 'publish')
     assert seen(probe.get_service_names_and_types_by_node) == written('services', 'reply')
