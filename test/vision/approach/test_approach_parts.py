@@ -114,7 +114,8 @@ def test_an_even_picture_supports_no_edge():
     even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
     level = Level(320, 240, 1, 0.0)
     for points in find_edges(even, level, SHAPE, (FAR, NEAR), np.array([15.0, -60.0]), RUNWAY.look):
-        assert points.support == 0
+        # But for the rounding of a smoothed picture.
+        assert points.support < 1e-6
         assert (points.weights == 0).all()
 
 
