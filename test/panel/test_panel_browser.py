@@ -392,7 +392,8 @@ def test_its_policy_names_what_it_uses(panel):
         return {f'/{rule.text}'.replace('/~/', '/tuning_panel/') for rule in rules}
 
     def seen(ask):
-        names = {name for name, _ in ask('tuning_panel', '/')}
+        # The probe has passed for a node of somebody else in this module.
+        names = {name for name, _ in ask('tuning_panel', '/') if not name.startswith('/probe/')}
         return {re.sub('^/(tanker|runway)/', '/', name) for name in names}
 
     probe = panel.graph.probe
