@@ -115,8 +115,10 @@ def test_a_whole_runway_frame_field_by_field():
     assert (marker.ns, marker.id, marker.type, marker.action) == ('runway', 0, 5, 0)
     assert (marker.pose.orientation.w, marker.scale.x) == (1.0, 2.0)
     assert not marker.frame_locked and marker.text == marker.mesh_resource == ''
-    assert [(p.x, p.y, p.z) for p in marker.points[::2]] == pytest.approx(
-        [(row['x'], row['y'], 0.0) for row in rows if np.isfinite(row['x'])], rel=1e-5
+    np.testing.assert_allclose(
+        [(p.x, p.y, p.z) for p in marker.points[::2]],
+        [(row['x'], row['y'], 0.0) for row in rows if np.isfinite(row['x'])],
+        rtol=1e-5,
     )
     assert all(color.a == 1.0 for color in marker.colors)
     assert len(marker.colors) == len(marker.points) > 0
