@@ -20,7 +20,7 @@ EVERY_NODE_ANSWERS = (
     '~/set_parameters',
     '~/set_parameters_atomically',
 )
-PANEL_CURVES = ('markers', 'rpy', 'line_params')
+PANEL_CURVES = {'marker_tracker': ('markers', 'rpy'), 'runway_detector': ('line_params',)}
 PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_parameters')
 
 
@@ -54,17 +54,11 @@ def panel_policy() -> str:
     subscribe = ['diagnostics', 'parameter_events', 'image_raw', 'image_raw/compressed', 'clock']
     request = []
     for name, processor in PROCESSORS.items():
-        shown = [*PANEL_CURVES, *processor.debug_topics, *processor.periodic_topics]
-        subscribe += [f'{name}/{topic}' for topic in shown if topic in _topics(processor)]
         # The panel asks every node for its statistics, whether it has any or not.
-        subscribe.append(f'{name}/statistics')
-        asked = [*PANEL_ASKS, *(t for t in processor.triggers if t == 'reset_statistics')]
-        request += [f'{name}/{service}' for service in asked]
-    return policy('tuning_panel', publish=[], subscribe=set(subscribe), reply=[], request=request)
-
-
-def _topics(processor: type[Processor]) -> set[str]:
-    return {*processor.topics, *processor.debug_topics, *processor.periodic_topics}
+        shown = {*PANEL_CURVES[name], *processor.debug_topics, 'statistics'}
+        subscribe += [f'{name}/{topic}' for topic in shown]
+        request += [f'{name}/{service}' for service in (*PANEL_ASKS, *processor.triggers)]
+    return policy('tuning_panel', publish=[], subscribe=subscribe, reply=[], request=request)
 
 
 def policy(
