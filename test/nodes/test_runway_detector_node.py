@@ -256,6 +256,14 @@ def test_debug_pictures_only_while_somebody_looks(frames):
         if all(pictures.values()):
             break
     assert all(pictures.values())
+    header = frames.show(runway()).header
+
+    def counts():
+        return [sum(picture.header == header for picture in p) for p in pictures.values()]
+
+    graph.until(lambda: all(counts()), 'four pictures of one frame')
+    graph.spin(0.2)
+    assert counts() == [1, 1, 1, 1]
     confined = decode_image(pictures['confined'][0])
     np.testing.assert_array_equal(confined.pixels, runway()[50:130, :, 2])
     edges = decode_image(pictures['edges'][0]).pixels
