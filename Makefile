@@ -13,9 +13,9 @@ demo: .venv
 # First what needs no ROS graph, on all cores; then the live nodes, two tests at a time, each in
 # a domain of its own, as they mostly wait; then what has a browser or a whole demo in it.
 test: lint
-	$(BIN)/python -m pytest -n auto --dist worksteal --ignore test/nodes --ignore test/demo --ignore test/panel
+	$(BIN)/python -m pytest -n auto --dist worksteal --ignore test/nodes --ignore test/cli/demo --ignore test/panel
 	$(BIN)/python -m pytest -n 2 --dist worksteal test/nodes
-	$(BIN)/python -m pytest test/demo test/panel
+	$(BIN)/python -m pytest test/cli/demo test/panel
 
 lint: .venv
 	$(BIN)/ruff check .
@@ -33,8 +33,8 @@ report: .venv
 # Ubuntu 24.04.
 test-robot: .venv-robot/installed
 	.venv-robot/bin/python -m pytest -n auto --dist worksteal \
-		test/vision test/messages test/parameters test/recording \
-		--ignore test/vision/approach/test_approach_simulated.py
+		test/vision test/processing test/parameters test/recordings \
+		--ignore test/vision/approach/test_simulated_flights.py
 
 # The sample bags: synthetic flights, the same on every machine, with their truth.
 bags: .venv

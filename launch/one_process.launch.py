@@ -1,6 +1,6 @@
 """All in one process: ros2 launch mvuav_ros one_process.launch.py source:=0 (docs/transport.md)."""
 
-from mvuav_ros.launching import launch_flight
+from mvuav_ros.nodes.launching import launch_flight
 
 
 def generate_launch_description():

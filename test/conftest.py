@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import pytest
-
-SHARED = Path(__file__).resolve().parent.parent.parent / 'shared'
+from support.places import SHARED
 
 
 def _shared(name: str) -> Path:

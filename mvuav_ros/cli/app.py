@@ -10,16 +10,16 @@ from typing import Annotated, NoReturn
 import typer
 
 import mvuav_ros
-from mvuav_ros.cli.bench import bench
-from mvuav_ros.cli.demo import demo
-from mvuav_ros.cli.evaluate import evaluate
-from mvuav_ros.cli.info import info
-from mvuav_ros.cli.replay import replay
-from mvuav_ros.cli.simulate import simulate
-from mvuav_ros.cli.sweep import sweep
+from mvuav_ros.cli.commands.bench import bench
+from mvuav_ros.cli.commands.demo import demo
+from mvuav_ros.cli.commands.evaluate import evaluate
+from mvuav_ros.cli.commands.info import info
+from mvuav_ros.cli.commands.replay import replay
+from mvuav_ros.cli.commands.simulate import simulate
+from mvuav_ros.cli.commands.sweep import sweep
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recording.errors import RecordingError
-from mvuav_ros.sources.frame import SourceError
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.sources.frame import SourceError
 
 app = typer.Typer(
     name='mvuav',

@@ -30,11 +30,11 @@ from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind, qos_profile_sens
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo
 
-from mvuav_ros.messages.serialized_image import stamp_ns_in
-from mvuav_ros.messages.stamp import stamp_ns_of
-from mvuav_ros.sources.frame import Frame
-from mvuav_ros.sources.stamp_pairing import StampPairing
-from mvuav_ros.vision.picture import ImageError
+from mvuav_ros.recordings.serialization.serialized_image import stamp_ns_in
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.vision.image import ImageError
 
 LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo, where somebody publishes one."""

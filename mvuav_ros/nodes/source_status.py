@@ -8,7 +8,7 @@ from collections import deque
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mvuav_ros.nodes.frame_statistics import WINDOW
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.image import Picture
 
 
 class SourceStatus:

@@ -18,21 +18,24 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from mvuav_ros.messages.camera_info import decode_camera_info
-from mvuav_ros.messages.camera_info_encoding import encode_camera_info
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.header import make_header
-from mvuav_ros.messages.serialized_image import serialize_compressed_image, serialize_image
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.playback import Pace
 from mvuav_ros.nodes.running import run_node
 from mvuav_ros.nodes.source_status import SourceStatus
 from mvuav_ros.nodes.subscribers import is_heard
 from mvuav_ros.parameters.video_source import VideoSourceParameters
-from mvuav_ros.sources.camera_info import Calibration, load_calibration
-from mvuav_ros.sources.frame import BadFrame, Frame, FrameSource, SourceError
-from mvuav_ros.sources.opening import open_source
-from mvuav_ros.vision.picture import ImageError, Picture
+from mvuav_ros.processing.messages.camera_info_encoding import encode_camera_info
+from mvuav_ros.processing.messages.header import make_header
+from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.serialized_image import (
+    serialize_compressed_image,
+    serialize_image,
+)
+from mvuav_ros.recordings.sources.calibration import Calibration, load_calibration
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
+from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.vision.image import ImageError, Picture
 from mvuav_ros.vision.point_operations import gamma_correct
 
 RETRY_INTERVAL = 1.0

@@ -16,20 +16,20 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
-from mvuav_ros.messages.camera_info import decode_camera_info
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.messages.serialized_image import view_compressed_image, view_image
-from mvuav_ros.nodes.frame_handover import FrameHandover
 from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics, FrameTimes
 from mvuav_ros.nodes.image_input import ImageInput, Received
-from mvuav_ros.nodes.input_watch import InputWatch, StampWatch, silence
+from mvuav_ros.nodes.input_monitor import InputWatch, StampWatch, silence
+from mvuav_ros.nodes.intra_process import FrameHandover
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.subscribers import is_heard
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor
-from mvuav_ros.sources.frame import Frame
-from mvuav_ros.vision.picture import ImageError
+from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.vision.image import ImageError
 
 LOG_INTERVAL = 5.0
 """Seconds between two log lines of the same kind."""

@@ -11,8 +11,8 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from mvuav_ros.panel.images import PictureFeed, Shot, Stream, source_of, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
-from mvuav_ros.panel.pictures import PictureFeed, Shot, Stream, source_of, streams_of
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.series import Point, SeriesFeed
 

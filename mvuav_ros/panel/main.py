@@ -91,10 +91,10 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     from mvuav_ros.nodes.process_tuning import tune_process
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
+    from mvuav_ros.panel.images import PictureFeed
     from mvuav_ros.panel.live_system import LiveSystem
     from mvuav_ros.panel.package_data import built_in_sets, sample_bags
     from mvuav_ros.panel.page.context import Services
-    from mvuav_ros.panel.pictures import PictureFeed
     from mvuav_ros.panel.ros_thread import RosThread
     from mvuav_ros.panel.runs import RunStore
     from mvuav_ros.panel.sets import SetStore

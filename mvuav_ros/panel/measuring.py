@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import mvuav_ros
-from mvuav_ros.evaluation.metrics import metrics_of
-from mvuav_ros.evaluation.observed import read_bag
+from mvuav_ros.offline.evaluation.metrics import metrics_of
+from mvuav_ros.offline.evaluation.observed import read_bag
+from mvuav_ros.offline.replay.job import ReplayOutcome
 from mvuav_ros.panel.runs import SavedRun
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.replaying.job import ReplayOutcome
 
 
 def measured_run(

@@ -13,17 +13,17 @@ from typing import Any
 
 import cv2
 
-from mvuav_ros.panel.runs import SavedRun
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recording.errors import RecordingError
-from mvuav_ros.replaying.interruptions import interrupt_on_signals
-from mvuav_ros.replaying.job import (
+from mvuav_ros.offline.replay.interruptions import interrupt_on_signals
+from mvuav_ros.offline.replay.job import (
     JobProgress,
     ReplayJob,
     ReplayOutcome,
     ReplaySettings,
     attempt,
 )
+from mvuav_ros.panel.runs import SavedRun
+from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.recordings.errors import RecordingError
 
 _ENDING_TIME = 5.0
 _NICENESS = 5

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.evaluation.metric import Metric
-from mvuav_ros.evaluation.report.model import Cell, Column, Table
+from mvuav_ros.offline.evaluation.metric import Metric
+from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.sources.opening import BAG_SUFFIXES
+from mvuav_ros.recordings.sources.opening import BAG_SUFFIXES
 
 RESULTS = 'results.mcap'
 _SUMMARY = 'run.json'

@@ -11,9 +11,9 @@ from geometry_msgs.msg import Vector3Stamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
-from mvuav_ros.messages.points import decode_points
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.vision.markers.model import TANKER_NAMES, Label, MarkerState
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
 
 CURVES = {
     'marker_tracker': {'roll': ('Roll', '°'), 'x': ('Marker x', 'px'), 'y': ('Marker y', 'px')},

@@ -10,21 +10,21 @@ import numpy as np
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
 from sensor_msgs.msg import PointCloud2
 
-from mvuav_ros.messages.markers import encode_marker, encode_markers, encode_rpy
-from mvuav_ros.messages.pose import TF_TYPE, encode_pose, encode_transform
-from mvuav_ros.messages.serialized_image import serialize_image
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
+from mvuav_ros.processing.messages.pose import TF_TYPE, encode_pose, encode_transform
 from mvuav_ros.processing.processor import Output, Processor
-from mvuav_ros.sources.frame import Frame
-from mvuav_ros.vision.body import TANKER_747, BodyLayout, LayoutError, load_layout
-from mvuav_ros.vision.camera_model import CalibrationError, CameraModel
-from mvuav_ros.vision.markers.model import TANKER_NAMES, Label, MarkerResult, MarkerState
-from mvuav_ros.vision.markers.overlay import draw_markers
-from mvuav_ros.vision.markers.pipeline import MarkerPipeline
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
 from mvuav_ros.vision.pose import FEWEST, Pose, PoseEstimator
-from mvuav_ros.vision.pose_overlay import draw_pose
+from mvuav_ros.vision.pose_drawing import draw_pose
+from mvuav_ros.vision.rig import TANKER_747, BodyLayout, LayoutError, load_layout
 
 TF_TOPIC = '/tf'
 _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)

@@ -11,7 +11,8 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages.runway import (
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.messages.runway import (
     encode_corrections,
     encode_line_params,
     encode_lines,
@@ -19,19 +20,18 @@ from mvuav_ros.messages.runway import (
     encode_statistics,
     encode_vanishing_point,
 )
-from mvuav_ros.messages.serialized_image import serialize_image
-from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.processor import Output, Processor
-from mvuav_ros.sources.frame import Frame
-from mvuav_ros.vision.approach.model import ApproachResult
+from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.vision.approach.detector import ApproachPipeline
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.approach.pipeline import ApproachPipeline
-from mvuav_ros.vision.camera_model import CameraModel
-from mvuav_ros.vision.picture import Picture
-from mvuav_ros.vision.runway.hough_picture import draw_hough
-from mvuav_ros.vision.runway.model import RunwayResult
+from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.hough_image import draw_hough
 from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_overlay
-from mvuav_ros.vision.runway.pipeline import RunwayPipeline
+from mvuav_ros.vision.runway.results import RunwayResult
 
 # The thesis's video windows two to five.
 _PICTURES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.settings import FlightSettings
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.image import Picture
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first frame; fixed, because a flight must not depend on the clock."""

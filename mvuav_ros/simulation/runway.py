@@ -30,7 +30,7 @@ from mvuav_ros.simulation.runway_truth import (
 )
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.image import Picture
 
 
 class RunwayFlight(Flight[RunwayTruth]):

@@ -35,9 +35,9 @@ from mvuav_ros.simulation.schedule import (
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, roll_between
-from mvuav_ros.vision.body import TANKER_747, BodyLayout, LayoutError, load_layout
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.image import Picture
 from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.rig import TANKER_747, BodyLayout, LayoutError, load_layout
 
 BOOM_WIDTH = 0.9
 """m."""

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.body import BodyLayout
-from mvuav_ros.vision.camera_model import CameraModel
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.rig import BodyLayout
 
 Array = NDArray[np.float64]
 

@@ -1,5 +1,5 @@
 import pytest
-from graph import Graph
+from support.graph import Graph
 
 
 @pytest.fixture

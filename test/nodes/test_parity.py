@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
-from graph import ROOT, Graph, image_message
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
+from support.graph import ROOT, Graph, image_message
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages.stamp import stamp_ns_of
-from mvuav_ros.recording.images import IMAGE
-from mvuav_ros.recording.reading import open_recording
-from mvuav_ros.recording.writing import RecordingWriter
+from mvuav_ros.recordings.images import IMAGE
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.writing import RecordingWriter
 
 TANKER = Path(ROOT) / 'bags' / 'tanker.mcap'
 MARKER_TOPICS = {

@@ -9,10 +9,10 @@ import pytest
 from mvuav_ros.simulation.rotation import from_rpy
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.body import TANKER_747, parse_layout
-from mvuav_ros.vision.camera_model import CalibrationError, CameraModel
-from mvuav_ros.vision.markers.pipeline import MarkerPipeline
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
 from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+from mvuav_ros.vision.rig import TANKER_747, parse_layout
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mvuav_ros.panel.images import PictureFeed
 from mvuav_ros.panel.live_system import LiveNode, LiveSystem
-from mvuav_ros.panel.pictures import PictureFeed
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value

@@ -26,7 +26,7 @@ from mvuav_ros.panel.page.trends import Trends
 from mvuav_ros.panel.run_process import RunFailedError, RunProcess
 from mvuav_ros.panel.runs import RESULTS, SavedRun, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recording.errors import RecordingError
+from mvuav_ros.recordings.errors import RecordingError
 
 
 class Runs:

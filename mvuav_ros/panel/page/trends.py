@@ -8,9 +8,9 @@ from typing import Any
 
 from nicegui import ui
 
-from mvuav_ros.evaluation.metric import metric_groups
-from mvuav_ros.evaluation.report.model import Picture
-from mvuav_ros.evaluation.report.writing import csv_text
+from mvuav_ros.offline.evaluation.metric import metric_groups
+from mvuav_ros.offline.report.model import Picture
+from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.page.context import Services
 from mvuav_ros.panel.page.elements import axes, box, button, empty, text
 from mvuav_ros.panel.runs import SavedRun, run_table
@@ -81,7 +81,7 @@ class Trends:
         arrangement, group, runs = self._arrangement.value, self._group.value, list(self._runs)
 
         def draw() -> Picture:
-            from mvuav_ros.panel.trend_pictures import picture_of
+            from mvuav_ros.panel.trend_figures import picture_of
 
             return picture_of(runs, arrangement, group)
 

@@ -8,8 +8,8 @@ from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page, Services
 from mvuav_ros.panel.page.elements import box, text
 from mvuav_ros.panel.page.head import Head
+from mvuav_ros.panel.page.images import KEPT_ARRANGEMENT, Pictures
 from mvuav_ros.panel.page.parameters import Parameters
-from mvuav_ros.panel.page.pictures import KEPT_ARRANGEMENT, Pictures
 from mvuav_ros.panel.page.results import Results
 from mvuav_ros.panel.page.runs import Runs
 from mvuav_ros.parameters.declaration import Value

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.derotation import Level
 from mvuav_ros.vision.approach.features import PLAIN, Colours, features_of
-from mvuav_ros.vision.approach.level import Level
 from mvuav_ros.vision.approach.targets import Look
 
 _MOST_ROWS = 40

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.derotation import Level
 from mvuav_ros.vision.approach.edges import EdgePoints
-from mvuav_ros.vision.approach.level import Level
-from mvuav_ros.vision.approach.model import UNKNOWN_VARIANCE, Guidance
-from mvuav_ros.vision.camera_model import CameraModel
+from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE, Guidance
+from mvuav_ros.vision.camera import CameraModel
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

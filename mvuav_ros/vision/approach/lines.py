@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.level import line_through
-from mvuav_ros.vision.approach.model import ROLES, Point
+from mvuav_ros.vision.approach.derotation import line_through
+from mvuav_ros.vision.approach.results import ROLES, Point
 from mvuav_ros.vision.runway.correction import RhoThetaCorrection
-from mvuav_ros.vision.runway.model import LineRole, RunwayLine
 from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 Segment = tuple[Point, Point]
 

@@ -7,9 +7,9 @@ import math
 import cv2
 import numpy as np
 
-from mvuav_ros.vision.approach.model import ApproachResult, Point
+from mvuav_ros.vision.approach.results import ApproachResult, Point
 from mvuav_ros.vision.runway.drawing import BLACK, WHITE, Color, Picture, write
-from mvuav_ros.vision.runway.model import LineRole, RunwayLine
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 # Blue, green, red. Left green and right red, as the marker lights are drawn.
 ROLE_COLORS: dict[LineRole, Color] = {

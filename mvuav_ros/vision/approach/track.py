@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.derotation import Level, turn_edge
 from mvuav_ros.vision.approach.edges import EdgePoints, find_edges
 from mvuav_ros.vision.approach.features import Colours, Table
-from mvuav_ros.vision.approach.level import Level, turn_edge
 from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.strip import score_strips
 from mvuav_ros.vision.approach.targets import Look, Target

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.derotation import Level
 from mvuav_ros.vision.approach.features import (
     PLAIN,
     Colours,
@@ -19,8 +20,7 @@ from mvuav_ros.vision.approach.features import (
     row_sums,
     white_of,
 )
-from mvuav_ros.vision.approach.level import Level
-from mvuav_ros.vision.approach.paint import find_lanes
+from mvuav_ros.vision.approach.lane_markings import find_lanes
 from mvuav_ros.vision.approach.search import Search
 from mvuav_ros.vision.approach.shape import HORIZON_SIGMA
 from mvuav_ros.vision.approach.strip import score_strips

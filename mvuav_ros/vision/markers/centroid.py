@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.image import Picture
 from mvuav_ros.vision.point_operations import Image, full_scale, threshold
 
 Cut = Callable[[int, int, int, int], Image]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.image import Picture
 from mvuav_ros.vision.markers.centroid import SpotMeter, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
-from mvuav_ros.vision.markers.model import (
+from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,
     Cluster,
@@ -17,7 +18,6 @@ from mvuav_ros.vision.markers.model import (
     MarkerResult,
     MarkerState,
 )
-from mvuav_ros.vision.picture import Picture
 from mvuav_ros.vision.point_operations import threshold
 
 DARK_EDGE = 4.0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.model import Cluster
+from mvuav_ros.vision.markers.results import Cluster
 from mvuav_ros.vision.point_operations import Mask
 
 # Beyond these a frame is noise or glare, not lights, and grouping it would stall the stream.

@@ -10,13 +10,14 @@ from itertools import combinations
 import numpy as np
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.body import BodyLayout
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.appearance import Look
+from mvuav_ros.vision.markers.assignment import Expectation, Lights, Strangers, name_all
 from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.centroid import Spot, SpotMeter, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
 from mvuav_ros.vision.markers.kalman import LightFilter
-from mvuav_ros.vision.markers.looks import Look
-from mvuav_ros.vision.markers.model import (
+from mvuav_ros.vision.markers.results import (
     NO_WINDOW,
     TANKER_LABELS,
     TANKER_NAMES,
@@ -25,12 +26,11 @@ from mvuav_ros.vision.markers.model import (
     MarkerState,
     Window,
 )
-from mvuav_ros.vision.markers.naming import Expectation, Lights, Strangers, name_all
 from mvuav_ros.vision.markers.search import FORGOTTEN, Search, are_close
-from mvuav_ros.vision.markers.sighting import Sighting
-from mvuav_ros.vision.markers.tracking import WHOLE_FRAMES
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 from mvuav_ros.vision.markers.view import Shape
-from mvuav_ros.vision.picture import Picture
+from mvuav_ros.vision.markers.view_filter import Sighting
+from mvuav_ros.vision.rig import BodyLayout
 
 EDGE = 4.0
 """px of dark that a window shows around a light."""

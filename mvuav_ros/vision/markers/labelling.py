@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 
-from mvuav_ros.vision.markers.model import Cluster, Marker, MarkerState
+from mvuav_ros.vision.markers.results import Cluster, Marker, MarkerState
 
 WING_LEFT, WING_RIGHT = 0, 4
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mvuav_ros.vision.markers.model import NAN
+from mvuav_ros.vision.markers.results import NAN
 
 Vector = tuple[float, float]
 UNKNOWN: Vector = (NAN, NAN)

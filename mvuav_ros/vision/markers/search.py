@@ -8,11 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from mvuav_ros.vision.markers.centroid import Spot
-from mvuav_ros.vision.markers.joining import offset_in
-from mvuav_ros.vision.markers.kalman import LightFilter
-from mvuav_ros.vision.markers.looks import Look
-from mvuav_ros.vision.markers.naming import (
+from mvuav_ros.vision.markers.appearance import Look
+from mvuav_ros.vision.markers.assignment import (
     Expectation,
     Lights,
     Strangers,
@@ -20,7 +17,10 @@ from mvuav_ros.vision.markers.naming import (
     name_some,
     places_of,
 )
-from mvuav_ros.vision.markers.sighting import Sighting
+from mvuav_ros.vision.markers.centroid import Spot
+from mvuav_ros.vision.markers.joining import offset_in
+from mvuav_ros.vision.markers.kalman import LightFilter
+from mvuav_ros.vision.markers.view_filter import Sighting
 
 FORGOTTEN = 10
 """Frames unseen after which a light's own motion tells nothing any more."""

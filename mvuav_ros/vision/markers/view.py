@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.body import BodyLayout
+from mvuav_ros.vision.rig import BodyLayout
 
 Array = NDArray[np.float64]
 

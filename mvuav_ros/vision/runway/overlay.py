@@ -21,8 +21,8 @@ from mvuav_ros.vision.runway.drawing import (
     write,
     write_centred,
 )
-from mvuav_ros.vision.runway.model import LineFlag, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.normal_form import Ends, segment_ends
+from mvuav_ros.vision.runway.results import LineFlag, RunwayLine, RunwayResult
 
 GREEN, AMBER, MAGENTA, RED = (80, 230, 60), (0, 190, 255), (255, 80, 230), (60, 60, 255)
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mvuav_ros.vision.runway.model import RunwayLine
 from mvuav_ros.vision.runway.normal_form import NormalForm
+from mvuav_ros.vision.runway.results import RunwayLine
 
 
 class RunningMoments:

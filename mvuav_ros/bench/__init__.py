@@ -1,1 +1,0 @@
-"""Cases of ``mvuav bench``: our code beside the bare calls that any implementation needs."""

@@ -1,0 +1,228 @@
+"""``mvuav bench live``: nodes as processes on real DDS, beside a subscriber that only takes."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mvuav_ros.recordings.sources.frame import SourceError
+
+SIZES = ((640, 480), (1280, 720), (1920, 1080))
+LIMITS = {'marker_tracker': 1.5, 'runway_detector': 2.5}
+"""Median latency at 640x480 may be this many times the floor's."""
+
+
+@dataclass(frozen=True)
+class LiveCase:
+    """One stream of images and the nodes that answer it."""
+
+    nodes: tuple[str, ...]
+    width: int
+    height: int
+    encoding: str
+    transport: str
+    hz: float
+
+
+@dataclass(frozen=True)
+class LiveResult:
+    """What became of a stream; times in ms, from the camera's stamp to the receiver's callback.
+
+    Attributes:
+        node: whose results these are; the stream may have had other nodes as well.
+        sent: images published.
+        answered: images whose result came back to the camera.
+        latency: p50, p95 and p99 from the image's publication to the result's arrival.
+        floor_taken: images that the minimal subscriber took.
+        floor: its p50, p95 and p99 from publication to callback.
+        cpu_ms: the node's processor time per image, all threads.
+        memory_mb: its resident memory at the end.
+        memory_growth_mb: how much that grew after the warm-up.
+        status: the node's newest diagnostics.
+    """
+
+    case: LiveCase
+    node: str
+    sent: int
+    answered: int
+    latency: tuple[float, float, float]
+    floor_taken: int
+    floor: tuple[float, float, float]
+    cpu_ms: float
+    memory_mb: float
+    memory_growth_mb: float
+    status: dict[str, str]
+
+    @property
+    def ratio(self) -> float:
+        """Median latency as a multiple of the floor's."""
+        return self.latency[0] / self.floor[0]
+
+    @property
+    def limit(self) -> float | None:
+        """What the ratio may be; None where nothing is promised."""
+        case = self.case
+        promised = case.width == 640 and case.transport == 'raw' and len(case.nodes) == 1
+        return LIMITS[self.node] if promised else None
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether the promise is kept."""
+        return self.limit is None or self.ratio <= self.limit
+
+
+def live_cases(full: bool) -> list[LiveCase]:
+    """A short matrix, or every combination."""
+    marker, runway = ('marker_tracker',), ('runway_detector',)
+    if full:
+        return [
+            LiveCase(nodes, width, height, encoding, transport, hz)
+            for (width, height), encoding, transport, hz, nodes in product(
+                SIZES, ('mono8', 'bgr8'), ('raw', 'compressed'), (30, 60, 120), (marker, runway)
+            )
+        ]
+    both = marker + runway
+    return [
+        *(LiveCase(marker, 640, 480, 'mono8', 'raw', hz) for hz in (30, 60, 120)),
+        LiveCase(runway, 640, 480, 'mono8', 'raw', 60),
+        LiveCase(runway, 640, 480, 'bgr8', 'raw', 60),
+        LiveCase(both, 640, 480, 'mono8', 'raw', 120),
+        LiveCase(marker, 640, 480, 'bgr8', 'raw', 60),
+        LiveCase(marker, 640, 480, 'mono8', 'compressed', 60),
+        LiveCase(marker, 1280, 720, 'mono8', 'raw', 60),
+        LiveCase(both, 1920, 1080, 'mono8', 'raw', 60),
+        LiveCase(marker, 1920, 1080, 'bgr8', 'raw', 30),
+    ]
+
+
+def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
+    """Run one stream; a result for each of its nodes.
+
+    Raises:
+        SourceError: a process failed.
+    """
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
+    settings = ['--ros-args', '-p', f'image_transport:={case.transport}']
+    with ExitStack() as running:
+
+        def start(module: str, *arguments: str) -> _Process:
+            return running.enter_context(_Process(environment, module, *arguments))
+
+        floor = start('mvuav_ros.cli.bench.live_floor', case.transport)
+        nodes = {name: start('mvuav_ros', name, *settings) for name in case.nodes}
+        orders = {**asdict(case), 'seconds': seconds, 'subscribers': len(case.nodes) + 1}
+        camera = start('mvuav_ros.cli.bench.live_camera', json.dumps(orders))
+        camera.wait_for('begin')
+        before = {name: process.usage() for name, process in nodes.items()}
+        camera.wait_for('end')
+        after = {name: process.usage() for name, process in nodes.items()}
+        answer = json.loads(camera.wait_for('{'))
+        floor.interrupt()
+        floor_taken = json.loads(floor.wait_for('{'))
+    sent = len(answer['sent'])
+    floor_ms = _latencies(answer['sent'], floor_taken)
+    results = []
+    for name in case.nodes:
+        latencies = _latencies(answer['sent'], answer['results'][name])
+        results.append(
+            LiveResult(
+                case=case,
+                node=name,
+                sent=sent,
+                answered=len(latencies),
+                latency=_percentiles(latencies),
+                floor_taken=len(floor_ms),
+                floor=_percentiles(floor_ms),
+                cpu_ms=(after[name].cpu - before[name].cpu) * 1e3 / sent,
+                memory_mb=after[name].memory,
+                memory_growth_mb=after[name].memory - before[name].memory,
+                status=answer['status'].get(name, {}),
+            )
+        )
+    return results
+
+
+def _latencies(sent: list[int], arrivals: dict[str, int]) -> list[float]:
+    """Of the images that count, ms; arrivals are keyed by stamp."""
+    return [(arrivals[str(ns)] - ns) * 1e-6 for ns in sent if str(ns) in arrivals]
+
+
+def _percentiles(latencies: list[float]) -> tuple[float, float, float]:
+    if not latencies:
+        return math.nan, math.nan, math.nan
+    p50, p95, p99 = np.percentile(latencies, (50, 95, 99))
+    return float(p50), float(p95), float(p99)
+
+
+class _Usage(NamedTuple):
+    """Processor seconds and resident MB."""
+
+    cpu: float
+    memory: float
+
+
+class _Process:
+    """A module run as a process; interrupted at the end."""
+
+    def __init__(self, environment: dict[str, str], module: str, *arguments: str) -> None:
+        self._name = ' '.join((module, *arguments[:1]))
+        self._words = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as the process
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', module, *arguments],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            text=True,
+        )
+
+    def __enter__(self) -> _Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.interrupt()
+        try:
+            self._process.communicate(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
+        self._words.close()
+
+    def interrupt(self) -> None:
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+
+    def wait_for(self, start: str) -> str:
+        """The next line that starts so."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.startswith(start):
+                return line
+        self._process.wait()
+        self._words.seek(0)
+        words = ' '.join(self._words.read().split())
+        raise SourceError(f'{self._name} ended with {self._process.returncode}: {words}')
+
+    def usage(self) -> _Usage:
+        if self._process.poll() is not None:
+            self.wait_for('nothing')
+        folder = Path(f'/proc/{self._process.pid}')
+        # After the command's name in brackets, which may hold blanks.
+        fields = (folder / 'stat').read_text().rsplit(')', 1)[1].split()
+        pages = int((folder / 'statm').read_text().split()[1])
+        return _Usage(
+            (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'),
+            pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
+        )

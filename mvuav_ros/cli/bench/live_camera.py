@@ -1,0 +1,161 @@
+"""The camera of ``mvuav bench live``: publishes images and receives the results of its nodes."""
+
+from __future__ import annotations
+
+import json
+import struct
+import sys
+import time
+from threading import Event, Thread
+from typing import Any
+
+import cv2
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+
+from mvuav_ros.nodes.process_tuning import tune_process
+from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.serialized_image import (
+    serialize_compressed_image,
+    serialize_image,
+)
+from mvuav_ros.vision.image import Picture
+
+RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params'}
+PLACES = ((-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0))
+WARM_UP = 1.0
+"""Seconds of images before those that count."""
+_STAMP_AT = 4
+
+
+def scene(width: int, height: int, encoding: str, index: int) -> Picture:
+    """Five marker lights on a circle above runway lines; thesis's layouts, any size."""
+    image = np.full((height, width), 40, np.uint8)
+    apex, foot = (width // 2, 20), height - 1
+    for offset in (-width // 5, 0, width // 5):
+        cv2.line(image, apex, (width // 2 + offset, foot), 150, 5, cv2.LINE_AA)
+    angle = 2 * np.pi * index / 60
+    centre = (width / 2 + 20 * np.cos(angle), height / 2 + 20 * np.sin(angle))
+    for x, y in PLACES:
+        place = round((x + centre[0]) * 16), round((y + centre[1]) * 16)
+        cv2.circle(image, place, 4 * 16, 255, -1, cv2.LINE_8, 4)
+    if encoding == 'bgr8':
+        return Picture(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), encoding)
+    return Picture(image, encoding)
+
+
+class _Camera:
+    """Serialized images, ready to be stamped."""
+
+    def __init__(self, width: int, height: int, encoding: str, compressed: bool) -> None:
+        pictures = [scene(width, height, encoding, index) for index in range(60)]
+        make = self._jpeg if compressed else (lambda p: serialize_image(p, cdr_header(0, 'nose')))
+        self._images = [make(picture) for picture in pictures]
+        self._count = 0
+
+    @staticmethod
+    def _jpeg(picture: Picture) -> bytes:
+        pixels: NDArray[Any] = cv2.imencode('.jpg', picture.pixels)[1]
+        return serialize_compressed_image('jpeg', pixels.tobytes(), cdr_header(0, 'nose'))
+
+    def shoot(self, stamp_ns: int) -> bytes:
+        """The next image with that stamp."""
+        image = self._images[self._count % len(self._images)]
+        self._count += 1
+        stamp = struct.pack('<iI', *divmod(stamp_ns, 1_000_000_000))
+        return b''.join((image[:_STAMP_AT], stamp, memoryview(image)[_STAMP_AT + 8 :]))
+
+
+def main() -> None:
+    """Publish for a while; print what came back as JSON."""
+    given = json.loads(sys.argv[1])
+    tune_process()
+    prepare_transport()
+    rclpy.init()
+    node = rclpy.create_node('bench_camera')
+    results: dict[str, dict[int, int]] = {name: {} for name in given['nodes']}
+    status: dict[str, dict[str, str]] = {}
+    for name, answers in results.items():
+        node.create_subscription(
+            PointCloud2,
+            f'/{name}/{RESULTS[name]}',
+            _keeper(answers),
+            QoSProfile(depth=100),
+            raw=True,
+        )
+    node.create_subscription(DiagnosticArray, '/diagnostics', _status_keeper(status), 10)
+    stop = Event()
+    spinning = Thread(target=_spin, args=(node, stop), daemon=True)
+    spinning.start()
+    sent = _publish(node, given)
+    time.sleep(0.3)
+    print('end', flush=True)
+    # The next diagnostics.
+    time.sleep(1.2)
+    stop.set()
+    spinning.join()
+    print(json.dumps({'sent': sent, 'results': results, 'status': status}))
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def _publish(node: Any, given: dict[str, Any]) -> list[int]:
+    """Returns the stamps of the images that count, ns."""
+    compressed = given['transport'] == 'compressed'
+    camera = _Camera(given['width'], given['height'], given['encoding'], compressed)
+    kind, topic = (CompressedImage, 'image_raw/compressed') if compressed else (Image, 'image_raw')
+    publisher = node.create_publisher(kind, topic, QoSProfile(depth=10))
+    end = time.monotonic() + 20.0
+    while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    period = 1.0 / given['hz']
+    stamps: list[int] = []
+    due = time.monotonic()
+    for index in range(round((given['seconds'] + WARM_UP) / period)):
+        stamp_ns = time.time_ns()
+        publisher.publish(camera.shoot(stamp_ns))
+        if index * period >= WARM_UP:
+            if not stamps:
+                print('begin', flush=True)
+            stamps.append(stamp_ns)
+        due += period
+        time.sleep(max(due - time.monotonic(), 0.0))
+    return stamps
+
+
+def _keeper(answers: dict[int, int]) -> Any:
+    def keep(message: bytes) -> None:
+        now = time.time_ns()
+        sec, nanosec = struct.unpack_from('<iI', message, _STAMP_AT)
+        answers[sec * 1_000_000_000 + nanosec] = now
+
+    return keep
+
+
+def _status_keeper(newest: dict[str, dict[str, str]]) -> Any:
+    def keep(message: DiagnosticArray) -> None:
+        for status in message.status:
+            newest[status.name.strip('/')] = {pair.key: pair.value for pair in status.values}
+
+    return keep
+
+
+def _spin(node: Any, stop: Event) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
+        pass
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,164 @@
+"""Marker detection and tracking beside bare OpenCV, and the worst frames."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.cli.bench.case import Case
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.results import MarkerState, Window
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+from mvuav_ros.vision.rig import TANKER_747
+
+LIMIT = 0.7 * 255
+# Left wing, left stabilizer, rudder, right stabilizer, right wing; px from the tanker's centre.
+PLACES = np.array([(-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0)])
+FRAMES = 60
+
+
+def marker_cases() -> list[Case]:
+    """Full frames, tracked frames, and frames without markers that must not stall the stream."""
+    frame = _flight(640, 480)[0]
+    tracked, windows = _tracked_frame(640, 480)
+    tracked_1080, _ = _tracked_frame(1920, 1080)
+    noise = np.random.default_rng(0).random((1080, 1920))
+    cases = [
+        Case(
+            'detect, 640x480 mono8, whole frame',
+            _whole_frame('detect', frame),
+            'threshold + findNonZero',
+            lambda: cv2.findNonZero(cv2.threshold(frame, LIMIT, 255, cv2.THRESH_BINARY)[1]),
+            limit_ratio=3.0,
+            note='thesis: 85 ms',
+        ),
+        Case(
+            'track with the names kept (kalman), 640x480 mono8',
+            _tracked_frame(640, 480, prediction='kalman')[0],
+            "track, the thesis's way",
+            _tracked_frame(640, 480)[0],
+            limit_ratio=2.0,
+        ),
+        Case(
+            'the same and the pose, 640x480 mono8',
+            _posed_frame(),
+            "track, the thesis's way",
+            _tracked_frame(640, 480)[0],
+            limit_ms=0.5,
+        ),
+        Case(
+            'track, 640x480 mono8, five windows',
+            tracked,
+            '5 x threshold + moments',
+            _bare_windows(frame, windows),
+            limit_ratio=3.0,
+            note='thesis: 30 ms',
+        ),
+        Case(
+            'track, 1920x1080 mono8, five windows',
+            tracked_1080,
+            'the same at 640x480',
+            _tracked_frame(640, 480)[0],
+            limit_ratio=1.2,
+        ),
+    ]
+    worst = {
+        'all white': np.full((1080, 1920), 255, np.uint8),
+        'half salt and pepper': _specks(noise < 0.5),
+        '4 % salt and pepper': _specks(noise < 0.04),
+        '0.1 % salt and pepper': _specks(noise < 0.001),
+    }
+    cases += [
+        Case(f'{mode}, 1920x1080, {name}', _whole_frame(mode, image), limit_ms=50.0)
+        for name, image in worst.items()
+        for mode in ('detect', 'detect_any', 'track')
+    ]
+    return cases
+
+
+def _specks(bright: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return np.where(bright, 255, 0).astype(np.uint8)
+
+
+def _flight(width: int, height: int) -> list[NDArray[np.uint8]]:
+    """A tanker on a small circle; the last frame joins the first."""
+    frames = []
+    for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
+        centre = (width / 2 + 20 * np.cos(angle), height / 2 + 20 * np.sin(angle))
+        frames.append(_lights(width, height, PLACES + centre))
+    return frames
+
+
+def _lights(width: int, height: int, places: NDArray[np.float64]) -> NDArray[np.uint8]:
+    image = np.full((height, width), 40, np.uint8)
+    for x, y in places:
+        cv2.circle(image, (round(x * 16), round(y * 16)), 4 * 16, 255, -1, cv2.LINE_8, 4)
+    return image
+
+
+def _whole_frame(mode: str, image: NDArray[np.uint8]) -> Callable[[], object]:
+    parameters = MarkerTrackerParameters(mode=mode)
+
+    def run() -> object:
+        return MarkerPipeline(parameters).process(Picture(image, 'mono8'), 0)
+
+    return run
+
+
+def _tracked_frame(
+    width: int, height: int, prediction: str = 'acceleration'
+) -> tuple[Callable[[], object], tuple[Window, ...]]:
+    """A call that tracks the next frame, and the windows of the one that came first."""
+    pipeline = MarkerPipeline(MarkerTrackerParameters(mode='track', prediction=prediction))
+    frames = itertools.cycle(_flight(width, height))
+    stamps = itertools.count(0, 33_333_333)
+
+    def run() -> object:
+        return pipeline.process(Picture(next(frames), 'mono8'), next(stamps))
+
+    for _ in range(4):
+        run()
+    result = pipeline.process(Picture(next(frames), 'mono8'), next(stamps))
+    assert all(marker.state is MarkerState.DETECTED for marker in result.markers)
+    return run, result.windows
+
+
+def _posed_frame() -> Callable[[], object]:
+    """A call that tracks the tanker of the built-in layout and estimates its pose."""
+    camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
+    pipeline, poses = MarkerPipeline(), PoseEstimator(TANKER_747)
+    behind = TANKER_747.positions @ FROM_BEHIND.T + (0.0, 5.0, 100.0)
+    frames = []
+    for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
+        points = np.add(behind, (4.0 * np.cos(angle), 4.0 * np.sin(angle), 0.0))
+        places = (points @ camera.matrix.T)[:, :2] / points[:, 2:]
+        frames.append(Picture(_lights(640, 480, places), 'mono8'))
+    endless = itertools.cycle(frames)
+    stamps = itertools.count(0, 33_333_333)
+
+    def run() -> object:
+        stamp_ns = next(stamps)
+        markers = pipeline.process(next(endless), stamp_ns).markers
+        pixels = np.array([(marker.x, marker.y) for marker in markers])
+        return poses.estimate(camera, range(len(markers)), pixels, stamp_ns * 1e-9)
+
+    for _ in range(4):
+        assert run() is not None
+    return run
+
+
+def _bare_windows(image: NDArray[np.uint8], windows: tuple[Window, ...]) -> Callable[[], object]:
+    def run() -> object:
+        for x0, x1, y0, y1 in windows:
+            window = image[y0 : y1 + 1, x0 : x1 + 1]
+            cv2.moments(cv2.threshold(window, LIMIT, 255, cv2.THRESH_BINARY)[1])
+        return None
+
+    return run

@@ -1,0 +1,54 @@
+"""``mvuav demo``: see the nodes at work on the sample bags."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from mvuav_ros.recordings.sources.frame import SourceError
+
+
+def demo(
+    output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the results.')] = Path(
+        'out'
+    ),
+    bags: Annotated[
+        Path | None, typer.Option(help='Folder of the sample bags.', show_default=False)
+    ] = None,
+    panel: Annotated[
+        bool,
+        typer.Option('--panel', help='Loop the bags and open the tuning panel, until Ctrl-C.'),
+    ] = False,
+) -> None:
+    """Play the sample bags through real nodes in separate processes; takes half a minute.
+
+    Leaves demo.mcap, annotated pictures and a plot of the roll.
+    """
+    try:
+        from mvuav_ros.cli.demo.panel import run_panel
+        from mvuav_ros.cli.demo.run import run_demo
+    except ImportError as error:
+        raise SourceError(
+            f'the demo needs ROS 2: source it, or pip install "mvuav_ros[ros]" ({error})'
+        ) from error
+    if panel:
+        run_panel(bags or sample_bags(), Console())
+        return
+    for path in run_demo(bags or sample_bags(), output, Console()):
+        typer.echo(path)
+
+
+def sample_bags() -> Path:
+    """The sample bags of a checkout, or those installed with the package."""
+    package = Path(__file__).resolve().parent.parent
+    places = [package.parent / 'bags', Path(sys.prefix) / 'share' / 'mvuav_ros' / 'bags']
+    # colcon: install/mvuav_ros/lib/python3.x/site-packages/mvuav_ros
+    places += [parent / 'share' / 'mvuav_ros' / 'bags' for parent in package.parents]
+    for place in places:
+        if place.is_dir():
+            return place
+    raise SourceError('the sample bags are not installed; name their folder with --bags')

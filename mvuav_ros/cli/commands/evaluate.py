@@ -1,0 +1,169 @@
+"""``mvuav evaluate``: results against truth, and the thesis's experiments."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from mvuav_ros.cli.commands.corners import corners
+from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.sources.frame import SourceError
+
+
+class _BagByDefault(TyperGroup):
+    """``mvuav evaluate flight.mcap`` means ``mvuav evaluate bag flight.mcap``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in (*self.commands, '--help'):
+            args = ['bag', *args]
+        return super().parse_args(ctx, args)
+
+
+evaluate = typer.Typer(
+    help='Compare results with truth and write a report. `evaluate INPUT` is `evaluate bag INPUT`.',
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    cls=_BagByDefault,
+)
+evaluate.command()(corners)
+
+
+@evaluate.command()
+def thesis(
+    output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')] = Path(
+        'out/thesis'
+    ),
+    seed: Annotated[
+        int, typer.Option(help='Of the synthetic flights.', min=0, max=2**31 - 1)
+    ] = 2006,
+    jobs: Annotated[int, typer.Option(help='Flights at a time.', min=1)] = 2,
+    quick: Annotated[
+        bool, typer.Option('--quick', help='Rough numbers in about a minute.')
+    ] = False,
+    force: Annotated[bool, typer.Option('--force', help='Overwrite a report.')] = False,
+) -> None:
+    """Make the tables and figures of the thesis's chapter 5 again, on synthetic flights.
+
+    Leaves index.html, which needs no other file, and every table (CSV, JSON) and figure (PNG).
+    """
+    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.thesis.build import build_report, steps_of
+    from mvuav_ros.offline.thesis.plan import Plan
+
+    _refuse_to_overwrite(output, force)
+    plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
+    with frame_progress() as progress:
+        task = progress.add_task('flights', total=steps_of(plan))
+        report = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
+    page = write_report(report, output)
+    for claim in report.claims:
+        typer.echo(f'{_WORDS[claim.holds]:>14}  {claim.statement}: {claim.ours}')
+    typer.echo(page)
+
+
+@evaluate.command()
+def bag(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar='INPUT', help="A bag with truth, or a flight such as 'sim:tanker?motion=roll'."
+        ),
+    ],
+    output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')] = Path(
+        'out/evaluation'
+    ),
+    replayed: Annotated[
+        bool,
+        typer.Option('--replay', help='Run the nodes even if the bag holds their results.'),
+    ] = False,
+    params_file: Annotated[
+        Path | None, typer.Option(help='A ROS 2 parameter file; implies --replay.')
+    ] = None,
+    param: Annotated[
+        list[str] | None,
+        typer.Option(
+            help='node:name:=value; may be repeated; implies --replay.', show_default=False
+        ),
+    ] = None,
+    image_topic: Annotated[
+        str | None, typer.Option(help='Image topic of a bag that has several.')
+    ] = None,
+    force: Annotated[bool, typer.Option('--force', help='Overwrite a report.')] = False,
+) -> None:
+    """Compare the nodes' results in a bag with the bag's truth.
+
+    Truth is /truth/markers, /truth/rpy and /truth/lines, as `mvuav simulate` writes them. Where
+    the bag has no results of a node, the node runs on its images.
+    """
+    try:
+        from mvuav_ros.offline.evaluation import observed as observing
+        from mvuav_ros.offline.evaluation.bag_report import bag_report
+        from mvuav_ros.offline.report.writing import write_report
+    except ImportError as error:
+        raise SourceError(
+            'evaluate needs the ROS 2 message packages: source ROS, or '
+            f'pip install "mvuav_ros[ros]" ({error})'
+        ) from error
+
+    _refuse_to_overwrite(output, force)
+    observed = None
+    again = replayed or bool(param) or params_file is not None
+    if not again and not source.startswith('sim:'):
+        observed = observing.read_bag(Path(source).expanduser())
+        if not len(observed.truth):
+            raise RecordingError(
+                f'{source} holds no truth ({", ".join(observing.TRUTH_TOPICS)}); '
+                'mvuav simulate writes bags that do'
+            )
+        if not len(observed.results):
+            observed = None
+    parameters: dict[str, dict[str, Any]] = {}
+    if observed is None:
+        parameters = _parameters(source, params_file, param or [])
+        observed = observing.replay(source, parameters, image_topic)
+    if not len(observed.truth):
+        raise SourceError(f'{source} holds no truth; mvuav simulate writes bags that do')
+    how = 'replayed by this version' if parameters else "the bag's own"
+    described = {node: str(given or 'defaults') for node, given in parameters.items()}
+    report = bag_report(observed, {'results': how, **described})
+    page = write_report(report, output)
+    for table in report.tables():
+        if table.key == 'metrics':
+            for row in range(len(table.rows)):
+                typer.echo(' '.join(table.text(row, column) for column in range(3)).rstrip())
+    typer.echo(page)
+
+
+_WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'cannot be told'}
+
+
+def _parameters(
+    source: str, params_file: Path | None, assignments: list[str]
+) -> dict[str, dict[str, Any]]:
+    """The nodes that the input's truth asks for, with their parameters."""
+    from mvuav_ros.offline.evaluation.observed import nodes_for
+    from mvuav_ros.processing.registry import PROCESSORS
+
+    given: dict[str, dict[str, Any]] = {}
+    for name in nodes_for(source):
+        known = PROCESSORS[name].parameters_type.names()
+        loaded = load_parameters(params_file, name) if params_file else {}
+        given[name] = {key: value for key, value in loaded.items() if key in known}
+    for node, name, value in map(parse_assignment, assignments):
+        if node not in PROCESSORS:
+            raise ParameterError(f'{node}:{name}', f'there are {", ".join(PROCESSORS)}')
+        given.setdefault(node, {})[name] = value
+    return given
+
+
+def _refuse_to_overwrite(output: Path, force: bool) -> None:
+    page = output / 'index.html'
+    if page.exists() and not force:
+        raise RecordingError(f'{page} exists; --force overwrites it')

@@ -1,0 +1,121 @@
+"""``mvuav info``: what is inside a recording."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource
+from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
+from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise
+
+
+@dataclass
+class PictureSummary:
+    """What a video file or a folder of images holds."""
+
+    path: str
+    frames: int = 0
+    rate_hz: float | None = None
+    duration_s: float = 0.0
+    formats: list[str] = field(default_factory=list)
+    unusable: int = 0
+    losses: list[str] = field(default_factory=list)
+
+
+def info(
+    source: Annotated[
+        str,
+        typer.Argument(metavar='INPUT', help='A bag, a video file, or a folder or glob of images.'),
+    ],
+    as_json: Annotated[bool, typer.Option('--json', help='Print JSON.')] = False,
+) -> None:
+    """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
+    path = Path(source).expanduser()
+    summary: RecordingSummary | PictureSummary
+    if path.exists() and looks_like_bag(path):
+        with frame_progress() as bar:
+            task = bar.add_task(path.name, total=None)
+            summary = summarise(
+                path, lambda done, total: bar.update(task, completed=done, total=total)
+            )
+    else:
+        summary = _summarise_pictures(source, open_source(source, cameras=False))
+    if as_json:
+        typer.echo(json.dumps(dataclasses.asdict(summary), indent=2))
+    elif isinstance(summary, RecordingSummary):
+        _print_recording(summary)
+    else:
+        _print_pictures(summary)
+
+
+def _summarise_pictures(text: str, frames: FrameSource) -> PictureSummary:
+    summary = PictureSummary(text, rate_hz=frames.rate)
+    formats: Counter[str] = Counter()
+    for frame in frames.frames():
+        summary.frames += 1
+        if isinstance(frame, BadFrame):
+            summary.unusable += 1
+            continue
+        picture = frame.picture
+        formats[f'{picture.width}x{picture.height} {picture.encoding}'] += 1
+    summary.formats = [name for name, _ in formats.most_common()]
+    summary.duration_s = summary.frames / frames.rate if frames.rate else 0.0
+    summary.losses = frames.losses
+    return summary
+
+
+def _print_recording(summary: RecordingSummary) -> None:
+    typer.echo(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
+    table = Table(box=None, pad_edge=False)
+    for heading in ('topic', 'type', 'count', 'Hz', 'images', 'remarks'):
+        table.add_column(heading, overflow='fold')
+    for topic in summary.topics:
+        images = ', '.join(topic.images.formats) if topic.images else ''
+        rate = f'{topic.rate_hz:.2f}' if topic.rate_hz else '-'
+        table.add_row(topic.name, topic.type, str(topic.count), rate, images, _remarks(topic))
+    # A pipe has no width: nothing is wrapped there.
+    console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console = Console(markup=False, highlight=False, width=240)
+    console.print(table)
+    for skipped in summary.skipped:
+        typer.echo(f'skipped: {skipped.name} is {skipped.encoding or "of no encoding"}, not CDR')
+    for loss in summary.losses:
+        typer.echo(f'damage: {loss}')
+    for remark in summary.remarks:
+        typer.echo(f'note: {remark}')
+
+
+def _remarks(topic: TopicSummary) -> str:
+    remarks = []
+    if topic.gaps:
+        remarks.append(f'{topic.gaps} gaps, longest {topic.longest_gap_s:.2f} s')
+    if topic.jumps_back:
+        remarks.append(f'time jumps back {topic.jumps_back} times')
+    if topic.images and topic.images.header_jumps_back:
+        remarks.append(f'stamps jump back {topic.images.header_jumps_back} times')
+    if topic.images and topic.images.malformed:
+        remarks.append(f'{topic.images.malformed} malformed: {topic.images.first_problem}')
+    return '; '.join(remarks)
+
+
+def _print_pictures(summary: PictureSummary) -> None:
+    rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
+    typer.echo(
+        f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '
+        f'{", ".join(summary.formats) or "nothing that decodes"}'
+    )
+    if summary.unusable:
+        typer.echo(f'damage: {summary.unusable} frames do not decode')
+    for loss in summary.losses:
+        typer.echo(f'damage: {loss}')

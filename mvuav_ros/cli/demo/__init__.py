@@ -1,0 +1,1 @@
+"""What ``mvuav demo`` runs."""

@@ -1,0 +1,108 @@
+"""What the demo shows: for each sample bag its node, topics, table and figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.processing.processor import Processor
+from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
+from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.runway.results import LineFlag
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A sample bag and the node that looks at it.
+
+    Attributes:
+        name: the bag's name without suffix, and the namespace of its images.
+        processor: the node.
+        main_topic: result topic that has one message per frame.
+        make_table: from the newest message of each topic below ``~/`` what the terminal shows.
+    """
+
+    name: str
+    processor: type[Processor]
+    main_topic: str
+    make_table: Callable[[dict[str, Any]], Table]
+
+    @property
+    def image_topic(self) -> str:
+        """Where the bag's images are published."""
+        return f'/{self.name}/image_raw'
+
+    @property
+    def node(self) -> str:
+        """The node's fully qualified name."""
+        return f'/{self.processor.name}'
+
+    def topic(self, suffix: str) -> str:
+        """A result topic's full name."""
+        return f'{self.node}/{suffix}'
+
+
+def marker_table(newest: dict[str, Any]) -> Table:
+    """Five markers and the roll."""
+    table = _table('marker', 'state', 'x px', 'y px', 'vx px/s', 'vy px/s')
+    if 'markers' in newest:
+        for row in decode_points(newest['markers']):
+            state = MarkerState(row['state'])
+            color = {MarkerState.DETECTED: 'green', MarkerState.PREDICTED: 'yellow'}
+            table.add_row(
+                Label(row['label']).name.lower(),
+                f'[{color.get(state, "red")}]{state.name.lower()}[/]',
+                *(_number(row[name]) for name in ('x', 'y', 'vx', 'vy')),
+            )
+    if 'rpy' in newest:
+        table.caption = f'roll {_number(math.degrees(newest["rpy"].vector.x))}°'
+    return table
+
+
+def runway_table(newest: dict[str, Any]) -> Table:
+    """One row per line, with its flags."""
+    table = _table('line', 'state', 'rho px', 'theta °', 'votes')
+    if 'line_params' in newest:
+        for index, row in enumerate(decode_points(newest['line_params'])):
+            table.add_row(
+                str(index),
+                _flag_words(int(row['flags']), bool(np.isfinite(row['rho']))),
+                _number(row['rho']),
+                _number(math.degrees(row['theta'])),
+                _number(row['votes']),
+            )
+    return table
+
+
+def _flag_words(flags: int, found: bool) -> str:
+    if not found:
+        return '[red]not found[/]'
+    if not flags & LineFlag.CORRECTED:
+        return '[green]ok[/]'
+    names = ['rho'] * bool(flags & LineFlag.RHO_ERROR)
+    names += ['theta'] * bool(flags & LineFlag.THETA_ERROR)
+    return f'[yellow]{" and ".join(names)} corrected[/]'
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, pad_edge=False, caption_justify='left')
+    for index, heading in enumerate(headings):
+        table.add_column(heading, justify='left' if index < 2 else 'right', min_width=9)
+    return table
+
+
+def _number(value: float) -> str:
+    return '-' if math.isnan(value) else f'{value:.1f}'
+
+
+FLIGHTS = (
+    Flight('tanker', MarkerTrackerProcessor, 'markers', marker_table),
+    Flight('runway', RunwayDetectorProcessor, 'line_params', runway_table),
+)

@@ -1,0 +1,163 @@
+"""Play the sample bags through real nodes and record what they publish."""
+
+from __future__ import annotations
+
+import random
+import time
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+from sensor_msgs.msg import Image
+
+from mvuav_ros.cli.demo.figures import save_picture, save_roll_plot
+from mvuav_ros.cli.demo.flights import FLIGHTS, Flight
+from mvuav_ros.cli.demo.processes import NodeProcesses
+from mvuav_ros.cli.demo.recorder import Recorder
+from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.writing import RecordingWriter
+
+LONGEST = 50.0
+"""Seconds; the demo ends by itself within a minute whatever happens."""
+SETTLING_TIME = 0.5
+"""Seconds from the moment that a node is seen until its messages surely arrive."""
+SILENCE = 2.5
+"""Seconds without a message after which the bags have been played."""
+
+
+def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
+    """Show the demo and leave a bag, annotated pictures and a plot.
+
+    Args:
+        bags: folder of the sample bags.
+        out: folder for the results.
+        console: where the live table is shown.
+
+    Returns:
+        The files made.
+
+    Raises:
+        SourceError: a bag is missing, or a node failed.
+    """
+    flights = [flight for flight in FLIGHTS if (bags / f'{flight.name}.mcap').is_file()]
+    if not flights:
+        raise SourceError(f'{bags}: no sample bags there')
+    out.mkdir(parents=True, exist_ok=True)
+    bag = out / 'demo.mcap'
+    prepare_transport()
+    # A domain of its own: other ROS systems on the network are neither heard nor disturbed.
+    domain_id = random.SystemRandom().randint(1, 100)
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    try:
+        with RecordingWriter(bag, overwrite=True) as writer, NodeProcesses(domain_id) as nodes:
+            recorder = Recorder(_topics(flights), writer, context)
+            for flight in flights:
+                nodes.start(flight.processor.name, ['-r', f'image_raw:={flight.image_topic}'])
+            _watch(flights, recorder, nodes, console, context, bags)
+            _check(flights, recorder)
+            recorder.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+    return [bag, *_make_pictures(flights, bag, out)]
+
+
+def _topics(flights: list[Flight]) -> dict[str, type]:
+    topics: dict[str, type] = {}
+    for flight in flights:
+        topics[flight.image_topic] = Image
+        topics.update({flight.topic(name): kind for name, kind in flight.processor.topics.items()})
+        topics.update({flight.topic(name): Image for name in flight.processor.debug_topics})
+    return topics
+
+
+def _play(flight: Flight, bags: Path, nodes: NodeProcesses) -> None:
+    # The node and the recorder.
+    settings = {'source': bags / f'{flight.name}.mcap', 'wait_for_subscribers': 2}
+    arguments = ['-r', f'__ns:=/{flight.name}']
+    for name, value in settings.items():
+        arguments += ['-p', f'{name}:={value}']
+    nodes.start('video_source', arguments)
+
+
+def _watch(
+    flights: list[Flight],
+    recorder: Recorder,
+    nodes: NodeProcesses,
+    console: Console,
+    context: Any,
+    bags: Path,
+) -> None:
+    """Play the bags once the recorder hears every node, until all is silent."""
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(recorder)
+    end = time.monotonic() + LONGEST
+    playing = False
+    shown, ready_at = 0.0, None
+    with Live(console=console, auto_refresh=False) as live:
+        while (now := time.monotonic()) < end:
+            executor.spin_once(timeout_sec=0.05)
+            if now - shown > 0.1:
+                live.update(_screen(flights, recorder), refresh=True)
+                shown = now
+            if ready_at is None and recorder.hears(
+                flight.topic(flight.main_topic) for flight in flights
+            ):
+                ready_at = now
+            if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
+                playing = True
+                for flight in flights:
+                    _play(flight, bags, nodes)
+            if reason := nodes.failure():
+                raise SourceError(reason)
+            started = any(recorder.counts.values())
+            if started and now - recorder.changed_at > SILENCE:
+                break
+    executor.shutdown()
+
+
+def _screen(flights: list[Flight], recorder: Recorder) -> Group:
+    parts: list[Any] = []
+    for flight in flights:
+        main = flight.topic(flight.main_topic)
+        prefix = len(flight.node) + 1
+        newest = {
+            topic[prefix:]: message
+            for topic, message in recorder.newest.items()
+            if topic.startswith(f'{flight.node}/')
+        }
+        latency = recorder.latency_ms.get(flight.node) or '-'
+        parts += [
+            Text(
+                f'{flight.processor.name}   frame {recorder.counts[main]} of '
+                f'{recorder.counts[flight.image_topic]}   {recorder.rate(main):.0f} Hz   '
+                f'latency {latency} ms',
+                style='bold',
+            ),
+            flight.make_table(newest),
+            Text(),
+        ]
+    return Group(*parts)
+
+
+def _check(flights: list[Flight], recorder: Recorder) -> None:
+    for flight in flights:
+        if not recorder.counts[flight.topic(flight.main_topic)]:
+            raise SourceError(f'{flight.processor.name} published nothing within {LONGEST:.0f} s')
+
+
+def _make_pictures(flights: list[Flight], bag: Path, out: Path) -> list[Path]:
+    made = []
+    for flight in flights:
+        for name in flight.processor.debug_topics[-1:]:
+            target = out / f'{flight.name}.png'
+            save_picture(bag, flight.topic(name), target)
+            made.append(target)
+    plot = out / 'roll.png'
+    save_roll_plot(bag, plot)
+    return [*made, plot]

@@ -1,1 +1,0 @@
-"""``mvuav demo``: the sample bags through real nodes in processes of their own."""

@@ -1,1 +1,0 @@
-"""What a report consists of, and how it becomes one page and the files beside it."""

@@ -1,1 +1,0 @@
-"""ROS messages to pictures and results to ROS messages; message classes only, no rclpy."""

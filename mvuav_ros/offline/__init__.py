@@ -1,0 +1,1 @@
+"""Whole recordings at once: replay, sweeps, evaluation, the thesis report."""

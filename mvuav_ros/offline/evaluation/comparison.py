@@ -1,0 +1,152 @@
+"""Results against truth, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
+from mvuav_ros.offline.evaluation.observed import Observations, Observed, Rows
+from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
+
+NEAR = 5.0
+"""px; a marker within this of another light's true place, and not of its own, is a wrong name."""
+_LABELS = len(TANKER_LABELS)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerErrors:
+    """Of the frames that have results and truth.
+
+    Attributes:
+        time: (n,) s since the first of them.
+        offset: (n, 5, 2) px, place minus true place; NaN for a lost marker.
+        state: (n, 5), `MarkerState`.
+        visible: (n, 5), whether the light could be seen.
+        wrong: (n, 5), whether a detected marker carries another's name.
+    """
+
+    time: Array
+    offset: Array
+    state: Array
+    visible: Array
+    wrong: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RollErrors:
+    """Time (s), measured and true roll (rad), and their difference; NaN where not measured."""
+
+    time: Array
+    measured: Array
+    true: Array
+
+    @property
+    def error(self) -> Array:
+        """Measured minus true, rad."""
+        return angle_difference(self.measured, self.true)
+
+
+@dataclass(frozen=True)
+class LineErrors:
+    """Matches of each frame; ``visible`` counts the frames that show each true line."""
+
+    frames: int
+    found: int
+    visible: tuple[int, ...]
+    matches: tuple[LineMatch, ...]
+    names: tuple[str, ...]
+
+    def of(self, true: int) -> list[LineMatch]:
+        """The matches of one true line."""
+        return [match for match in self.matches if match.true == true]
+
+
+def marker_errors(observed: Observed) -> MarkerErrors | None:
+    """Markers against truth; None where one of them is missing, or there are other lights."""
+    results, truth = observed.results.markers, observed.truth.markers
+    stamps = [
+        stamp
+        for stamp in sorted(results.keys() & truth.keys())
+        if len(results[stamp]) == len(truth[stamp]) == _LABELS
+    ]
+    if not stamps:
+        return None
+    found = np.array([_places(results[stamp]) for stamp in stamps])
+    true = np.array([_places(truth[stamp]) for stamp in stamps])
+    state = np.array([results[stamp]['state'] for stamp in stamps])
+    seen = np.array([truth[stamp]['state'] for stamp in stamps]) == MarkerState.DETECTED
+    offset = found - true
+    return MarkerErrors(_seconds(stamps), offset, state, seen, _wrong_names(found, true, state))
+
+
+def _wrong_names(found: Array, true: Array, state: Array) -> Array:
+    own = np.hypot(*np.moveaxis(found - true, -1, 0))
+    apart = found[:, :, None] - true[:, None]
+    nearest = np.nanmin(
+        np.where(np.isnan(apart[..., 0]), np.inf, np.hypot(*np.moveaxis(apart, -1, 0))), axis=2
+    )
+    return np.asarray((state == MarkerState.DETECTED) & ~(own <= NEAR) & (nearest <= NEAR))
+
+
+def roll_errors(observed: Observed) -> RollErrors | None:
+    """Roll against truth; None where one of them is missing."""
+    results, truth = observed.results.rpy, observed.truth.rpy
+    stamps = sorted(results.keys() & truth.keys())
+    if not stamps:
+        return None
+    return RollErrors(
+        _seconds(stamps),
+        np.array([results[stamp] for stamp in stamps]),
+        np.array([truth[stamp] for stamp in stamps]),
+    )
+
+
+TRUE_LINES = ('left edge', 'right edge', 'centreline')
+"""Of ``/truth/lines``, the rows that run along the runway."""
+
+
+def line_errors(observed: Observed) -> LineErrors | None:
+    """Lines against truth; None where one of them is missing."""
+    results, truth = observed.results.lines, observed.truth.lines
+    stamps = sorted(results.keys() & truth.keys())
+    if not stamps:
+        return None
+    matches: list[LineMatch] = []
+    visible = [0] * len(TRUE_LINES)
+    found = 0
+    for stamp in stamps:
+        true = _true_lines(truth[stamp])
+        for index, line in enumerate(true):
+            visible[index] += math.isfinite(line.line.rho)
+        lines = [Line(float(row['rho']), float(row['theta'])) for row in results[stamp]]
+        found += sum(math.isfinite(line.rho) for line in lines)
+        matches += match_lines(lines, true)
+    return LineErrors(len(stamps), found, tuple(visible), tuple(matches), TRUE_LINES)
+
+
+def _true_lines(rows: Rows) -> list[TrueLine]:
+    return [
+        TrueLine(
+            Line(float(row['rho']), float(row['theta'])),
+            (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
+        )
+        for row in rows[: len(TRUE_LINES)]
+    ]
+
+
+def has_truth(truth: Observations) -> bool:
+    """Whether there is any."""
+    return len(truth) > 0
+
+
+def _places(rows: Rows) -> Array:
+    return np.stack([rows['x'], rows['y']], axis=1).astype(float)
+
+
+def _seconds(stamps: Sequence[int]) -> Array:
+    return np.array([(stamp - stamps[0]) * 1e-9 for stamp in stamps])

@@ -1,0 +1,115 @@
+"""The runway detector over labelled pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.evaluation.corners import (
+    WARM_UP,
+    CornersError,
+    CornersScore,
+    LabelledFrame,
+    score_frame,
+)
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.overlay import draw_overlay
+from mvuav_ros.vision.runway.results import RunwayResult
+
+FRAME_RATE = 25
+_LABEL = (255, 255, 255)
+_PICTURE_WIDTH = 960
+
+
+def run_detector(
+    labels: Path,
+    frames: Sequence[LabelledFrame],
+    parameters: RunwayDetectorParameters,
+    tick: Callable[[], None],
+) -> CornersScore:
+    """Process the pictures in order, which are frames of one flight.
+
+    Args:
+        labels: the file of labels, beside which the pictures lie.
+        frames: its content.
+        parameters: of the detector.
+        tick: called after each frame.
+
+    Raises:
+        CornersError: a picture cannot be read.
+    """
+    scores = []
+    for frame, result in _results(labels, frames, parameters):
+        scores.append(score_frame(frame, result.lines))
+        tick()
+    return CornersScore(tuple(scores))
+
+
+def write_pictures(
+    labels: Path,
+    frames: Sequence[LabelledFrame],
+    parameters: RunwayDetectorParameters,
+    score: CornersScore,
+    folder: Path,
+) -> list[Path]:
+    """Draw overlays, with the labels in white, of the best, the median and the worst frame.
+
+    Returns:
+        The files ``best.png``, ``median.png``, ``worst.png`` and, of each class of failure that
+        there is, its worst frame as ``failure_CLASS.png``.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    ranked = sorted(range(WARM_UP, len(frames)), key=lambda index: score.frames[index].error)
+    if not ranked:
+        return []
+    wanted = {'best': ranked[0], 'median': ranked[len(ranked) // 2], 'worst': ranked[-1]}
+    for index in ranked:
+        if failure := score.frames[index].failure:
+            wanted[f'failure_{failure}'] = index
+    written = []
+    for index, (frame, result) in enumerate(_results(labels, frames, parameters)):
+        for name, at in wanted.items():
+            if index != at:
+                continue
+            path = folder / f'{name}.png'
+            if not cv2.imwrite(str(path), _picture(frame, result)):
+                raise CornersError(f'{path}: cannot be written')
+            written.append(path)
+    return written
+
+
+def _results(
+    labels: Path, frames: Sequence[LabelledFrame], parameters: RunwayDetectorParameters
+) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
+    pipeline: RunwayPipeline | ApproachPipeline
+    if parameters.mode == 'approach':
+        pipeline = ApproachPipeline(parameters)
+    else:
+        pipeline = RunwayPipeline(parameters)
+    for index, frame in enumerate(frames):
+        path = labels.parent / frame.file
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise CornersError(f'{path}: no picture that can be read')
+        pixels: NDArray[np.uint8] = np.asarray(image, np.uint8)
+        yield frame, pipeline.process(pixels, round(index * 1e9 / FRAME_RATE))
+
+
+def _picture(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
+    picture = draw_overlay(result) if isinstance(result, RunwayResult) else draw_approach(result)
+    factor = max(1, round(_PICTURE_WIDTH / picture.shape[1]))
+    picture = np.asarray(
+        cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST), np.uint8
+    )
+    corners = [frame.near_left, frame.near_right, frame.far_right, frame.far_left]
+    outline = (np.array(corners) + 0.5) * factor - 0.5
+    cv2.polylines(picture, [np.rint(outline).astype(np.int32)], True, _LABEL, 1)
+    return picture

@@ -1,0 +1,207 @@
+"""Flights on which markers vanish, join and are imitated, and what became of their names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_truth import MarkerTruth
+from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
+
+NAMED_WRONG = 4.0
+"""px from a light's true place at which its name is on something else; lights have a radius of
+3.5 to 5."""
+SCENES: Mapping[str, Mapping[str, Value]] = {
+    'one marker hidden 2 s, then another, during the roll sweep': {
+        'motion': 'roll',
+        'failures': 'left_wing@1.5-3.5, rudder@4.5-6.5',
+    },
+    'two markers hidden 2 s during the roll sweep': {
+        'motion': 'roll',
+        'failures': 'left_wing@1.5-3.5, left_stabilizer@1.5-3.5',
+    },
+    'both wings hidden 2 s during the roll sweep': {
+        'motion': 'roll',
+        'failures': 'left_wing@3-5, right_wing@3-5',
+    },
+    'all hidden 1 s, twice': {'motion': 'roll_translation', 'failures': 'all@2-3, all@5-6'},
+    'five hot pixels, three glares': {
+        'motion': 'roll_translation',
+        'hot_pixels': 5,
+        'glares': 3,
+    },
+    'the same, two markers hidden 2 s, then all 1 s': {
+        'motion': 'roll',
+        'hot_pixels': 5,
+        'glares': 3,
+        'failures': 'left_wing@1.5-3.5, rudder@1.5-3.5, all@5-6',
+    },
+    'two markers pass at 5 px': {'motion': 'crossing', 'frames': 400},
+    'two markers pass at 5 px, vibration 2': {'motion': 'crossing', 'frames': 400, 'shake': 2},
+    'roll through 360°': {'motion': 'roll_360', 'frames': 320},
+    'roll through 360°, both wings hidden upside down': {
+        'motion': 'roll_360',
+        'frames': 320,
+        'failures': 'left_wing@4-6, right_wing@4-6',
+    },
+    '30 % of the frames dropped': {'motion': 'roll_translation', 'drop_probability': 0.3},
+    'the same, vibration 2, two markers hidden 2 s': {
+        'motion': 'roll',
+        'drop_probability': 0.3,
+        'shake': 2,
+        'failures': 'left_wing@2-4, rudder@2-4',
+    },
+}
+"""Settings of flights that a tracker may lose its names on."""
+
+
+@dataclass(frozen=True)
+class IdentityTask:
+    """A flight, and the parameters of the tracker that follows it."""
+
+    scene: str
+    flight: TankerSettings
+    parameters: MarkerTrackerParameters = field(default_factory=MarkerTrackerParameters)
+
+
+@dataclass(frozen=True, eq=False)
+class NamedFlight:
+    """What became of the names on a flight.
+
+    Attributes:
+        scene: of the task.
+        wrong: frame, marker and px from its true place, for every name on something else.
+        imagined: the same for every marker that was out of sight, yet reported as detected.
+        switches: how often a name went over from one light to another.
+        partial: latencies, frames, from a whole marker's appearance to its name while others
+            were named.
+        total: the same where no marker had been named the frame before.
+        named: share of the whole markers' frames in which they were detected.
+        most_predicted: largest distance of a predicted marker from its true place, px.
+        roll_error: the greatest while both wings were detected, rad, modulo a turn.
+        results: of every frame.
+    """
+
+    scene: str
+    wrong: tuple[tuple[int, str, float], ...]
+    imagined: tuple[tuple[int, str, float], ...]
+    switches: int
+    partial: tuple[int, ...]
+    total: tuple[int, ...]
+    named: float
+    most_predicted: float
+    roll_error: float
+    results: tuple[MarkerResult, ...]
+
+    @property
+    def slowest(self) -> int:
+        """The most frames that it took a marker to get its name."""
+        return max((*self.partial, *self.total), default=0)
+
+
+def identity_task(
+    scene: str, seed: int, parameters: MarkerTrackerParameters | None = None
+) -> IdentityTask:
+    """One of `SCENES` with a seed, 240 frames at 30 frames/s unless the scene says otherwise."""
+    settings = TankerSettings.from_mapping(
+        {'frames': 240, 'fps': 30.0, **SCENES[scene], 'seed': seed}
+    )
+    return IdentityTask(scene, settings, parameters or MarkerTrackerParameters())
+
+
+def fly_names(task: IdentityTask) -> NamedFlight:
+    """Follow a flight and hold every name against the truth."""
+    pipeline = MarkerPipeline(task.parameters)
+    account = _Account()
+    for frame in TankerFlight(task.flight):
+        result = pipeline.process(frame.picture, frame.stamp_ns)
+        account.add(result, frame.truth.markers, frame.truth.roll)
+    return account.close(task.scene)
+
+
+class _Account:
+    def __init__(self) -> None:
+        self._results: list[MarkerResult] = []
+        self._wrong: list[tuple[int, str, float]] = []
+        self._imagined: list[tuple[int, str, float]] = []
+        self._partial: list[int] = []
+        self._total: list[int] = []
+        self._waiting: dict[int, int] = {}
+        self._after_all: set[int] = set()
+        self._carrier: dict[int, int] = {}
+        self._switches = self._whole = self._named = 0
+        self._most_predicted = self._roll_error = 0.0
+
+    def add(self, result: MarkerResult, truth: tuple[MarkerTruth, ...], roll: float) -> None:
+        none_before = not self._results or not _any_named(self._results[-1])
+        self._results.append(result)
+        detected = [marker.state is MarkerState.DETECTED for marker in result.markers]
+        for index, (marker, true) in enumerate(zip(result.markers, truth, strict=True)):
+            if marker.state is not MarkerState.LOST:
+                self._place(index, marker.x, marker.y, detected[index], truth)
+            self._whole += true.whole
+            self._named += true.whole and detected[index]
+            self._wait(index, true.whole, detected[index], none_before)
+        if not math.isnan(result.roll) and detected[0] and detected[-1]:
+            error = abs(math.remainder(result.roll - roll, 2 * math.pi))
+            self._roll_error = max(self._roll_error, error)
+
+    def _place(
+        self, index: int, x: float, y: float, detected: bool, truth: tuple[MarkerTruth, ...]
+    ) -> None:
+        distances = [math.hypot(x - true.x, y - true.y) for true in truth]
+        off = distances[index]
+        if not detected:
+            self._most_predicted = max(self._most_predicted, off)
+            return
+        note = (len(self._results) - 1, truth[index].name, off)
+        nearest = distances.index(min(distances))
+        if off > NAMED_WRONG or nearest != index:
+            self._wrong.append(note)
+        elif not truth[index].visible:
+            self._imagined.append(note)
+        carrier = nearest if distances[nearest] <= NAMED_WRONG else -1
+        self._switches += self._carrier.get(index, carrier) != carrier
+        self._carrier[index] = carrier
+
+    def _wait(self, index: int, whole: bool, detected: bool, none_before: bool) -> None:
+        if not whole:
+            self._waiting.pop(index, None)
+            self._after_all.discard(index)
+            return
+        if index not in self._waiting:
+            self._waiting[index] = 0
+            if none_before:
+                self._after_all.add(index)
+        if not detected:
+            self._waiting[index] += 1
+            return
+        latencies = self._total if index in self._after_all else self._partial
+        latencies.append(self._waiting.pop(index))
+        self._after_all.discard(index)
+
+    def close(self, scene: str) -> NamedFlight:
+        for index, frames in self._waiting.items():
+            (self._total if index in self._after_all else self._partial).append(frames)
+        return NamedFlight(
+            scene,
+            tuple(self._wrong),
+            tuple(self._imagined),
+            self._switches,
+            tuple(self._partial),
+            tuple(self._total),
+            self._named / max(self._whole, 1),
+            self._most_predicted,
+            self._roll_error,
+            tuple(self._results),
+        )
+
+
+def _any_named(result: MarkerResult) -> bool:
+    return any(marker.state is MarkerState.DETECTED for marker in result.markers)

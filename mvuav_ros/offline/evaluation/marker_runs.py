@@ -1,0 +1,163 @@
+"""The marker pipeline over a synthetic flight: what it predicted, found, and what was true."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
+from mvuav_ros.parameters.declaration import ParameterSet, Value
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
+
+
+@dataclass(frozen=True)
+class MarkerTask:
+    """A flight, and the parameters of each pipeline that follows it, by a name of one's own."""
+
+    flight: TankerSettings
+    pipelines: Mapping[str, MarkerTrackerParameters]
+    predictions: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerRun:
+    """One pipeline's results, by frame and marker.
+
+    Attributes:
+        predicted: (n, 5, 2) px, where each marker was expected before its frame was seen; NaN
+            where the whole frame was searched.
+        found: (n, 5, 2) px, NaN unless detected.
+        states: (n, 5), `MarkerState`.
+        roll: (n,) rad.
+    """
+
+    predicted: Array
+    found: Array
+    states: NDArray[np.uint8]
+    roll: Array
+
+    @property
+    def prediction_error(self) -> Array:
+        """Predicted minus found: what the thesis could measure, (n, 5, 2) px."""
+        return self.predicted - self.found
+
+
+@dataclass(frozen=True, eq=False)
+class FlownMarkers:
+    """All pipelines' results on one flight, and its truth.
+
+    Attributes:
+        settings: of the flight.
+        time: (n,) s.
+        places: (n, 5, 2) px, true.
+        roll: (n,) rad, true.
+        runs: by the pipeline's name.
+    """
+
+    settings: TankerSettings
+    time: Array
+    places: Array
+    roll: Array
+    runs: Mapping[str, MarkerRun]
+
+    def found_error(self, name: str) -> Array:
+        """Found minus true, (n, 5, 2) px."""
+        return self.runs[name].found - self.places
+
+    def predicted_error(self, name: str) -> Array:
+        """Predicted minus true, (n, 5, 2) px."""
+        return self.runs[name].predicted - self.places
+
+    def roll_error(self, name: str) -> Array:
+        """Measured minus true roll, (n,) rad."""
+        return angle_difference(self.runs[name].roll, self.roll)
+
+
+def supported(kind: type[ParameterSet], values: Mapping[str, Value]) -> dict[str, Value]:
+    """The values of parameters that there are, so that tables follow the nodes' parameters."""
+    return {name: value for name, value in values.items() if name in kind.names()}
+
+
+def fly_markers(task: MarkerTask) -> FlownMarkers:
+    """Draw every frame once and show it to every pipeline."""
+    flight = TankerFlight(task.flight)
+    followers = {
+        name: _Follower(MarkerPipeline(parameters), task.predictions)
+        for name, parameters in task.pipelines.items()
+    }
+    places, rolls = [], []
+    for frame in flight:
+        places.append([(marker.x, marker.y) for marker in frame.truth.markers])
+        rolls.append(frame.truth.roll)
+        for follower in followers.values():
+            follower.see(frame.picture, frame.stamp_ns)
+    return FlownMarkers(
+        task.flight,
+        np.array([flight.time(index) for index in flight.indices]),
+        np.array(places),
+        np.array(rolls),
+        {name: follower.run() for name, follower in followers.items()},
+    )
+
+
+def predict(pipeline: MarkerPipeline, like: Picture, stamp_ns: int) -> MarkerResult:
+    """Where a pipeline expects the markers at a time, whatever its method of prediction.
+
+    A copy of it is shown a black frame: what it does not find there, it says as predicted.
+
+    Args:
+        pipeline: left as it is.
+        like: a picture of the size and encoding to expect.
+        stamp_ns: later than its last frame's.
+    """
+    black = Picture(np.zeros_like(like.pixels), like.encoding)
+    return copy.deepcopy(pipeline).process(black, stamp_ns)
+
+
+class _Follower:
+    """Collects one pipeline's results."""
+
+    def __init__(self, pipeline: MarkerPipeline, predictions: bool) -> None:
+        self._pipeline = pipeline
+        self._predictions = predictions
+        self._predicted: list[list[tuple[float, float]]] = []
+        self._found: list[list[tuple[float, float]]] = []
+        self._states: list[list[int]] = []
+        self._rolls: list[float] = []
+
+    def see(self, picture: Picture, stamp_ns: int) -> None:
+        expected: MarkerResult | None = None
+        if self._predictions:
+            expected = predict(self._pipeline, picture, stamp_ns)
+        result = self._pipeline.process(picture, stamp_ns)
+        # A frame that is searched whole makes no use of a prediction.
+        if expected is None or not result.windows:
+            self._predicted.append([(math.nan, math.nan)] * len(result.markers))
+        else:
+            self._predicted.append(_places(expected.markers, MarkerState.PREDICTED))
+        self._found.append(_places(result.markers, MarkerState.DETECTED))
+        self._states.append([marker.state for marker in result.markers])
+        self._rolls.append(result.roll)
+
+    def run(self) -> MarkerRun:
+        return MarkerRun(
+            np.array(self._predicted),
+            np.array(self._found),
+            np.array(self._states, np.uint8),
+            np.array(self._rolls),
+        )
+
+
+def _places(markers: Iterable[Any], state: MarkerState) -> list[tuple[float, float]]:
+    return [(m.x, m.y) if m.state is state else (math.nan, math.nan) for m in markers]

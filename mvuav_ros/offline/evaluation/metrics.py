@@ -1,0 +1,119 @@
+"""One input's results in numbers: what the GUI counted, and errors where there is truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
+from mvuav_ros.offline.evaluation.metric import Metric
+from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
+from mvuav_ros.offline.evaluation.observed import Observed, Rows
+from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
+from mvuav_ros.vision.runway.statistics import RunwayStatistics
+
+
+def metrics_of(observed: Observed) -> list[Metric]:
+    """Everything that can be said of an input's results."""
+    metrics = [
+        Metric('frames', 'frames', '', float(observed.frames)),
+        Metric('frames', 'frames refused', '', float(observed.refused)),
+        Metric('time per frame', 'time per frame', 'ms', observed.milliseconds),
+    ]
+    if observed.results.markers:
+        metrics += _marker_counts(observed.results.markers.values())
+    if observed.results.rpy:
+        rolls = np.array(list(observed.results.rpy.values()))
+        metrics += _roll_statistics(rolls[np.isfinite(rolls)])
+    if observed.results.lines:
+        metrics += _line_statistics(observed.results.lines.values())
+    return metrics + _errors(observed)
+
+
+def _marker_counts(frames: Iterable[Rows]) -> list[Metric]:
+    states = np.concatenate([rows['state'] for rows in frames])
+    total = max(states.size, 1)
+    return [
+        Metric(
+            'markers by state',
+            f'markers {state.name.lower()}',
+            '%',
+            100.0 * int(np.count_nonzero(states == state)) / total,
+        )
+        for state in (MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST)
+    ]
+
+
+def _roll_statistics(rolls: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[Metric]:
+    if not rolls.size:
+        return []
+    unwrapped = np.degrees(np.unwrap(rolls))
+    deviation = float(np.std(unwrapped, ddof=1)) if rolls.size > 1 else math.nan
+    return [
+        Metric('average roll', 'roll mean', '°', float(np.mean(unwrapped))),
+        Metric('deviation of roll', 'roll std', '°', deviation),
+    ]
+
+
+def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
+    """By the node's own statistics, as ``~/statistics`` publishes them."""
+    statistics = RunwayStatistics()
+    for rows in frames:
+        statistics.add([_line(row) for row in rows])
+    summary = statistics.summary()
+    metrics = [
+        Metric('flag counts', 'rho flags', '', float(summary.rho_flags)),
+        Metric('flag counts', 'theta flags', '', float(summary.theta_flags)),
+        Metric('flag counts', 'combined flags', '', float(summary.corrected)),
+    ]
+    for number, line in enumerate(summary.lines):
+        theta_mean, theta_std = math.degrees(line.theta_mean), math.degrees(line.theta_std)
+        metrics += [
+            Metric('average rho', f'line {number} rho mean', 'px', line.rho_mean),
+            Metric('deviation of rho', f'line {number} rho std', 'px', line.rho_std),
+            Metric('average theta', f'line {number} theta mean', '°', theta_mean),
+            Metric('deviation of theta', f'line {number} theta std', '°', theta_std),
+        ]
+    return metrics
+
+
+def _line(row: np.void) -> RunwayLine:
+    flags = int(row['flags'])
+    rho = float(row['rho'])
+    return RunwayLine(
+        peak=None if math.isnan(rho) else 0,
+        rho=rho,
+        theta=float(row['theta']),
+        rho_flag=bool(flags & LineFlag.RHO_ERROR),
+        theta_flag=bool(flags & LineFlag.THETA_ERROR),
+    )
+
+
+def _errors(observed: Observed) -> list[Metric]:
+    metrics = []
+    markers = marker_errors(observed)
+    if markers is not None:
+        for state in (MarkerState.DETECTED, MarkerState.PREDICTED):
+            offset = np.where((markers.state == state)[..., None], markers.offset, np.nan)
+            name = f'{state.name.lower()} markers, RMS error'
+            metrics.append(Metric('error of markers', name, 'px', distance_rms(offset)))
+        wrong = float(np.count_nonzero(markers.wrong))
+        metrics.append(Metric('wrong names', 'wrong names', '', wrong))
+    roll = roll_errors(observed)
+    if roll is not None:
+        error = math.degrees(rms(roll.error))
+        metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
+    lines = line_errors(observed)
+    if lines is not None:
+        share = 100.0 * len(lines.matches) / max(sum(lines.visible), 1)
+        distance = rms(np.array([match.distance for match in lines.matches]))
+        turned = math.degrees(rms(np.array([match.dtheta for match in lines.matches])))
+        metrics += [
+            Metric('true lines found', 'true lines found', '%', share),
+            Metric('error of lines', 'lines, RMS distance', 'px', distance),
+            Metric('error of directions', 'lines, RMS direction', '°', turned),
+        ]
+    return metrics

@@ -1,0 +1,218 @@
+"""What the nodes said of each frame, and what was true of it: from a bag or a replay."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.simulation_truth import (
+    encode_true_lines,
+    encode_true_markers,
+    encode_true_rpy,
+)
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.processing.processor import DuplicateStampError, Processor
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.errors import MalformedMessageError
+from mvuav_ros.recordings.images import decode_message
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.frame import Frame, SourceError
+from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
+from mvuav_ros.recordings.sources.simulated import FRAME_ID, PREFIX, make_flight
+from mvuav_ros.simulation.tanker_truth import TankerTruth
+from mvuav_ros.vision.image import ImageError
+
+MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
+TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
+_TYPES = {
+    MARKERS: 'sensor_msgs/msg/PointCloud2',
+    RPY: 'geometry_msgs/msg/Vector3Stamped',
+    LINES: 'sensor_msgs/msg/PointCloud2',
+}
+RESULT_TOPICS = {
+    '/marker_tracker/markers': MARKERS,
+    '/marker_tracker/rpy': RPY,
+    '/runway_detector/line_params': LINES,
+}
+Rows = NDArray[np.void]
+
+
+@dataclass
+class Observations:
+    """By stamp (ns): marker rows, roll (rad), line rows."""
+
+    markers: dict[int, Rows] = field(default_factory=dict)
+    rpy: dict[int, float] = field(default_factory=dict)
+    lines: dict[int, Rows] = field(default_factory=dict)
+
+    def add(self, kind: str, data: bytes | memoryview) -> None:
+        """Take in a message's CDR.
+
+        Raises:
+            MalformedMessageError: it is none of that kind.
+        """
+        message = decode_message(_TYPES[kind], data)
+        stamp_ns = stamp_ns_of(message.header)
+        if kind == RPY:
+            self.rpy[stamp_ns] = float(message.vector.x)
+        else:
+            getattr(self, kind)[stamp_ns] = decode_points(message)
+
+    def __len__(self) -> int:
+        return len(self.markers) + len(self.rpy) + len(self.lines)
+
+
+@dataclass
+class Observed:
+    """One input's results and truth.
+
+    Attributes:
+        name: of the input.
+        results: of the nodes.
+        truth: empty where the input has none.
+        frames: replayed; 0 for results read from a bag.
+        refused: frames without a result.
+        milliseconds: median time of all nodes together for a frame; NaN without a replay.
+        losses: what could not be read, in words.
+    """
+
+    name: str
+    results: Observations = field(default_factory=Observations)
+    truth: Observations = field(default_factory=Observations)
+    frames: int = 0
+    refused: int = 0
+    milliseconds: float = float('nan')
+    losses: list[str] = field(default_factory=list)
+
+
+def read_bag(path: Path) -> Observed:
+    """The truth and the nodes' results that a bag holds.
+
+    Raises:
+        RecordingError: nothing can be read from there.
+    """
+    observed = Observed(str(path))
+    with open_recording(path) as recording:
+        unreadable = 0
+        for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
+            truth = message.topic in TRUTH_TOPICS
+            kind = TRUTH_TOPICS.get(message.topic) or RESULT_TOPICS[message.topic]
+            target = observed.truth if truth else observed.results
+            try:
+                target.add(kind, message.data)
+            except (MalformedMessageError, AttributeError, KeyError, ValueError):
+                unreadable += 1
+        observed.losses = list(recording.losses)
+    if unreadable:
+        observed.losses.append(f'{unreadable} messages of truth or results do not decode')
+    return observed
+
+
+def replay(
+    text: str, parameters: Mapping[str, Mapping[str, Any]], topic: str | None = None
+) -> Observed:
+    """Run nodes over an input; its truth comes from the bag or from the synthetic flight.
+
+    Args:
+        text: a bag, a video, images, or a synthetic flight.
+        parameters: of each node to run, by its name.
+        topic: image topic of a bag that has several.
+
+    Raises:
+        SourceError: the input cannot be read, or none of its frames be used.
+        RecordingError: the same of a bag.
+        ParameterError: a parameter is not valid.
+    """
+    processors = [_processor(name, values) for name, values in parameters.items()]
+    observed = Observed(text)
+    times: list[float] = []
+    for frame in _frames(text, topic, observed):
+        observed.frames += 1
+        if not isinstance(frame, Frame):
+            observed.refused += 1
+            continue
+        start = time.perf_counter()
+        answered = [_process(processor, frame, observed) for processor in processors]
+        times.append(time.perf_counter() - start)
+        observed.refused += not all(answered)
+    if not len(observed.results):
+        raise SourceError(f'{text}: not a single frame could be used')
+    observed.milliseconds = float(np.median(times)) * 1e3
+    return observed
+
+
+def _processor(name: str, values: Mapping[str, Any]) -> Processor:
+    processor = PROCESSORS[name]()
+    processor.configure(processor.parameters_type.from_mapping(values))
+    return processor
+
+
+def _process(processor: Processor, frame: Frame, observed: Observed) -> bool:
+    try:
+        outputs = processor.process(frame)
+    except (DuplicateStampError, ImageError):
+        return False
+    for topic, make in outputs:
+        kind = RESULT_TOPICS.get(f'/{processor.name}/{topic}')
+        if kind:
+            observed.results.add(kind, make())
+    return True
+
+
+def _frames(text: str, topic: str | None, observed: Observed) -> Iterator[object]:
+    """The input's frames; its truth goes to ``observed`` meanwhile."""
+    if text.startswith(PREFIX):
+        yield from _flown(text, observed.truth)
+        return
+    path = Path(text).expanduser()
+    if path.exists() and looks_like_bag(path):
+        stored = read_bag(path)
+        observed.truth, observed.losses = stored.truth, stored.losses
+    source = open_source(text, topic=topic, cameras=False)
+    with closing(source):
+        yield from source.frames()
+        observed.losses = list(dict.fromkeys([*observed.losses, *source.losses]))
+
+
+def _flown(text: str, truth: Observations) -> Iterator[Frame]:
+    kind, _, query = text.removeprefix(PREFIX).partition('?')
+    flight = make_flight(kind, {name: yaml.safe_load(value) for name, value in parse_qsl(query)})
+    for index in flight.indices:
+        frame = flight.frame(index)
+        header = cdr_header(frame.stamp_ns, FRAME_ID)
+        if isinstance(frame.truth, TankerTruth):
+            truth.add(MARKERS, encode_true_markers(frame.truth, header))
+            truth.add(RPY, encode_true_rpy(frame.truth, header))
+        else:
+            truth.add(LINES, encode_true_lines(frame.truth, header))
+        yield Frame(frame.stamp_ns, FRAME_ID, frame.picture)
+
+
+def nodes_for(text: str) -> list[str]:
+    """The nodes whose results an input's truth can judge; all where nothing tells.
+
+    Raises:
+        RecordingError: a bag cannot be read.
+    """
+    if text.startswith(PREFIX):
+        tanker = text.removeprefix(PREFIX).startswith('tanker')
+        return ['marker_tracker'] if tanker else ['runway_detector']
+    path = Path(text).expanduser()
+    if not (path.exists() and looks_like_bag(path)):
+        return list(PROCESSORS)
+    with open_recording(path) as recording:
+        kinds = {TRUTH_TOPICS[t.name] for t in recording.topics if t.name in TRUTH_TOPICS}
+    nodes = ['marker_tracker'] if kinds & {MARKERS, RPY} else []
+    nodes += ['runway_detector'] if LINES in kinds else []
+    return nodes or list(PROCESSORS)

@@ -1,0 +1,152 @@
+"""The runway pipeline over a synthetic flight, with truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_truth import LineRole, LineTruth, RunwayTruth
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.overlay import draw_overlay
+from mvuav_ros.vision.runway.results import RunwayResult
+from mvuav_ros.vision.runway.statistics import RunwaySummary
+
+ALONG = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE, LineRole.CENTRELINE)
+"""The lines that a runway's detector looks for; a runway's ends run across."""
+
+
+@dataclass(frozen=True)
+class RunwayTask:
+    """A flight, the parameters of each detector by name, and whose pictures to keep when."""
+
+    flight: RunwaySettings
+    pipelines: Mapping[str, RunwayDetectorParameters]
+    pictures: Sequence[int] = ()
+    row: float = 90.0
+
+
+@dataclass(frozen=True, eq=False)
+class LinePicture:
+    """A frame with the detector's overlay, and the true lines' segments (k, 4) px."""
+
+    index: int
+    time: float
+    overlay: NDArray[np.uint8]
+    segments: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RunwayRun:
+    """One detector's results on a flight.
+
+    Attributes:
+        visible: frames in which each of `ALONG` was on the frame at the row.
+        matches: every pair of a found and a true line.
+        found: lines found in all frames.
+        summary: the detector's own statistics.
+        pictures: those asked for.
+    """
+
+    visible: tuple[int, ...]
+    matches: tuple[LineMatch, ...]
+    found: int
+    summary: RunwaySummary
+    pictures: tuple[LinePicture, ...]
+
+    def of(self, true: int) -> list[LineMatch]:
+        """The matches of one true line (its index in `ALONG`)."""
+        return [match for match in self.matches if match.true == true]
+
+
+@dataclass(frozen=True, eq=False)
+class FlownRunway:
+    """All detectors' results on one flight."""
+
+    settings: RunwaySettings
+    runs: Mapping[str, RunwayRun]
+
+
+def fly_runway(task: RunwayTask) -> FlownRunway:
+    """Draw every frame once and show it to every detector."""
+    flight = RunwayFlight(task.flight)
+    watchers = {n: _Watcher(RunwayPipeline(p), task.row) for n, p in task.pipelines.items()}
+    for index in flight.indices:
+        frame = flight.frame(index)
+        image = frame.picture.bgr()
+        for watcher in watchers.values():
+            keep = flight.time(index) if index in task.pictures else None
+            watcher.see(index, image, frame.stamp_ns, frame.truth, keep)
+    return FlownRunway(task.flight, {name: w.run() for name, w in watchers.items()})
+
+
+class _Watcher:
+    """Collects one detector's results."""
+
+    def __init__(self, pipeline: RunwayPipeline, row: float) -> None:
+        self._pipeline = pipeline
+        self._row = row
+        self._visible = [0] * len(ALONG)
+        self._matches: list[LineMatch] = []
+        self._found = 0
+        self._pictures: list[LinePicture] = []
+
+    def see(
+        self,
+        index: int,
+        image: NDArray[np.uint8],
+        stamp_ns: int,
+        truth: RunwayTruth,
+        keep: float | None,
+    ) -> None:
+        result = self._pipeline.process(image, stamp_ns)
+        lines = [truth.line(role) for role in ALONG]
+        crossing = [_crosses(line, self._row) for line in lines]
+        for number, crosses in enumerate(crossing):
+            self._visible[number] += crosses
+        true = [
+            _true(line, self._row) if crosses else _NOWHERE
+            for line, crosses in zip(lines, crossing, strict=True)
+        ]
+        self._found += sum(line.found for line in result.lines)
+        found = [Line(line.rho, line.theta) for line in result.lines]
+        self._matches += match_lines(found, true)
+        if keep is not None:
+            segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
+            self._pictures.append(
+                LinePicture(index, keep, _overlay(result), segments.reshape(-1, 4))
+            )
+
+    def run(self) -> RunwayRun:
+        return RunwayRun(
+            tuple(self._visible),
+            tuple(self._matches),
+            self._found,
+            self._pipeline.statistics(),
+            tuple(self._pictures),
+        )
+
+
+_NOWHERE = TrueLine(Line(math.nan, math.nan), (math.nan, math.nan))
+
+
+def _true(truth: LineTruth, row: float) -> TrueLine:
+    line = Line(truth.rho, truth.theta)
+    return TrueLine(line, line.point_at(row))
+
+
+def _crosses(line: LineTruth, row: float) -> bool:
+    return line.visible and min(line.y1, line.y2) <= row <= max(line.y1, line.y2)
+
+
+def _overlay(result: RunwayResult) -> NDArray[np.uint8]:
+    """Red first, as figures want it."""
+    return np.asarray(cv2.cvtColor(draw_overlay(result), cv2.COLOR_BGR2RGB), np.uint8)

@@ -1,0 +1,54 @@
+"""Times of single frames and of their stages."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import TypeVar, TypeVarTuple, Unpack
+
+import numpy as np
+
+from mvuav_ros.offline.evaluation.numbers import Array
+
+ResultT = TypeVar('ResultT')
+Given = TypeVarTuple('Given')
+
+
+class Stopwatch:
+    """Times stages of a frame; several passes over the same frames, of which the least counts.
+
+    On a machine with other work the least time is the one that says how long the code takes.
+    """
+
+    def __init__(self) -> None:
+        self._times: dict[str, dict[int, float]] = {}
+
+    def time(
+        self,
+        stage: str,
+        frame: int,
+        work: Callable[[Unpack[Given]], ResultT],
+        *given: *Given,
+    ) -> ResultT:
+        """Call the work with what is given and note how long it took."""
+        start = time.perf_counter()
+        result = work(*given)
+        elapsed = time.perf_counter() - start
+        times = self._times.setdefault(stage, {})
+        times[frame] = min(elapsed, times.get(frame, elapsed))
+        return result
+
+    @property
+    def stages(self) -> list[str]:
+        """In order of first use."""
+        return list(self._times)
+
+    def median_ms(self, stage: str) -> float:
+        """Median over the frames, ms."""
+        return statistics.median(self._times[stage].values()) * 1e3
+
+
+def least_ms(passes: Sequence[Sequence[float]]) -> Array:
+    """The least time of each frame, ms, from the seconds of several passes."""
+    return np.asarray(np.min(np.array(passes), axis=0) * 1e3)

@@ -1,0 +1,1 @@
+"""The nodes' own code over recordings."""

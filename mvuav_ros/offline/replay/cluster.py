@@ -1,0 +1,137 @@
+"""Many recordings on a Dask cluster; the machines share the paths of inputs and outputs."""
+
+from __future__ import annotations
+
+import logging
+import time
+import uuid
+from collections.abc import Generator, Iterator, Sequence
+from importlib import import_module
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from mvuav_ros.offline.replay.interruptions import held_back
+from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
+from mvuav_ros.offline.replay.memory import keep_freed_memory
+from mvuav_ros.offline.replay.pool import Event
+from mvuav_ros.recordings.sources.frame import SourceError
+
+_POLL = 0.1
+_CONNECT_TIME = 10
+_CLOSING_TIME = 30
+"""Seconds that interrupted tasks have to close their files."""
+
+
+class _InterruptedTaskError(BaseException):
+    """Passes every handler of errors, and unlike KeyboardInterrupt leaves Dask's worker alone."""
+
+
+def connect(address: str) -> tuple[Any, Any]:
+    """A client of the scheduler at `address`, and the module `distributed`.
+
+    Raises:
+        SourceError: Dask is not installed, or there is no scheduler.
+    """
+    try:
+        distributed: Any = import_module('distributed')
+    except ImportError as error:
+        raise SourceError(
+            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
+        ) from error
+    # It would log attempt after attempt, with tracebacks.
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_TIME, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
+    return client, distributed
+
+
+def run_on_cluster(jobs: Sequence[ReplayJob], address: str) -> Generator[Event, None, None]:
+    """Do the jobs on a cluster, as many at a time as its workers have threads.
+
+    Args:
+        jobs: with absolute paths.
+        address: the scheduler's, such as ``tcp://10.0.0.1:8786``.
+
+    Yields:
+        Each job's progress and, at its end, its outcome.
+
+    Raises:
+        SourceError: Dask is not installed, or there is no scheduler.
+    """
+    client, distributed = connect(address)
+    run = f'mvuav-{uuid.uuid4().hex}'
+    with client:
+        stop = distributed.Event(run, client=client)
+        progress: SimpleQueue[tuple[int, JobProgress]] = SimpleQueue()
+        client.subscribe_topic(run, lambda event: progress.put(_progress(event[1])))
+        numbers = {
+            client.submit(_work, job, number, run, pure=False): number
+            for number, job in enumerate(jobs)
+        }
+        waiting = set(numbers)
+        try:
+            while waiting:
+                time.sleep(_POLL)
+                yield from _drained(progress)
+                for future in [future for future in waiting if future.done()]:
+                    waiting.discard(future)
+                    number = numbers[future]
+                    yield number, _outcome(future, jobs[number])
+        finally:
+            if waiting:
+                with held_back():
+                    stop.set()
+                    _wait(waiting)
+
+
+def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
+    """Runs on a worker."""
+    distributed: Any = import_module('distributed')
+    worker = distributed.get_worker()
+    stop = distributed.Event(run)
+    asked = time.monotonic()
+
+    def report(progress: JobProgress) -> None:
+        nonlocal asked
+        worker.log_event(run, [number, *progress])
+        if progress.done == 0 or time.monotonic() > asked + 0.5:
+            asked = time.monotonic()
+            if stop.is_set():
+                raise _InterruptedTaskError
+
+    keep_freed_memory()
+    outcome = ReplayOutcome(job.source, job.output)
+    try:
+        attempt(job, outcome, report)
+    except _InterruptedTaskError:
+        outcome.error = 'interrupted'
+    return outcome
+
+
+def _progress(message: Any) -> tuple[int, JobProgress]:
+    number, name, done, total = message
+    return number, JobProgress(name, done, total)
+
+
+def _drained(queue: SimpleQueue[tuple[int, JobProgress]]) -> Iterator[Event]:
+    try:
+        while True:
+            yield queue.get_nowait()
+    except Empty:
+        return
+
+
+def _outcome(future: Any, job: ReplayJob) -> ReplayOutcome:
+    if future.status == 'finished':
+        outcome: ReplayOutcome = future.result()
+        return outcome
+    reason = future.exception() if future.status == 'error' else future.status
+    return ReplayOutcome(job.source, job.output, error=f'Dask: {" ".join(str(reason).split())}')
+
+
+def _wait(futures: set[Any]) -> None:
+    end = time.monotonic() + _CLOSING_TIME
+    while time.monotonic() < end and not all(future.done() for future in futures):
+        time.sleep(_POLL)

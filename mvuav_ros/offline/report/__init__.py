@@ -1,0 +1,1 @@
+"""Tables and figures as one HTML page, CSV and JSON."""

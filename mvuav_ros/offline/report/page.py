@@ -1,0 +1,197 @@
+"""A report as one HTML page that needs nothing else: no script, no other file, no network."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+
+from mvuav_ros.offline.report.model import NOT_AVAILABLE, Claim, Picture, Report, Section, Table
+
+_CSS = """
+:root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #d5dbe3;
+  --paper: #ffffff; --band: #f4f6f9; --accent: #0b5fa5; --good: #0a7a4a; --bad: #b3261e; }
+@media screen and (prefers-color-scheme: dark) {
+  :root { --ink: #e6eaf0; --soft: #a3adba; --line: #39424f; --paper: #14181e; --band: #1c222b;
+    --accent: #7db9f0; --good: #5fd39b; --bad: #ff8a80; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink);
+  font: 16px/1.55 system-ui, "Segoe UI", "Noto Sans", "DejaVu Sans", sans-serif; }
+main { max-width: 1080px; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
+h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 .75rem; }
+h2 { font-size: 1.4rem; margin: 3rem 0 .75rem; padding-top: .9rem;
+  border-top: 2px solid var(--accent); }
+h3 { font-size: 1.05rem; margin: 0 0 .5rem; }
+p { margin: .5rem 0; max-width: 76ch; }
+.lead { color: var(--soft); }
+nav { margin: 1.25rem 0 0; font-size: .95rem; }
+nav a { color: var(--accent); text-decoration: none; margin-right: 1.2em; white-space: nowrap; }
+figure, .table { margin: 1.75rem 0 2.25rem; }
+figure img { display: block; width: 100%; height: auto; background: #fff; border-radius: 6px;
+  border: 1px solid var(--line); padding: .5rem; }
+figcaption, .note { color: var(--soft); font-size: .88rem; margin-top: .45rem; max-width: 92ch; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .88rem; min-width: 45%;
+  font-variant-numeric: tabular-nums; }
+td.missing, td.whole { white-space: nowrap; }
+th, td { padding: .32rem .7rem; text-align: right; border-bottom: 1px solid var(--line);
+  vertical-align: top; }
+th { text-align: right; font-weight: 600; vertical-align: bottom;
+  border-bottom: 2px solid var(--line); }
+th .unit { display: block; font-weight: 400; color: var(--soft); white-space: nowrap; }
+th.word, td.word { text-align: left; }
+tbody tr:nth-child(even) { background: var(--band); }
+tr.first td { border-top: 2px solid var(--line); }
+td.missing { color: var(--soft); font-style: italic; }
+.yes { color: var(--good); font-weight: 600; white-space: nowrap; }
+.no { color: var(--bad); font-weight: 600; white-space: nowrap; }
+.unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
+footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
+@page { size: A4; margin: 16mm 14mm; }
+@media print {
+  body { font-size: 10pt; }
+  main { max-width: none; padding: 0; }
+  nav { display: none; }
+  h2 { break-after: avoid; margin-top: 1.6rem; }
+  h3 { break-after: avoid; }
+  figure, .table.short { break-inside: avoid; }
+  .scroll { overflow: visible; }
+  table { font-size: 8pt; min-width: 0; }
+  th, td { padding: .15rem .38rem; }
+  thead { display: table-header-group; }
+  tr { break-inside: avoid; }
+  figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
+    margin: 0 auto; }
+}
+"""
+_SHORT = 22
+"""Tables with at most so many rows are kept on one printed page."""
+_WHOLE = 26
+"""Texts of at most so many characters are not broken into lines."""
+
+
+def render_page(report: Report) -> str:
+    """The whole page."""
+    sections = [('summary', 'Summary')] if report.claims else []
+    sections += [(_anchor(s.title), s.title) for s in report.sections]
+    sections.append(('settings', 'Settings'))
+    links = ''.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
+    body = [
+        f'<h1>{escape(report.title)}</h1>',
+        *(f'<p class="lead">{escape(text)}</p>' for text in report.lead),
+        f'<nav>{links}</nav>',
+        _claims(report.claims),
+        *map(_section, report.sections),
+        _settings(report),
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<title>{escape(report.title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n'
+        + '\n'.join(part for part in body if part)
+        + '\n</main>\n</body>\n</html>\n'
+    )
+
+
+def _claims(claims: tuple[Claim, ...]) -> str:
+    if not claims:
+        return ''
+    rows = ''.join(
+        f'<tr><td class="word">{escape(c.statement)}</td><td class="word">{escape(c.thesis)}</td>'
+        f'<td class="word">{escape(c.ours)}</td><td class="word">{_verdict(c.holds)}</td></tr>'
+        for c in claims
+    )
+    heads = ''.join(
+        f'<th class="word">{text}</th>' for text in ('statement', 'thesis', 'here', 'holds')
+    )
+    return (
+        '<h2 id="summary">Summary</h2><div class="table short"><div class="scroll"><table>'
+        f'<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></div>'
+    )
+
+
+def _verdict(holds: bool | None) -> str:
+    if holds is None:
+        return '<span class="unknown">? cannot be told</span>'
+    return '<span class="yes">✓ yes</span>' if holds else '<span class="no">✗ no</span>'
+
+
+def _section(section: Section) -> str:
+    parts = [f'<h2 id="{_anchor(section.title)}">{escape(section.title)}</h2>']
+    parts += [f'<p>{escape(text)}</p>' for text in section.paragraphs]
+    parts += [_table(item) if isinstance(item, Table) else _picture(item) for item in section.items]
+    return '\n'.join(parts)
+
+
+def _table(table: Table) -> str:
+    words = [
+        any(isinstance(row[number], str) for row in table.rows)
+        for number in range(len(table.columns))
+    ]
+    heads = ''.join(
+        f'<th{_word(word)}>{escape(column.name)}'
+        + (f'<span class="unit">[{escape(column.unit)}]</span>' if column.unit else '')
+        + '</th>'
+        for column, word in zip(table.columns, words, strict=True)
+    )
+    grouped = words[0] and len({row[0] for row in table.rows}) < len(table.rows)
+    rows = []
+    for index, row in enumerate(table.rows):
+        # The first column's text begins a group and is not repeated in it.
+        first = index == 0 or row[0] != table.rows[index - 1][0]
+        cells = [_cell(table, index, number, word) for number, word in enumerate(words)]
+        if grouped and not first:
+            cells[0] = '<td></td>'
+        rule = ' class="first"' if grouped and first else ''
+        rows.append(f'<tr{rule}>{"".join(cells)}</tr>')
+    short = ' short' if len(table.rows) <= _SHORT else ''
+    return (
+        f'<div class="table{short}" id="{escape(table.key)}"><h3>{escape(table.title)}</h3>'
+        f'<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
+        f'<tbody>{"".join(rows)}</tbody></table></div>{_notes(table.notes)}</div>'
+    )
+
+
+def _cell(table: Table, row: int, column: int, word: bool) -> str:
+    text = table.text(row, column)
+    if text == NOT_AVAILABLE:
+        return f'<td class="missing{" word" if word else ""}">{text}</td>'
+    return f'<td{_word(word, text)}>{escape(text)}</td>'
+
+
+def _word(word: bool, text: str = '') -> str:
+    if not word:
+        return ''
+    return ' class="word whole"' if 0 < len(text) <= _WHOLE else ' class="word"'
+
+
+def _picture(picture: Picture) -> str:
+    data = base64.b64encode(picture.png).decode('ascii')
+    return (
+        f'<figure id="{escape(picture.key)}"><h3>{escape(picture.title)}</h3>'
+        f'<img alt="{escape(picture.alt or picture.title)}" src="data:image/png;base64,{data}">'
+        f'{_notes(picture.notes, "figcaption")}</figure>'
+    )
+
+
+def _notes(notes: tuple[str, ...], tag: str = 'div') -> str:
+    if not notes:
+        return ''
+    name = '' if tag == 'figcaption' else ' class="note"'
+    return f'<{tag}{name}>{"<br>".join(map(escape, notes))}</{tag}>'
+
+
+def _settings(report: Report) -> str:
+    rows = ''.join(
+        f'<tr><td class="word">{escape(name)}</td>'
+        f'<td class="word">{escape("" if value is None else str(value))}</td></tr>'
+        for name, value in report.settings.items()
+    )
+    return (
+        '<h2 id="settings">Settings</h2><p>What made this page; the same settings make the same '
+        'numbers, apart from times.</p><div class="table"><div class="scroll"><table>'
+        f'<tbody>{rows}</tbody></table></div></div>'
+    )
+
+
+def _anchor(title: str) -> str:
+    return ''.join(c if c.isalnum() else '-' for c in title.lower()).strip('-')

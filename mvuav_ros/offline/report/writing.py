@@ -1,0 +1,67 @@
+"""A report's files: the page, and its tables and pictures beside it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+from mvuav_ros.offline.report.model import Report, Table
+from mvuav_ros.offline.report.page import render_page
+
+PAGE = 'index.html'
+DATA = 'report.json'
+
+
+def write_report(report: Report, folder: Path) -> Path:
+    """Write ``index.html``, ``report.json``, and each table (CSV, JSON) and picture (PNG).
+
+    Args:
+        report: what to write.
+        folder: made if it is missing; files of the same names are overwritten.
+
+    Returns:
+        The page.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for table in report.tables():
+        write_csv(table, folder / f'{table.key}.csv')
+        _write_json(table.records(), folder / f'{table.key}.json')
+    for picture in report.pictures():
+        (folder / f'{picture.key}.png').write_bytes(picture.png)
+    _write_json(as_data(report), folder / DATA)
+    page = folder / PAGE
+    page.write_text(render_page(report), encoding='utf-8')
+    return page
+
+
+def write_csv(table: Table, path: Path) -> None:
+    """Write a table with all digits of its numbers; what is missing stays empty."""
+    with path.open('w', newline='', encoding='utf-8') as stream:
+        stream.write(csv_text(table))
+
+
+def csv_text(table: Table) -> str:
+    """What `write_csv` writes."""
+    stream = io.StringIO(newline='')
+    writer = csv.writer(stream)
+    writer.writerow([column.heading for column in table.columns])
+    for record in table.records():
+        writer.writerow(['' if value is None else value for value in record.values()])
+    return stream.getvalue()
+
+
+def as_data(report: Report) -> dict[str, object]:
+    """Settings, claims and tables as JSON knows them."""
+    return {
+        'title': report.title,
+        'settings': dict(report.settings),
+        'claims': [vars(claim) for claim in report.claims],
+        'tables': {table.key: table.records() for table in report.tables()},
+        'pictures': {picture.key: f'{picture.key}.png' for picture in report.pictures()},
+    }
+
+
+def _write_json(value: object, path: Path) -> None:
+    path.write_text(json.dumps(value, indent=2) + '\n', encoding='utf-8')

@@ -1,0 +1,1 @@
+"""The same recordings with many parameter sets."""

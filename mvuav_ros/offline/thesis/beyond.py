@@ -1,0 +1,182 @@
+"""What the thesis left open: names that are kept through losses, and the tanker's pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy import stats
+
+from mvuav_ros.offline.evaluation.identity_runs import (
+    SCENES,
+    IdentityTask,
+    NamedFlight,
+    fly_names,
+    identity_task,
+)
+from mvuav_ros.offline.evaluation.numbers import rms
+from mvuav_ros.offline.evaluation.pose_runs import FlownPoses, PoseTask, fly_poses
+from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
+from mvuav_ros.offline.thesis.plan import Plan, Workshop
+
+EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
+"""m; the pose is told between each two."""
+_FREEDOM = 6
+_NOT_IN_THESIS = 'left to others'
+
+
+def identity_tasks(plan: Plan) -> list[IdentityTask]:
+    """Every scene, with as many seeds as planned."""
+    return [
+        identity_task(scene, plan.seed + repeat)
+        for scene in list(SCENES)[: plan.identity_scenes]
+        for repeat in range(plan.identity_repeats)
+    ]
+
+
+def pose_tasks(plan: Plan) -> list[PoseTask]:
+    """Docking approaches, without and with a lens's distortion."""
+    return [
+        PoseTask(plan.seed, plan.pose_frames),
+        PoseTask(plan.seed + 1, plan.pose_frames, distortion='-0.15, 0.04, 0.001, -0.001'),
+    ]
+
+
+def beyond_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
+    """Fly the scenes and the approaches, and hold names and poses against the truth."""
+    names = workshop.all_of(fly_names, identity_tasks(workshop.plan))
+    poses = workshop.all_of(fly_poses, pose_tasks(workshop.plan))
+    section = Section(
+        'Beyond the thesis: names and pose',
+        (
+            "The thesis's tracker ends with the first marker that it loses, and the pose from the "
+            'markers is left to others. Here the node as shipped flies scenes in which markers '
+            'vanish, pass each other and are imitated, and its poses on docking approaches are '
+            'held against the truth.',
+        ),
+        (identity_table(names), pose_table(poses)),
+    )
+    wrong = sum(len(flight.wrong) for flight in names)
+    switches = sum(flight.switches for flight in names)
+    near = np.concatenate([(p.moved / p.distance)[p.distance <= 30.0] for p in poses])
+    low, high = stats.chi2.interval(0.95, _FREEDOM)
+    inside = _share_inside(np.concatenate([p.squares for p in poses]), low, high)
+    claims = [
+        Claim(
+            f'False labels in {len(names)} flights with losses, glares and crossings',
+            'stops at the first loss',
+            f'{wrong}, {switches} switches',
+            wrong == switches == 0,
+        ),
+        Claim(
+            'Position error at 30 m and nearer, 0.3 px noise',
+            _NOT_IN_THESIS,
+            f'{100 * rms(near):.2f} % of the distance, rms' if near.size else 'not flown',
+            rms(near) < 0.01 if near.size else None,
+        ),
+        Claim(
+            "Poses within their covariance's 95 % interval",
+            _NOT_IN_THESIS,
+            f'{100 * inside:.1f} %',
+            abs(inside - 0.95) < 0.03,
+        ),
+    ]
+    return section, claims
+
+
+def identity_table(flights: Sequence[NamedFlight]) -> Table:
+    """False labels, switches and times of recovery by scene."""
+    rows: list[tuple[Cell, ...]] = []
+    for scene in dict.fromkeys(flight.scene for flight in flights):
+        flown = [flight for flight in flights if flight.scene == scene]
+        rows.append(
+            (
+                scene,
+                sum(len(flight.results) for flight in flown),
+                sum(len(flight.wrong) + len(flight.imagined) for flight in flown),
+                sum(flight.switches for flight in flown),
+                max((n for flight in flown for n in flight.partial), default=None),
+                max((n for flight in flown for n in flight.total), default=None),
+                100.0 * float(np.mean([flight.named for flight in flown])),
+                math.degrees(max(flight.roll_error for flight in flown)),
+            )
+        )
+    return Table(
+        'names',
+        'Names kept through losses, glares and crossings',
+        (
+            Column('scene'),
+            Column('frames'),
+            Column('false labels'),
+            Column('switches'),
+            Column('slowest return', 'frames'),
+            Column('after loss of all', 'frames'),
+            Column('named', '%', 2),
+            Column('worst roll', '°'),
+        ),
+        tuple(rows),
+        (
+            'A false label is a marker said to be detected where its own light is not: more than '
+            "4 px away, nearer to another one's, or out of sight. A switch is a name that goes "
+            'over to another light. A return is counted from the first frame in which the whole '
+            'light is in sight to the first with its name; 0 is at once. Named: of all frames '
+            'in which a light was wholly in sight.',
+        ),
+    )
+
+
+def pose_table(flown: Sequence[FlownPoses]) -> Table:
+    """Errors of the pose against distance, and whether the covariance tells them."""
+    low, high = stats.chi2.interval(0.95, _FREEDOM)
+    distance = np.concatenate([poses.distance for poses in flown])
+    moved, turned, squares = (
+        np.concatenate([getattr(poses, name) for poses in flown])
+        for name in ('moved', 'turned', 'squares')
+    )
+    rows: list[tuple[Cell, ...]] = []
+    ranges = [*pairwise(EDGES), (EDGES[0], EDGES[-1])]
+    for far, near in ranges:
+        there = (distance <= far) & (distance > near) & np.isfinite(moved)
+        if not there.any():
+            continue
+        relative = 100.0 * moved[there] / distance[there]
+        rows.append(
+            (
+                f'{far:g} to {near:g}',
+                int(there.sum()),
+                rms(relative),
+                float(np.percentile(relative, 99)),
+                math.degrees(rms(turned[there])),
+                math.degrees(float(turned[there].max())),
+                float(squares[there].mean()),
+                100.0 * _share_inside(squares[there], low, high),
+            )
+        )
+    return Table(
+        'pose',
+        'The pose on a docking approach, markers seen with 0.3 px of noise',
+        (
+            Column('distance [m]'),
+            Column('frames'),
+            Column('position, rms', '% of distance'),
+            Column('99th percentile', '% of distance'),
+            Column('attitude, rms', '°'),
+            Column('worst', '°'),
+            Column('mean normalised error squared', '', 2),
+            Column('within 95 % interval', '%', 1),
+        ),
+        tuple(rows),
+        (
+            'Two approaches at 640x480, one through a lens with distortion. Where the covariance '
+            'is right, the normalised error squared follows a chi-square distribution of 6 '
+            f'degrees of freedom: 6 on average, and 95 % between {low:.2f} and {high:.2f}.',
+        ),
+    )
+
+
+def _share_inside(
+    squares: np.ndarray[tuple[int], np.dtype[np.floating]], low: float, high: float
+) -> float:
+    return float(np.mean((squares >= low) & (squares <= high)))

@@ -1,0 +1,213 @@
+"""Image topics as small JPEG pictures, subscribed only while somebody looks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import CompressedImage, Image
+
+from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
+from mvuav_ros.vision.image import ImageError, Picture
+
+HIGHEST_RATE = 10.0
+"""Pictures per second, Hz."""
+LARGEST_SIDE = 640
+"""Of what is sent, px."""
+_QUALITY = 80
+
+TITLES = {
+    'input': 'Input',
+    'debug/confined': 'Confined',
+    'debug/edges': 'Edges',
+    'debug/hough': 'Hough space',
+    'debug/overlay': 'Overlay',
+    'debug_image': 'Markers',
+}
+_OF_KIND = {
+    'marker_tracker': ('input', 'debug_image'),
+    'runway_detector': (
+        'input',
+        'debug/confined',
+        'debug/edges',
+        'debug/overlay',
+        'debug/hough',
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A picture that can be shown: a node's input or one of its debug images."""
+
+    node: str
+    name: str
+
+    @property
+    def key(self) -> str:
+        """As the page names it."""
+        return f'{self.node} {self.name}'
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return TITLES.get(self.name, self.name)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture ready to be sent; width and height are those of the original."""
+
+    number: int
+    width: int
+    height: int
+    jpeg: bytes
+
+
+def streams_of(node: LiveNode) -> list[Stream]:
+    """The pictures of a node."""
+    return [Stream(node.name, name) for name in _OF_KIND.get(node.kind, ())]
+
+
+def source_of(stream: Stream, node: LiveNode) -> tuple[str, bool]:
+    """The topic of a stream and whether it has compressed images; '' while it has none."""
+    if stream.name == 'input':
+        return node.image_topic, node.found.compressed
+    return f'{stream.node}/{stream.name}', False
+
+
+def decode(data: bytes, compressed: bool) -> Picture:
+    """A serialized message's picture.
+
+    Raises:
+        ImageError: it cannot be used.
+    """
+    if compressed:
+        return decode_compressed_image(view_compressed_image(data))
+    return decode_image(view_image(data))
+
+
+def encode_jpeg(picture: Picture, largest: int = LARGEST_SIDE) -> bytes:
+    """A picture as JPEG with sides of at most ``largest`` px."""
+    pixels = picture.pixels if picture.is_gray else picture.bgr()
+    if pixels.dtype != np.uint8:
+        pixels = cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
+    factor = largest / max(pixels.shape[:2])
+    if factor < 1.0:
+        size = (max(round(pixels.shape[1] * factor), 1), max(round(pixels.shape[0] * factor), 1))
+        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    done, jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    if not done:
+        raise ImageError('the picture cannot be encoded')
+    return jpeg.tobytes()
+
+
+Look = Callable[[str, Shot], None]
+"""Called in the loop with a stream's key and its newest picture."""
+
+
+class PictureFeed:
+    """Subscribes to a topic while at least one viewer looks at it; called from the loop."""
+
+    def __init__(self, ros: RosThread) -> None:
+        self._ros = ros
+        self._taps: dict[str, _Tap] = {}
+        self._viewers: dict[str, list[Look]] = {}
+
+    def look(self, stream: Stream, topic: str, compressed: bool, viewer: Look) -> None:
+        """Begin to look; a stream whose topic has changed is subscribed anew."""
+        tap = self._taps.get(stream.key)
+        if tap is not None and (tap.topic, tap.compressed) != (topic, compressed):
+            self._close(stream.key)
+            tap = None
+        viewers = self._viewers.setdefault(stream.key, [])
+        if viewer not in viewers:
+            viewers.append(viewer)
+        if tap is None:
+            self._taps[stream.key] = _Tap(self._ros, stream.key, topic, compressed, self._arrived)
+
+    def look_away(self, key: str, viewer: Look) -> None:
+        """End `look`; the last viewer ends the subscription."""
+        viewers = self._viewers.get(key, [])
+        if viewer in viewers:
+            viewers.remove(viewer)
+        if not viewers:
+            self._viewers.pop(key, None)
+            self._close(key)
+
+    def newest(self, key: str) -> Picture | None:
+        """The picture that was shown last, at its full size."""
+        tap = self._taps.get(key)
+        return tap.newest() if tap is not None else None
+
+    def _close(self, key: str) -> None:
+        tap = self._taps.pop(key, None)
+        if tap is not None:
+            tap.close()
+
+    def _arrived(self, key: str, shot: Shot) -> None:
+        for viewer in list(self._viewers.get(key, ())):
+            viewer(key, shot)
+
+
+class _Tap:
+    """One subscription, with the rate capped before anything is decoded."""
+
+    def __init__(
+        self, ros: RosThread, key: str, topic: str, compressed: bool, arrived: Look
+    ) -> None:
+        self.topic, self.compressed = topic, compressed
+        self._ros, self._key, self._arrived = ros, key, arrived
+        self._due, self._number = 0.0, 0
+        self._data: bytes | None = None
+        self._closed = False
+        self._subscription: Any = None
+        ros.do(self._open)
+
+    def newest(self) -> Picture | None:
+        data = self._data
+        return decode(data, self.compressed) if data is not None else None
+
+    def close(self) -> None:
+        self._closed = True
+        self._ros.do(self._destroy)
+
+    def _open(self) -> None:
+        qos = QoSProfile(
+            depth=1,
+            reliability=qos_profile_sensor_data.reliability,
+            history=qos_profile_sensor_data.history,
+        )
+        kind = CompressedImage if self.compressed else Image
+        self._subscription = self._ros.node.create_subscription(
+            kind, self.topic, self._on_image, qos, raw=True
+        )
+
+    def _destroy(self) -> None:
+        if self._subscription is not None:
+            self._ros.node.destroy_subscription(self._subscription)
+
+    def _on_image(self, data: bytes) -> None:
+        now = time.monotonic()
+        if self._closed or now < self._due:
+            return
+        # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
+        self._due = max(self._due + 1.0 / HIGHEST_RATE, now)
+        try:
+            picture = decode(data, self.compressed)
+            jpeg = encode_jpeg(picture)
+        except ImageError:
+            # The node itself says so in its diagnostics.
+            return
+        self._data = data
+        self._number += 1
+        shot = Shot(self._number, picture.width, picture.height, jpeg)
+        self._ros.tell(self._arrived, self._key, shot)

@@ -1,0 +1,261 @@
+"""Runway results as messages: lines as points, as a marker and as diagnostics; statistics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mvuav_ros.processing.messages.points import PointLayout
+from mvuav_ros.recordings.serialization.cdr import CdrWriter, without_encapsulation
+from mvuav_ros.vision.approach.overlay import ROLE_COLORS
+from mvuav_ros.vision.approach.results import ApproachResult, Guidance
+from mvuav_ros.vision.runway.overlay import line_color
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
+from mvuav_ros.vision.runway.statistics import LineSummary, RunwaySummary
+
+_FLOATS = ('x', 'y', 'z', 'x2', 'y2', 'rho', 'theta', 'votes', 'rho_raw', 'theta_raw')
+# Later fields stand behind the earlier ones, whose offsets stay; a float is aligned to its size.
+_NAMES = (*_FLOATS, 'flags', 'role', 'confidence')
+LINE = np.dtype(
+    {
+        'names': _NAMES,
+        'formats': [*[np.float32] * len(_FLOATS), np.uint8, np.uint8, np.float32],
+        'offsets': [*range(0, 4 * len(_FLOATS), 4), 40, 41, 44],
+        'itemsize': 48,
+    }
+)
+_LINES = PointLayout(LINE)
+LINE_WIDTH = 2.0
+"""Px, of ``~/lines``."""
+_LINE_LIST, _ADD, _DELETE = 5, 0, 2
+"""Of visualization_msgs/Marker."""
+_NO_COLOR, _NO_LIFETIME = (0.0, 0.0, 0.0, 0.0), (0, 0)
+_OK, _WARN = 0, 1
+"""Of diagnostic_msgs/DiagnosticStatus."""
+
+Result = RunwayResult | ApproachResult
+
+
+def encode_line_params(result: Result, header: bytes) -> bytes:
+    """A PointCloud2: px and rad on the whole frame, votes and flags; NaN where no line was found.
+
+    Like all results it is in CDR and begins with a `cdr_header`.
+    """
+    return _LINES.encode([_values(line) for line in result.lines], header)
+
+
+def _values(line: RunwayLine) -> tuple[float | int, ...]:
+    return (
+        line.x,
+        line.y,
+        line.x * 0.0,
+        line.x2,
+        line.y2,
+        line.rho,
+        line.theta,
+        line.votes,
+        line.rho_raw,
+        line.theta_raw,
+        int(line.flags),
+        int(line.role),
+        line.confidence,
+    )
+
+
+def encode_lines(result: Result, header: bytes) -> bytes:
+    """A Marker: the segments as a LINE_LIST, coloured by role, or by flag without roles.
+
+    Without any, the marker is deleted.
+    """
+    points: list[float] = []
+    colors: list[float] = []
+    for line in result.lines:
+        # A line may be known and yet miss the frame.
+        if math.isnan(line.x):
+            continue
+        points += (line.x, line.y, 0.0, line.x2, line.y2, 0.0)
+        blue, green, red = (value / 255 for value in _color(line))
+        colors += 2 * (red, green, blue, 1.0)
+    number, action = 0, _ADD if points else _DELETE
+    writer = CdrWriter(header)
+    writer.text('runway')
+    writer.numbers('3i', number, _LINE_LIST, action)
+    position, orientation, scale = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (LINE_WIDTH, 0.0, 0.0)
+    writer.numbers('10d', *position, *orientation, *scale)
+    writer.numbers('4f', *_NO_COLOR)
+    writer.numbers('2i', *_NO_LIFETIME)
+    frame_locked = False
+    writer.numbers('B', frame_locked)
+    writer.numbers('I', len(points) // 3)
+    writer.numbers(f'{len(points)}d', *points)
+    writer.numbers('I', len(colors) // 4)
+    writer.numbers(f'{len(colors)}f', *colors)
+    writer.written(_NO_TEXTURE_TEXT_AND_MESH)
+    return writer.message()
+
+
+def _nothing_more() -> bytes:
+    """A Marker's fields from ``texture_resource`` on, which begin 4-byte aligned."""
+    writer = CdrWriter()
+    writer.text('')
+    # texture: stamp, frame, format and data.
+    writer.numbers('2i', 0, 0)
+    writer.text('')
+    writer.text('')
+    writer.octets(b'')
+    uv_coordinates = 0
+    writer.numbers('I', uv_coordinates)
+    # text, mesh_resource and mesh_file.
+    writer.text('')
+    writer.text('')
+    writer.text('')
+    writer.octets(b'')
+    mesh_use_embedded_materials = False
+    writer.numbers('B', mesh_use_embedded_materials)
+    return without_encapsulation(writer.message())
+
+
+_NO_TEXTURE_TEXT_AND_MESH = _nothing_more()
+
+
+def _color(line: RunwayLine) -> tuple[int, int, int]:
+    if line.role is LineRole.UNKNOWN:
+        return line_color(line.flags)
+    return ROLE_COLORS[line.role]
+
+
+def encode_vanishing_point(result: Result, header: bytes) -> bytes:
+    """A PointStamped: where the edges meet, px, z = 0; NaN while that is not known."""
+    x = y = z = math.nan
+    if isinstance(result, ApproachResult) and not math.isnan(result.vanishing_point[0]):
+        (x, y), z = result.vanishing_point, 0.0
+    writer = CdrWriter(header)
+    writer.numbers('3d', x, y, z)
+    return writer.message()
+
+
+def encode_pose(guidance: Guidance, header: bytes) -> bytes:
+    """A PoseWithCovarianceStamped: the camera in the runway's frame.
+
+    NaN with a huge variance where it is not known. The orientation is that of the camera's body
+    axes (x forward, y left, z up).
+    """
+    cr, sr = math.cos(0.5 * guidance.roll), math.sin(0.5 * guidance.roll)
+    cp, sp = math.cos(0.5 * guidance.pitch), math.sin(0.5 * guidance.pitch)
+    cy, sy = math.cos(0.5 * guidance.yaw), math.sin(0.5 * guidance.yaw)
+    quaternion = (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+    writer = CdrWriter(header)
+    writer.numbers('7d', guidance.x, guidance.y, guidance.z, *quaternion)
+    writer.numbers('36d', *guidance.covariance.ravel().tolist())
+    return writer.message()
+
+
+class _Status(NamedTuple):
+    """A diagnostic_msgs/DiagnosticStatus, its values as text."""
+
+    level: int
+    name: str
+    message: str
+    values: dict[str, str]
+
+
+def encode_corrections(result: Result, header: bytes) -> bytes:
+    """A DiagnosticArray: one status per row, for ``ros2 topic echo``."""
+    statuses = [_correction(index, line) for index, line in enumerate(result.lines)]
+    return _encode_statuses(statuses, header)
+
+
+def _correction(index: int, line: RunwayLine) -> _Status:
+    if not line.found:
+        message = 'not found'
+    elif line.corrected:
+        message = 'corrected: the old values are kept'
+    else:
+        message = 'ok'
+    return _Status(
+        level=_OK if message == 'ok' else _WARN,
+        name=_name(index, line),
+        message=message,
+        values=_texts(
+            rho=line.rho,
+            theta_deg=math.degrees(line.theta),
+            rho_flag=line.rho_flag,
+            theta_flag=line.theta_flag,
+            corrected=line.corrected,
+        ),
+    )
+
+
+def _name(index: int, line: RunwayLine) -> str:
+    if line.role is LineRole.UNKNOWN:
+        return f'line {index}'
+    return f'line {index} ({line.role.name.lower()})'
+
+
+def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
+    """A DiagnosticArray, the GUI's result section: totals first, then one status per line."""
+    total = _Status(
+        level=_OK,
+        name='runway',
+        message=f'{summary.frames} frames',
+        values=_texts(
+            frames=summary.frames,
+            rho_flags=summary.rho_flags,
+            theta_flags=summary.theta_flags,
+            combined_flags=summary.corrected,
+        ),
+    )
+    lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines)]
+    return _encode_statuses([total, *lines], header)
+
+
+def _line_statistics(index: int, line: LineSummary) -> _Status:
+    return _Status(
+        level=_OK,
+        name=f'line {index}',
+        message=f'found in {line.found} frames',
+        values=_texts(
+            found=line.found,
+            rho_flags=line.rho_flags,
+            theta_flags=line.theta_flags,
+            combined_flags=line.corrected,
+            rho_mean=line.rho_mean,
+            rho_std=line.rho_std,
+            theta_mean_deg=math.degrees(line.theta_mean),
+            theta_std_deg=math.degrees(line.theta_std),
+        ),
+    )
+
+
+def _encode_statuses(statuses: Sequence[_Status], header: bytes) -> bytes:
+    writer = CdrWriter(header)
+    writer.numbers('I', len(statuses))
+    for level, name, message, values in statuses:
+        writer.numbers('B', level)
+        writer.text(name)
+        writer.text(message)
+        hardware_id = ''
+        writer.text(hardware_id)
+        writer.numbers('I', len(values))
+        for key, value in values.items():
+            writer.text(key)
+            writer.text(value)
+    return writer.message()
+
+
+def _texts(**values: float | bool) -> dict[str, str]:
+    return {key: _text(value) for key, value in values.items()}
+
+
+def _text(value: float | bool) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'{value:.4f}' if isinstance(value, float) else str(value)

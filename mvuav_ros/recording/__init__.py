@@ -1,1 +1,0 @@
-"""Recordings (bags) in and out; knows nothing of a running ROS graph."""

@@ -1,0 +1,103 @@
+"""Image messages: decoding them, judging them, and choosing their topic."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosbags.serde import SerdeError
+
+from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
+from mvuav_ros.recordings.reading import Recording
+from mvuav_ros.recordings.recording import TopicInfo, normalised_type
+from mvuav_ros.recordings.schemas import typestore
+from mvuav_ros.recordings.serialization.compressed_size import compressed_size
+
+IMAGE = 'sensor_msgs/msg/Image'
+COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+
+
+def is_image_type(type_name: str) -> bool:
+    """Whether messages of that type are images, compressed or not."""
+    return normalised_type(type_name) in (IMAGE, COMPRESSED_IMAGE)
+
+
+def decode_message(type_name: str, data: bytes | memoryview) -> Any:
+    """Decode a message that Jazzy knows, such as Image, CompressedImage or CameraInfo.
+
+    The object has the message's ROS field names; sequences of numbers are read-only NumPy arrays
+    that look into ``data``.
+
+    Raises:
+        MalformedMessageError: the bytes are not a message of that type.
+    """
+    try:
+        # rosbags takes slices, which copies bytes but not a view: 5 instead of 11
+        # microseconds for a 640x480 mono8 image: a parser of our own would gain nothing.
+        return typestore().deserialize_cdr(memoryview(data), normalised_type(type_name))
+    except SerdeError as error:
+        reason = str(error).rstrip('.')
+        raise MalformedMessageError(f'it is no {type_name}: {reason}') from None
+    except KeyError:
+        raise MalformedMessageError(f'the type {type_name} is not known') from None
+
+
+def image_problem(message: Any) -> str:
+    """What is wrong with a decoded Image or CompressedImage, '' if nothing is seen.
+
+    A CompressedImage is not decompressed: of a JPEG or PNG only the start is looked at.
+    """
+    size = len(message.data)
+    if not hasattr(message, 'height'):
+        if size == 0:
+            return 'it holds no data'
+        kind = str(message.format).lower()
+        if 'compresseddepth' not in kind and any(name in kind for name in ('jpeg', 'jpg', 'png')):
+            return '' if compressed_size(message.data) else f'its {size} bytes are no JPEG or PNG'
+        return ''
+    if message.height == 0 or message.width == 0:
+        return f'its size is {message.width}x{message.height}'
+    if message.step < message.width:
+        return f'its rows of {message.width} pixels have only {message.step} bytes'
+    needed = message.step * message.height
+    if size < needed:
+        return f'it holds {size} bytes instead of {needed}'
+    return ''
+
+
+def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
+    """The image topic to read.
+
+    Args:
+        recording: an open recording.
+        wanted: the topic's name, with or without its leading slash; if None, the only one there
+            is (topics known to be empty do not count where another one is not).
+
+    Raises:
+        RecordingError: none fits, or several do and none is named; says which there are.
+    """
+    images = [topic for topic in recording.topics if is_image_type(topic.type)]
+    choices = ', '.join(f'{topic.name} ({_described(topic)})' for topic in images)
+    if not images:
+        names = ', '.join(topic.name for topic in recording.topics) or 'nothing readable'
+        skipped = ', '.join(f'{name} ({encoding})' for name, encoding in recording.skipped)
+        raise RecordingError(
+            f'{recording.path} has no image topic; it holds {names}'
+            + (f'; skipped, as not CDR: {skipped}' if skipped else '')
+        )
+    if wanted is None:
+        filled = [topic for topic in images if topic.message_count != 0] or images
+        if len(filled) > 1:
+            raise RecordingError(
+                f'{recording.path} has several image topics, choose one of them: {choices}'
+            )
+        return filled[0]
+    for topic in images:
+        if topic.name.lstrip('/') == wanted.lstrip('/'):
+            return topic
+    raise RecordingError(f'{recording.path} has no image topic {wanted}; choose one of: {choices}')
+
+
+def _described(topic: TopicInfo) -> str:
+    kind = topic.type.rsplit('/', 1)[-1]
+    return kind if topic.message_count is None else f'{kind}, {topic.message_count} messages'

@@ -1,0 +1,178 @@
+"""Walking through an mcap file record by record, over damage where there is some.
+
+mcap's own readers parse the records' contents; they end at the first damaged byte, and take a
+record that is cut short for a whole one. Hence this walk, which knows where a record must end
+and finds the next one behind damage.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+
+from mvuav_ros.recordings.compression import SIZE_LIMIT
+from mvuav_ros.recordings.recording import Losses
+
+MAGIC = b'\x89MCAP0\r\n'
+HEADER = struct.Struct('<BQ')
+CHUNK_HEADER = struct.Struct('<QQQII')
+MESSAGE_HEADER = struct.Struct('<HIQQ')
+
+_MINIMUM_LENGTHS = {
+    Opcode.HEADER: 8,
+    Opcode.FOOTER: 20,
+    Opcode.SCHEMA: 14,
+    Opcode.CHANNEL: 16,
+    Opcode.MESSAGE: 22,
+    Opcode.CHUNK: 40,
+    Opcode.MESSAGE_INDEX: 6,
+    Opcode.CHUNK_INDEX: 64,
+    Opcode.ATTACHMENT: 36,
+    Opcode.ATTACHMENT_INDEX: 48,
+    Opcode.STATISTICS: 46,
+    Opcode.METADATA: 8,
+    Opcode.METADATA_INDEX: 20,
+    Opcode.SUMMARY_OFFSET: 17,
+    Opcode.DATA_END: 4,
+}
+_PRIVATE_OPCODES = 0x80
+_LONGEST_COMPRESSION_NAME = 16
+_CANDIDATE = re.compile(rb'[\x02-\x0f](?=.{4}\0{4})', re.DOTALL)
+_SEARCH_BLOCK = 1 << 20
+
+
+class Frame(NamedTuple):
+    """Where a record lies; fewer bytes are ``available`` than its ``length`` if it is cut."""
+
+    opcode: int
+    body: int
+    length: int
+    available: int
+
+
+class ChunkHeader(NamedTuple):
+    """What stands before a chunk's data; times in ns, sizes in bytes."""
+
+    start_ns: int
+    end_ns: int
+    uncompressed_size: int
+    crc: int
+    compression: str
+    data_offset: int
+    data_size: int
+
+
+class RecordWalk:
+    """The records of an open mcap file in stored order."""
+
+    def __init__(self, stream: BinaryIO, name: str, losses: Losses) -> None:
+        self._stream = stream
+        self._name = name
+        self._losses = losses
+        self._size = stream.seek(0, 2)
+
+    def frames(self) -> Iterator[Frame]:
+        """Every record up to the footer; damage is stepped over and noted."""
+        offset = len(MAGIC)
+        search_from = offset
+        while offset < self._size:
+            frame = self._frame_at(offset)
+            if frame is None or not self._credible(frame):
+                found = self._next_record(search_from)
+                if found is None:
+                    self._note_end(offset)
+                    return
+                self._losses.note(
+                    (self._name, offset),
+                    f'{self._name}: damaged at byte {offset}, read on from byte {found}',
+                )
+                offset, search_from = found, found + 1
+                continue
+            if frame.opcode >= _PRIVATE_OPCODES:
+                self._losses.note(
+                    (self._name, offset),
+                    f'{self._name}: record of unknown kind {frame.opcode} skipped at byte {offset}',
+                )
+            yield frame
+            if frame.available < frame.length:
+                self._note_end(offset)
+                return
+            if frame.opcode == Opcode.FOOTER:
+                return
+            offset = frame.body + frame.length
+            # A message's length cannot be checked: if what follows makes no sense, it was wrong.
+            search_from = frame.body if frame.opcode == Opcode.MESSAGE else offset + 1
+
+    def read(self, offset: int, size: int) -> bytes:
+        """The bytes there, fewer at the file's end."""
+        self._stream.seek(offset)
+        return self._stream.read(size)
+
+    def chunk_header(self, frame: Frame) -> ChunkHeader | None:
+        """The header of a chunk; None if it contradicts the record's length."""
+        fixed = CHUNK_HEADER.size
+        head = self.read(frame.body, min(fixed + _LONGEST_COMPRESSION_NAME + 8, frame.available))
+        if len(head) < fixed:
+            return None
+        start_ns, end_ns, size, crc, name_length = CHUNK_HEADER.unpack_from(head)
+        end = fixed + name_length + 8
+        if name_length > _LONGEST_COMPRESSION_NAME or size > SIZE_LIMIT or len(head) < end:
+            return None
+        (data_size,) = struct.unpack_from('<Q', head, end - 8)
+        if end + data_size != frame.length:
+            return None
+        compression = head[fixed : end - 8].decode('ascii', 'replace')
+        return ChunkHeader(start_ns, end_ns, size, crc, compression, frame.body + end, data_size)
+
+    def _frame_at(self, offset: int) -> Frame | None:
+        head = self.read(offset, HEADER.size)
+        if len(head) < HEADER.size:
+            return None
+        opcode, length = HEADER.unpack(head)
+        minimum = 0 if opcode >= _PRIVATE_OPCODES else _MINIMUM_LENGTHS.get(opcode)
+        if minimum is None or length < minimum:
+            return None
+        body = offset + HEADER.size
+        return Frame(opcode, body, length, min(length, self._size - body))
+
+    def _credible(self, frame: Frame) -> bool:
+        """Whether the length may be true: a chunk's header repeats it, others must fit."""
+        if frame.opcode == Opcode.CHUNK:
+            return self.chunk_header(frame) is not None
+        return frame.available == frame.length
+
+    def _next_record(self, start: int) -> int | None:
+        while start < self._size:
+            # 8 bytes more, so that no candidate is split between two blocks.
+            block = self.read(start, _SEARCH_BLOCK + 8)
+            for match in _CANDIDATE.finditer(block):
+                if self._convinces(start + match.start()):
+                    return start + match.start()
+            start += _SEARCH_BLOCK
+        return None
+
+    def _convinces(self, offset: int) -> bool:
+        """Whether a chunk, the footer, or three records in a row begin there."""
+        for _ in range(3):
+            frame = self._frame_at(offset)
+            if frame is None or not self._credible(frame):
+                return False
+            if frame.opcode == Opcode.CHUNK:
+                return True
+            offset = frame.body + frame.length
+            if frame.opcode == Opcode.FOOTER:
+                return self.read(offset, len(MAGIC)) == MAGIC
+            if offset == self._size:
+                return True
+        return True
+
+    def _note_end(self, offset: int) -> None:
+        self._losses.note(
+            (self._name, 'end'),
+            f'{self._name}: cut off or damaged; '
+            f'its last {self._size - offset} bytes cannot be read in full',
+        )

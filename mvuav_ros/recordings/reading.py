@@ -1,0 +1,236 @@
+"""Opening a recording, whatever its storage and condition."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Container, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+
+from mvuav_ros.recordings import mcap_records, ros1_file
+from mvuav_ros.recordings.compression import (
+    ZSTD_MAGIC,
+    CompressionError,
+    decompress_file,
+    decompress_message,
+)
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.layout import recording_files
+from mvuav_ros.recordings.mcap_file import McapFile
+from mvuav_ros.recordings.recording import (
+    READABLE_FORMATS,
+    Losses,
+    RecordedMessage,
+    RecordingFile,
+    SkippedChannel,
+    TopicInfo,
+    counted,
+)
+from mvuav_ros.recordings.ros1_file import Ros1File
+from mvuav_ros.recordings.sqlite_file import SqliteFile
+
+_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Losses], RecordingFile]], ...] = (
+    (mcap_records.MAGIC, '.mcap', McapFile),
+    (b'SQLite format 3\0', '.db3', SqliteFile),
+    (ros1_file.MAGIC, '.bag', Ros1File),
+)
+
+
+def open_recording(path: str | os.PathLike[str]) -> Recording:
+    """Open a recording for reading.
+
+    Args:
+        path: a rosbag2 folder, a bare .mcap or .db3 file, or a ROS 1 .bag file; any of them may
+            be damaged.
+
+    Raises:
+        RecordingError: nothing can be read from there.
+    """
+    return Recording(Path(path))
+
+
+class Recording:
+    """An open recording; made by `open_recording`, and a context manager.
+
+    Attributes:
+        path: where it lies.
+        topics: what can be read, in order of first definition.
+        skipped: the channels that cannot, as their messages are not CDR.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.topics: tuple[TopicInfo, ...] = ()
+        self.skipped: tuple[SkippedChannel, ...] = ()
+        self._losses = Losses()
+        self._folder: TemporaryDirectory[str] | None = None
+        self._unpacked: tuple[Path, RecordingFile] | None = None
+        self._opened: dict[Path, RecordingFile] = {}
+        self._files: list[Path] = []
+        try:
+            self._files = self._readable_files(recording_files(path, self._losses))
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def losses(self) -> list[str]:
+        """What could not be read, in words; more may come while messages are read."""
+        return self._losses.texts
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is unusual about the recording, though nothing is lost by it."""
+        return self._losses.remarks
+
+    def messages(
+        self,
+        topics: Container[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[RecordedMessage]:
+        """The messages in the order in which they were recorded; may be called repeatedly.
+
+        Args:
+            topics: the names of the topics wanted; all if None.
+            start_ns: the first log time wanted, in ns.
+            end_ns: the first log time not wanted any more, in ns.
+
+        Raises:
+            RecordingError: a compressed file cannot be unpacked (no space).
+        """
+        for path in self._files:
+            unreadable: dict[str, int] = {}
+            try:
+                for message in self._file(path).messages(topics, start_ns, end_ns):
+                    if message.data[:4] != ZSTD_MAGIC:
+                        yield message
+                        continue
+                    try:
+                        data = decompress_message(message.data)
+                    except CompressionError:
+                        unreadable[message.topic] = unreadable.get(message.topic, 0) + 1
+                        continue
+                    yield message._replace(data=data)
+            except OSError as error:
+                self._note_io_error(path, error)
+            for topic, count in unreadable.items():
+                self._losses.note(
+                    (path, topic, 'zstd'),
+                    f'{path.name}: {counted(count, "message")} of {topic} cannot be decompressed',
+                )
+
+    def close(self) -> None:
+        """Remove what was unpacked; no message can be read any more."""
+        self._unpacked = None
+        self._opened.clear()
+        self._files.clear()
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    def _readable_files(self, paths: list[Path]) -> list[Path]:
+        topics: dict[tuple[str, str], TopicInfo] = {}
+        skipped: dict[SkippedChannel, None] = {}
+        readable: list[Path] = []
+        refusals: list[RecordingError] = []
+        for path in paths:
+            try:
+                channels = self._file(path).channels()
+            except OSError as error:
+                refusals.append(RecordingError(f'{path} cannot be read: {error.strerror or error}'))
+                continue
+            except RecordingError as error:
+                refusals.append(error)
+                continue
+            readable.append(path)
+            for channel in channels:
+                if channel.serialization_format in READABLE_FORMATS:
+                    key = (channel.name, channel.type)
+                    topics[key] = _merged(topics.get(key), channel)
+                else:
+                    skipped[SkippedChannel(channel.name, channel.serialization_format)] = None
+        if not readable:
+            raise refusals[0]
+        if not topics and not skipped:
+            reasons = '; '.join(self.losses) or 'it is empty'
+            raise RecordingError(f'{self.path} holds no readable topic: {reasons}')
+        for refusal in refusals:
+            self._losses.note(str(refusal), str(refusal))
+        self.topics = tuple(topics.values())
+        self.skipped = tuple(skipped)
+        return readable
+
+    def _file(self, path: Path) -> RecordingFile:
+        """The file at ``path``, unpacked if it is compressed as a whole."""
+        if path in self._opened:
+            return self._opened[path]
+        if self._unpacked is not None and self._unpacked[0] == path:
+            return self._unpacked[1]
+        start = _start(path)
+        if not start.startswith(ZSTD_MAGIC):
+            self._opened[path] = _opened(path, start, self._losses)
+            return self._opened[path]
+        # One unpacked file at a time, as all of a long recording might fill the disk.
+        if self._folder is not None:
+            self._folder.cleanup()
+        self._folder = TemporaryDirectory(prefix='mvuav_')
+        target = Path(self._folder.name) / path.name.removesuffix('.zstd')
+        decompress_file(path, target, self._losses)
+        self._unpacked = (path, _opened(target, _start(target), self._losses))
+        return self._unpacked[1]
+
+    def _note_io_error(self, path: Path, error: OSError) -> None:
+        self._losses.note(
+            (path, 'io'), f'{path.name}: reading ended early: {error.strerror or error}'
+        )
+
+
+def _start(path: Path) -> bytes:
+    with path.open('rb') as stream:
+        return stream.read(16)
+
+
+def _opened(path: Path, start: bytes, losses: Losses) -> RecordingFile:
+    if not start:
+        raise RecordingError(f'{path} is empty')
+    for magic, _, kind in _FORMATS:
+        if start.startswith(magic):
+            return kind(path, losses)
+    for magic, suffix, kind in _FORMATS:
+        if path.suffix == suffix and len(start) == 16 and kind is not SqliteFile:
+            losses.note((path, 'start'), f'{path.name}: its first {len(magic)} bytes are damaged')
+            return kind(path, losses)
+    if any(magic.startswith(start) for magic, _, _ in _FORMATS):
+        raise RecordingError(f'{path} was cut off within its first bytes; nothing is left')
+    raise RecordingError(
+        f'{path} is not a recording; give a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
+    )
+
+
+def _merged(known: TopicInfo | None, channel: TopicInfo) -> TopicInfo:
+    """One topic's channels (publishers, split files) as one."""
+    if known is None:
+        return channel
+    counts = (known.message_count, channel.message_count)
+    total = None if None in counts else sum(count for count in counts if count is not None)
+    return TopicInfo(
+        known.name,
+        known.type,
+        total,
+        known.serialization_format,
+        known.schema or channel.schema,
+        known.qos or channel.qos,
+    )

@@ -1,0 +1,1 @@
+"""Cameras, videos, image folders, bags and simulated flights as one stream of frames."""

@@ -1,0 +1,207 @@
+"""The images of one topic of a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
+from mvuav_ros.recordings.images import (
+    CAMERA_INFO,
+    choose_image_topic,
+    decode_message,
+    is_image_type,
+)
+from mvuav_ros.recordings.reading import Recording, open_recording
+from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
+from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
+from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import ImageError
+
+_NS = 1_000_000_000
+
+
+class BagImages:
+    """Image or CompressedImage messages with their own stamps and frames.
+
+    Attributes:
+        topic: the image topic.
+        topics: every topic that can be read.
+        camera_topic: that of the CameraInfo beside the image topic, None if there is none.
+        count: number of the images read by the newest pass; an estimate until it ends.
+    """
+
+    live = False
+    rate: float | None = None
+
+    def __init__(self, path: Path, topic: str | None = None) -> None:
+        """Find the image topic.
+
+        Args:
+            path: the bag.
+            topic: needed where the bag has several image topics.
+
+        Raises:
+            SourceError: it is not a bag, or the topic cannot be chosen.
+        """
+        self.losses: list[str] = []
+        try:
+            self._recording = open_recording(path)
+        except RecordingError as error:
+            raise SourceError(str(error)) from error
+        try:
+            chosen = choose_image_topic(self._recording, topic)
+        except RecordingError as error:
+            self._recording.close()
+            raise SourceError(str(error)) from error
+        self.topic = chosen.name
+        self.topics = tuple(topic.name for topic in self._recording.topics)
+        self.camera_topic = _camera_topic(self._recording, chosen.name)
+        self._message_count = chosen.message_count
+        self.count: int | None = chosen.message_count
+        self.name = f'bag {path.name} {self.topic}'
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is unusual about the bag, though nothing of it is lost."""
+        skipped = [
+            f'{name} is {encoding or "of no encoding"}, not CDR: skipped'
+            for name, encoding in self._recording.skipped
+        ]
+        return [*self._recording.remarks, *skipped]
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read from the start; a message that does not decode is a `BadFrame`.
+
+        A stamp of zero means that the driver did not set one: the time of recording is used.
+
+        Raises:
+            SourceError: the bag cannot be read any more.
+        """
+        for item in self.items(camera=True):
+            if not isinstance(item, RecordedMessage):
+                yield item
+
+    def items(
+        self, selection: Selection = EVERYTHING, *, others: bool = False, camera: bool = False
+    ) -> Generator[Frame | BadFrame | RecordedMessage, None, None]:
+        """Read a part of the bag in the order in which it was recorded.
+
+        Args:
+            selection: the part, by the times of recording.
+            others: also give every message as it is, an image's own before its frame.
+            camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
+
+        Raises:
+            SourceError: the bag cannot be read any more.
+        """
+        try:
+            yield from self._items(selection, others, camera)
+        except RecordingError as error:
+            raise SourceError(str(error)) from error
+        self.losses += self._recording.losses
+
+    def _items(
+        self, selection: Selection, others: bool, camera: bool
+    ) -> Iterator[Frame | BadFrame | RecordedMessage]:
+        recording = self._recording
+        wanted = {self.topic}
+        pairing = StampPairing[CameraModel, Frame]()
+        if camera and self.camera_topic is not None:
+            wanted.add(self.camera_topic)
+            if selection.is_part:
+                _add_first_camera(recording, self.camera_topic, pairing)
+        wait = len(wanted) > 1
+        origin_ns = 0
+        if selection.is_part:
+            origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
+        images = 0
+        self.count = self._estimate(selection, 0, 0)
+        window = selection.window_ns(origin_ns)
+        for message in recording.messages(None if others else wanted, *window):
+            if others:
+                yield message
+            if message.topic in wanted and message.topic == self.camera_topic:
+                _add_camera(message, pairing)
+            if message.topic == self.topic and is_image_type(message.type):
+                if images % selection.every == 0:
+                    frame = _frame(message)
+                    if isinstance(frame, Frame):
+                        pairing.add_image(frame.stamp_ns, frame)
+                    else:
+                        yield frame
+                images += 1
+                elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
+                self.count = self._estimate(selection, images, elapsed_ns)
+            yield from _paired(pairing, wait=wait)
+        yield from _paired(pairing, wait=False)
+
+    def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
+        """The number of frames that a pass gives, from the rate so far."""
+        total = self._message_count
+        if selection.is_part:
+            if elapsed_ns <= 0:
+                return None
+            rate = images / elapsed_ns * _NS
+            limits = [] if total is None else [total - selection.start_s * rate]
+            if selection.duration_s is not None:
+                limits.append(selection.duration_s * rate)
+            total = max(round(min(limits)), images) if limits else None
+        return None if total is None else -(-total // selection.every)
+
+    def close(self) -> None:
+        """Remove what was unpacked for reading."""
+        self._recording.close()
+
+
+def _camera_topic(recording: Recording, image_topic: str) -> str | None:
+    """The name that camera drivers give, beside the image topic or, if compressed, its parent."""
+    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
+    for topic in recording.topics:
+        if topic.type == CAMERA_INFO and topic.name == f'{base}/camera_info':
+            return topic.name if topic.message_count != 0 else None
+    return None
+
+
+def _add_camera(recorded: RecordedMessage, pairing: StampPairing[CameraModel, Frame]) -> bool:
+    """Whether the message could be read."""
+    try:
+        message = decode_message(recorded.type, recorded.data)
+    except MalformedMessageError:
+        return False
+    pairing.add_info(stamp_ns_of(message.header), decode_camera_info(message))
+    return True
+
+
+def _add_first_camera(
+    recording: Recording, topic: str, pairing: StampPairing[CameraModel, Frame]
+) -> None:
+    """The calibration of a part may have been published once, before the part begins."""
+    for message in recording.messages({topic}):
+        if _add_camera(message, pairing):
+            return
+
+
+def _paired(pairing: StampPairing[CameraModel, Frame], *, wait: bool) -> Iterator[Frame]:
+    while (pair := pairing.take(wait=wait)) is not None:
+        camera, frame = pair
+        yield frame if camera is None else replace(frame, camera=camera)
+
+
+def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
+    stamp_ns = recorded.stamp_ns
+    try:
+        message = decode_message(recorded.type, recorded.data)
+        header = message.header
+        stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
+        compressed = recorded.type.endswith('CompressedImage')
+        picture = (decode_compressed_image if compressed else decode_image)(message)
+    except (ImageError, MalformedMessageError) as error:
+        return BadFrame(stamp_ns, str(error))
+    return Frame(stamp_ns, header.frame_id, picture)

@@ -1,0 +1,62 @@
+"""What a source yields, and what a source is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Picture
+
+
+class SourceError(Exception):
+    """A source that cannot be opened or read, with what the user can do about it."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture with its time (ns) and the name of its coordinate frame.
+
+    Attributes:
+        camera: the calibration, usable or not, that holds for it; None where there is none.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    picture: Picture
+    camera: CameraModel | None = None
+
+
+@dataclass(frozen=True)
+class BadFrame:
+    """A picture that was there but cannot be used."""
+
+    stamp_ns: int
+    reason: str
+
+
+class FrameSource(Protocol):
+    """A stream of frames.
+
+    Attributes:
+        name: what it is, for people: ``video flight.avi``.
+        rate: frames per second as far as it is known beforehand.
+        count: number of frames as far as it is known beforehand.
+        live: True for a camera, which cannot be read faster or slower than it comes.
+        losses: what could not be read, in words; grows while frames are read.
+    """
+
+    name: str
+    rate: float | None
+    count: int | None
+    live: bool
+    losses: list[str]
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read from the start; may be called again after the end."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the device or file."""
+        ...

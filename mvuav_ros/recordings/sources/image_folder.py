@@ -1,0 +1,59 @@
+"""Folders and globs of image files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mvuav_ros.recordings.serialization.image_decoding import decode_file_bytes
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.sources.video import DEFAULT_RATE
+from mvuav_ros.vision.image import ImageError
+
+IMAGE_SUFFIXES = frozenset({'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm'})
+
+
+class ImageFolder:
+    """Image files in the order of the numbers in their names; file k has the stamp k / rate."""
+
+    live = False
+
+    def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
+        """Take the files that are images.
+
+        Args:
+            name: folder or glob, for people.
+            files: in any order.
+            rate: frames per second; 30 where not given.
+        """
+        self.name = f'images {name}'
+        self.rate: float | None = rate or DEFAULT_RATE
+        self.losses: list[str] = []
+        self._files = sorted(
+            (f for f in files if f.suffix.lower() in IMAGE_SUFFIXES), key=_natural_order
+        )
+        self.count: int | None = len(self._files)
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read from the start; a file that does not decode is a `BadFrame`."""
+        assert self.rate is not None
+        for index, file in enumerate(self._files):
+            stamp_ns = round(index * 1e9 / self.rate)
+            try:
+                picture = decode_file_bytes(np.fromfile(file, np.uint8))
+            except (ImageError, OSError) as error:
+                yield BadFrame(stamp_ns, f'{file.name}: {error}')
+            else:
+                yield Frame(stamp_ns, 'camera', picture)
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def _natural_order(file: Path) -> list[tuple[int, str]]:
+    """Sort key: image_2 before image_10."""
+    parts = re.split(r'(\d+)', file.name)
+    return [(int(p), '') if p.isdigit() else (0, p) for p in parts]

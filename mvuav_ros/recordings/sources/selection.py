@@ -1,0 +1,58 @@
+"""The part of a source that is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A stretch of time, and every so manieth frame of it.
+
+    Attributes:
+        start_s: seconds from the source's beginning; of a bag, from its first message.
+        duration_s: seconds from there; None: to the end.
+        every: only every so manieth frame of that part, beginning with the first.
+    """
+
+    start_s: float = 0.0
+    duration_s: float | None = None
+    every: int = 1
+
+    @property
+    def is_part(self) -> bool:
+        """Whether it leaves out some stretch of time."""
+        return self.start_s > 0 or self.duration_s is not None
+
+    def window_ns(self, origin_ns: int) -> tuple[int | None, int | None]:
+        """First stamp wanted and first one not wanted any more, None where there is no limit."""
+        start = origin_ns + round(self.start_s * _NS)
+        end = None if self.duration_s is None else start + round(self.duration_s * _NS)
+        return start if self.start_s > 0 else None, end
+
+    def stretch(self, frames: Iterable[Frame | BadFrame]) -> Iterator[Frame | BadFrame]:
+        """The frames in the stretch of time, of a source whose stamps rise from zero."""
+        start, end = self.window_ns(0)
+        for frame in frames:
+            if end is not None and frame.stamp_ns >= end:
+                return
+            if start is None or frame.stamp_ns >= start:
+                yield frame
+
+    def count(self, frames: int | None, rate: float | None) -> int | None:
+        """The number of frames wanted of a source that has so many at a steady rate (Hz)."""
+        if frames is None or (self.is_part and not rate):
+            return None
+        if rate:
+            frames = max(0, frames - round(self.start_s * rate))
+            if self.duration_s is not None:
+                frames = min(frames, round(self.duration_s * rate))
+        return -(-frames // self.every)
+
+
+EVERYTHING = Selection()

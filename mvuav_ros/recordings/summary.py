@@ -1,0 +1,198 @@
+"""What is inside a recording: rates, times, sizes, and what is wrong with it."""
+
+from __future__ import annotations
+
+import os
+import statistics
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mvuav_ros.recordings.errors import MalformedMessageError
+from mvuav_ros.recordings.images import (
+    decode_message,
+    image_problem,
+    is_image_type,
+)
+from mvuav_ros.recordings.reading import Recording, open_recording
+from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
+from mvuav_ros.recordings.serialization.compressed_size import compressed_size
+
+# A gap is an interval this many times the median one.
+GAP_FACTOR = 1.5
+_PROGRESS_STEP = 100
+_NS = 1_000_000_000
+
+
+@dataclass
+class ImageSummary:
+    """The images of a topic.
+
+    ``formats`` are the sizes and encodings in order of appearance: '640x480 mono8', for a
+    compressed image '640x480 jpeg' or, if it is neither JPEG nor PNG, its format alone.
+    ``malformed`` images are counted, with the first one's problem in words.
+    ``header_jumps_back`` counts header stamps earlier than the one before.
+    """
+
+    formats: list[str] = field(default_factory=list)
+    malformed: int = 0
+    first_problem: str = ''
+    header_jumps_back: int = 0
+
+
+@dataclass
+class TopicSummary:
+    """One topic; stamps are log times in ns since the epoch, None without messages.
+
+    ``rate_hz`` is the inverse of the median interval, None for fewer than two messages. ``gaps``
+    are intervals of more than 1.5 times the median one; ``jumps_back`` counts log stamps earlier
+    than the one before.
+    """
+
+    name: str
+    type: str
+    count: int = 0
+    rate_hz: float | None = None
+    first_stamp_ns: int | None = None
+    last_stamp_ns: int | None = None
+    duration_s: float = 0.0
+    gaps: int = 0
+    longest_gap_s: float = 0.0
+    jumps_back: int = 0
+    images: ImageSummary | None = None
+
+
+@dataclass
+class SkippedSummary:
+    """A channel that was not read, as its messages are not CDR."""
+
+    name: str
+    encoding: str
+
+
+@dataclass
+class RecordingSummary:
+    """A whole recording; ``duration_s`` is from the earliest to the latest log stamp.
+
+    ``losses`` tells what could not be read, ``remarks`` what is unusual though nothing is lost.
+    """
+
+    path: str
+    topics: list[TopicSummary]
+    messages: int
+    first_stamp_ns: int | None
+    last_stamp_ns: int | None
+    duration_s: float
+    skipped: list[SkippedSummary]
+    losses: list[str]
+    remarks: list[str]
+
+
+def summarise(
+    path: str | os.PathLike[str], progress: Callable[[int, int | None], None] = lambda *_: None
+) -> RecordingSummary:
+    """Read through a recording and summarise it.
+
+    Args:
+        path: of the recording.
+        progress: told now and then the number of messages read, and of all as far as known.
+
+    Raises:
+        RecordingError: nothing can be read from there.
+    """
+    with open_recording(path) as recording:
+        return summarise_recording(recording, progress)
+
+
+def summarise_recording(
+    recording: Recording, progress: Callable[[int, int | None], None] = lambda *_: None
+) -> RecordingSummary:
+    """As `summarise`, for a recording that is open."""
+    counts = [topic.message_count for topic in recording.topics]
+    total = None if None in counts else sum(count for count in counts if count is not None)
+    tallies = {(topic.name, topic.type): _Tally(topic) for topic in recording.topics}
+    for number, message in enumerate(recording.messages()):
+        tallies[message.topic, message.type].add(message)
+        if number % _PROGRESS_STEP == 0:
+            progress(number, total)
+    topics = [tally.summary() for tally in tallies.values()]
+    firsts = [topic.first_stamp_ns for topic in topics if topic.first_stamp_ns is not None]
+    lasts = [topic.last_stamp_ns for topic in topics if topic.last_stamp_ns is not None]
+    return RecordingSummary(
+        path=str(recording.path),
+        topics=topics,
+        messages=sum(topic.count for topic in topics),
+        first_stamp_ns=min(firsts, default=None),
+        last_stamp_ns=max(lasts, default=None),
+        duration_s=(max(lasts) - min(firsts)) / _NS if firsts else 0.0,
+        skipped=[SkippedSummary(name, encoding) for name, encoding in recording.skipped],
+        losses=recording.losses,
+        remarks=recording.remarks,
+    )
+
+
+class _Tally:
+    """Counts one topic's messages as they come."""
+
+    def __init__(self, topic: TopicInfo) -> None:
+        images = ImageSummary() if is_image_type(topic.type) else None
+        self._summary = TopicSummary(topic.name, topic.type, images=images)
+        # Eight bytes per message: the median needs them all.
+        self._intervals = array('q')
+        self._previous_ns = 0
+        self._previous_header_ns: int | None = None
+
+    def add(self, message: RecordedMessage) -> None:
+        summary = self._summary
+        stamp_ns = message.stamp_ns
+        if summary.first_stamp_ns is None or summary.last_stamp_ns is None:
+            summary.first_stamp_ns = summary.last_stamp_ns = stamp_ns
+        else:
+            self._intervals.append(stamp_ns - self._previous_ns)
+            summary.first_stamp_ns = min(summary.first_stamp_ns, stamp_ns)
+            summary.last_stamp_ns = max(summary.last_stamp_ns, stamp_ns)
+        self._previous_ns = stamp_ns
+        summary.count += 1
+        if summary.images is not None:
+            self._add_image(summary.images, message)
+
+    def _add_image(self, images: ImageSummary, message: RecordedMessage) -> None:
+        try:
+            image = decode_message(message.type, message.data)
+        except MalformedMessageError as error:
+            self._add_problem(images, str(error))
+            return
+        stamp = image.header.stamp
+        header_ns = stamp.sec * _NS + stamp.nanosec
+        if self._previous_header_ns is not None and header_ns < self._previous_header_ns:
+            images.header_jumps_back += 1
+        self._previous_header_ns = header_ns
+        if problem := image_problem(image):
+            self._add_problem(images, problem)
+        elif (text := _format(image)) not in images.formats:
+            images.formats.append(text)
+
+    def _add_problem(self, images: ImageSummary, problem: str) -> None:
+        images.malformed += 1
+        images.first_problem = images.first_problem or problem
+
+    def summary(self) -> TopicSummary:
+        summary = self._summary
+        if summary.first_stamp_ns is not None and summary.last_stamp_ns is not None:
+            summary.duration_s = (summary.last_stamp_ns - summary.first_stamp_ns) / _NS
+        forward = [interval for interval in self._intervals if interval >= 0]
+        summary.jumps_back = len(self._intervals) - len(forward)
+        if forward and (median := statistics.median(forward)) > 0:
+            gaps = [interval for interval in forward if interval > GAP_FACTOR * median]
+            summary.rate_hz = _NS / median
+            summary.gaps = len(gaps)
+            summary.longest_gap_s = max(gaps, default=0) / _NS
+        return summary
+
+
+def _format(image: Any) -> str:
+    if hasattr(image, 'height'):
+        return f'{image.width}x{image.height} {image.encoding}'
+    size = compressed_size(image.data)
+    return f'{size[0]}x{size[1]} {image.format}' if size else str(image.format)

@@ -1,0 +1,317 @@
+"""Writing a recording as an mcap file that is readable however the writing ends."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+
+from mcap.records import Channel, Header
+from mcap.records import Schema as SchemaRecord
+
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.mcap_chunks import Chunk, Summary, record_bytes
+from mvuav_ros.recordings.mcap_records import MAGIC
+from mvuav_ros.recordings.recording import RecordedMessage, Schema, normalised_type
+from mvuav_ros.recordings.schemas import schema_of, type_hash
+
+LIBRARY = 'mvuav_ros'
+"""What the files' headers name as their maker."""
+
+_CHUNK_BYTES = 1 << 20
+# Chunks end by the messages' own time, so that the same messages give the same file; only where
+# the processing is slower than half of real time does the clock on the wall have to end them.
+_CHUNK_NS = 500_000_000
+_CHUNK_WALL_S = 0.8
+_MOST_WAITING = 4
+
+# Reliable, volatile, the last ten: as numbers, which every ROS 2 release's rosbag2 reads.
+RELIABLE_QOS = """\
+- history: 1
+  depth: 10
+  reliability: 1
+  durability: 2
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: 1
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
+
+
+class RecordingWriter:
+    """Writes messages to a .mcap file with zstd chunks and embedded schemas.
+
+    A context manager: the file is completed at the end, also when the user interrupts
+    (KeyboardInterrupt, SystemExit). After any other exception everything so far is in the file,
+    but the end mark is left out, so that it does not look complete. A process that is killed
+    leaves what is older than a second. Messages are compressed and written by a thread of its
+    own.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        overwrite: bool = False,
+        metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+    ) -> None:
+        """Create the file.
+
+        Args:
+            path: where to; ends in '.mcap'.
+            overwrite: whether a file that exists may be replaced.
+            metadata: records by name, written at once at the file's beginning.
+
+        Raises:
+            RecordingError: the file exists or cannot be created.
+        """
+        self.path = Path(path)
+        self._file = _created(self.path, overwrite)
+        self._end = 0
+        self._summary = Summary()
+        self._schemas: dict[tuple[str, Schema | None], int] = {}
+        self._channels: dict[tuple[str, str, Schema | None], _Channel] = {}
+        # The last one is being filled; appending an empty one hands it over in a single step,
+        # so that Ctrl-C at any moment loses and doubles nothing.
+        self._chunks = deque([Chunk()])
+        self._since = 0.0
+        self._changed = threading.Condition()
+        self._closed = False
+        self._error: Exception | None = None
+        self._conclusions: list[tuple[str, Mapping[str, str]]] = []
+        start = MAGIC + record_bytes(Header('ros2', LIBRARY))
+        for name, values in metadata.items():
+            start += self._summary.add_metadata(name, values, len(start))
+        try:
+            self._append(start)
+        except OSError as error:
+            os.close(self._file)
+            raise self._failure(error) from None
+        self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is not None and issubclass(kind, Exception):
+            with suppress(RecordingError):
+                self._finish(complete=False)
+            return
+        self.close()
+
+    def write(
+        self,
+        topic: str,
+        type: str,
+        stamp_ns: int,
+        cdr: bytes | memoryview,
+        schema: Schema | None = None,
+        qos: str = RELIABLE_QOS,
+    ) -> None:
+        """Write one message.
+
+        Args:
+            topic: the topic's full name.
+            type: 'pkg/msg/Type'.
+            stamp_ns: the log and publishing time in ns since the epoch.
+            cdr: the message with its four-byte CDR header.
+            schema: the type's definition; Jazzy's if None.
+            qos: the publisher's profiles as rosbag2 writes them.
+
+        Raises:
+            RecordingError: the file cannot be written, such as when the disk is full.
+        """
+        with self._changed:
+            self._raise_error()
+            if self._closed:
+                raise RecordingError(f'{self.path} is already closed')
+            channel = self._channels.get((topic, type, schema))
+            if channel is None:
+                channel = self._new_channel(topic, type, schema, qos)
+            # ROS clocks start at zero; an mcap file holds no earlier time.
+            stamp_ns = max(stamp_ns, 0)
+            if not self._chunks[-1].takes(stamp_ns, _CHUNK_NS):
+                self._hand_over()
+            chunk = self._chunks[-1]
+            if chunk.message_count == 0:
+                self._since = time.monotonic()
+                self._changed.notify_all()
+            channel.sequence += 1
+            chunk.add(channel.id, channel.sequence, stamp_ns, cdr)
+            if chunk.size >= _CHUNK_BYTES:
+                self._hand_over()
+
+    def copy(self, message: RecordedMessage) -> None:
+        """Write a message of another recording with its own definition and QoS.
+
+        Raises:
+            RecordingError: the file cannot be written, such as when the disk is full.
+        """
+        self.write(
+            message.topic,
+            message.type,
+            message.stamp_ns,
+            message.data,
+            message.schema,
+            message.qos,
+        )
+
+    def conclude(self, name: str, values: Mapping[str, str]) -> None:
+        """Have a record of metadata written at the end of a file that becomes complete."""
+        self._conclusions.append((name, values))
+
+    def close(self) -> None:
+        """Write what is left, and the end that makes the file complete.
+
+        Raises:
+            RecordingError: the file cannot be written; it then ends after the last whole chunk.
+        """
+        if not self._closed:
+            self._finish(complete=True)
+
+    def _finish(self, complete: bool) -> None:
+        with self._changed:
+            if self._closed:
+                return
+            self._closed = True
+            self._changed.notify_all()
+        self._thread.join()
+        try:
+            if complete and self._error is None:
+                for name, values in self._conclusions:
+                    self._append(self._summary.add_metadata(name, values, self._end))
+                self._append(self._summary.encode(self._end))
+        except OSError as error:
+            self._error = error
+        try:
+            os.close(self._file)
+        except OSError as error:
+            self._error = self._error or error
+        self._raise_error()
+
+    def _new_channel(self, topic: str, type: str, schema: Schema | None, qos: str) -> _Channel:
+        kind = normalised_type(type)
+        text = schema or schema_of(kind)
+        schema_id = self._schemas.get((kind, text))
+        if schema_id is None:
+            schema_id = self._schemas[kind, text] = len(self._schemas) + 1
+            record = SchemaRecord(
+                id=schema_id,
+                data=text.text.encode() if text else b'',
+                encoding=text.encoding if text else '',
+                name=kind,
+            )
+            self._chunks[-1].define(record)
+            self._summary.define(record)
+        metadata = {'offered_qos_profiles': qos}
+        if text == schema_of(kind) and type_hash(kind):
+            metadata['topic_type_hash'] = type_hash(kind)
+        channel = Channel(
+            id=len(self._channels) + 1,
+            topic=topic,
+            message_encoding='cdr',
+            metadata=metadata,
+            schema_id=schema_id,
+        )
+        self._chunks[-1].define(channel)
+        self._summary.define(channel)
+        self._channels[topic, type, schema] = _Channel(channel.id)
+        return self._channels[topic, type, schema]
+
+    def _hand_over(self) -> None:
+        """Begin a new chunk, once the thread keeps up; the lock is held."""
+        while len(self._chunks) > _MOST_WAITING and self._error is None:
+            self._changed.wait()
+        self._raise_error()
+        if self._chunks[-1].message_count:
+            self._chunks.append(Chunk())
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        """Write the chunks that are handed over, and the last one when it gets old."""
+        while (chunk := self._next_chunk()) is not None:
+            try:
+                encoded = chunk.encode(self._end)
+                self._append(encoded.data)
+                self._summary.add(chunk, encoded.index_record)
+            except Exception as error:
+                with self._changed:
+                    self._error = error
+                    self._changed.notify_all()
+                return
+
+    def _next_chunk(self) -> Chunk | None:
+        """Wait for a chunk to write; None at the end."""
+        with self._changed:
+            while len(self._chunks) == 1 and not self._closed:
+                if self._chunks[0].message_count == 0:
+                    self._changed.wait()
+                    continue
+                left = self._since + _CHUNK_WALL_S - time.monotonic()
+                if left > 0:
+                    self._changed.wait(left)
+                else:
+                    self._chunks.append(Chunk())
+            chunk = self._chunks.popleft() if self._chunks else None
+            self._changed.notify_all()
+            return chunk if chunk is not None and chunk.size else None
+
+    def _append(self, data: bytes) -> None:
+        """Write all of ``data``, or nothing if that fails."""
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._file, view) :]
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file, self._end)
+            raise
+        self._end += len(data)
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            raise self._failure(self._error)
+
+    def _failure(self, error: Exception) -> RecordingError:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        return RecordingError(
+            f'{reason}: {self.path} cannot be written; what it holds so far can be read'
+        )
+
+
+class _Channel:
+    """A channel's number, and that of its last message."""
+
+    __slots__ = ('id', 'sequence')
+
+    def __init__(self, channel_id: int) -> None:
+        self.id = channel_id
+        self.sequence = 0
+
+
+def _created(path: Path, overwrite: bool) -> int:
+    """The descriptor of the new file."""
+    if path.suffix != '.mcap':
+        raise RecordingError(f'{path}: the name of a recording must end in .mcap')
+    if path.is_dir():
+        raise RecordingError(f'{path} is a folder; give the name of a file')
+    try:
+        if overwrite:
+            # Not truncated in place: someone may be reading the old file.
+            path.unlink(missing_ok=True)
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    except FileExistsError:
+        raise RecordingError(f'{path} exists; choose another name or allow overwriting') from None
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

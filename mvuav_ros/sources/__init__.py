@@ -1,1 +1,0 @@
-"""Cameras, video files, image folders and bags as one stream of frames."""

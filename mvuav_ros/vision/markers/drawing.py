@@ -1,0 +1,91 @@
+"""The frame with what was found drawn on it: labelled markers, predictions, search windows."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
+
+Color = tuple[int, int, int]
+
+RED, GREEN, BLUE = (60, 60, 255), (80, 220, 80), (255, 140, 60)
+YELLOW, WHITE, BLACK = (0, 220, 255), (255, 255, 255), (0, 0, 0)
+
+COLORS: dict[int, Color] = {
+    Label.LEFT_WING: GREEN,
+    Label.LEFT_STABILIZER: GREEN,
+    Label.RUDDER: BLUE,
+    Label.RIGHT_STABILIZER: RED,
+    Label.RIGHT_WING: RED,
+    Label.UNLABELLED: YELLOW,
+}
+
+
+def draw_markers(picture: Picture, result: MarkerResult) -> NDArray[np.uint8]:
+    """Draw the result on a copy of the frame.
+
+    Stars for wings, circles for stabilizers, a diamond for the rudder; red right, green left,
+    blue centre; unlabelled clusters are yellow circles. A predicted marker is drawn thin and in
+    yellow. Windows searched are thin rectangles. Roll and status stand at the top.
+
+    Returns:
+        (height, width, 3) uint8, blue first.
+    """
+    image = picture.bgr().copy()
+    size = max(5, round(min(image.shape[:2]) / 60))
+    for window in result.windows:
+        cv2.rectangle(
+            image, (window.x0 - 1, window.y0 - 1), (window.x1 + 1, window.y1 + 1), WHITE, 1
+        )
+    for marker in result.markers:
+        if marker.state is not MarkerState.LOST:
+            _draw_marker(image, marker, size)
+    _write(image, _caption(result), size)
+    return image
+
+
+def _draw_marker(image: NDArray[np.uint8], marker: Marker, size: int) -> None:
+    color = YELLOW if marker.state is MarkerState.PREDICTED else COLORS.get(marker.label, YELLOW)
+    thickness = 1 if marker.state is MarkerState.PREDICTED else 2
+    # A wild prediction may lie anywhere; OpenCV takes 32-bit coordinates.
+    x, y = (int(np.clip(round(v), -(2**20), 2**20)) for v in (marker.x, marker.y))
+    if marker.label in (Label.LEFT_WING, Label.RIGHT_WING):
+        outline = _star(x, y, size)
+    elif marker.label is Label.RUDDER:
+        outline = np.array([(x, y - size), (x + size, y), (x, y + size), (x - size, y)], np.int32)
+    else:
+        cv2.circle(image, (x, y), size, color, thickness, cv2.LINE_AA)
+        return
+    cv2.polylines(image, [outline], True, color, thickness, cv2.LINE_AA)
+
+
+def _star(x: int, y: int, size: int) -> NDArray[np.int32]:
+    """Ten corners, alternating between the outer radius and 0.4 of it."""
+    angles = -math.pi / 2 + np.arange(10) * math.pi / 5
+    radii = 1.4 * size * np.where(np.arange(10) % 2 == 0, 1.0, 0.4)
+    corners = np.column_stack((x + radii * np.cos(angles), y + radii * np.sin(angles)))
+    return np.round(corners).astype(np.int32)
+
+
+def _caption(result: MarkerResult) -> str:
+    words = []
+    if not math.isnan(result.roll):
+        words.append(f'roll {math.degrees(result.roll):+.1f} deg')
+    if result.status:
+        words.append(result.status)
+    elif result.markers and result.markers[0].label is Label.UNLABELLED:
+        words.append(f'{len(result.markers)} clusters')
+    return '   '.join(words)
+
+
+def _write(image: NDArray[np.uint8], text: str, size: int) -> None:
+    scale = size / 16
+    # A shadow instead of an outline: OpenCV 5 draws thicker letters wider.
+    for color, shift in ((BLACK, 1), (WHITE, 0)):
+        place = (2 * size + shift, 3 * size + shift)
+        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)

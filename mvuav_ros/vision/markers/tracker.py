@@ -1,0 +1,89 @@
+"""The marker programs behind one call per frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.detection import detect, detect_any
+from mvuav_ros.vision.markers.identity import IdentityTracker
+from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.thesis_tracker import MarkerTracker
+from mvuav_ros.vision.rig import TANKER_747, BodyLayout
+
+if TYPE_CHECKING:
+    from mvuav_ros.vision.markers.multi_object import AnyLightsTracker
+
+
+class MarkerPipeline:
+    """Finds the markers in one frame after the other, in the mode that the parameters name."""
+
+    def __init__(
+        self,
+        parameters: MarkerTrackerParameters | None = None,
+        layout: BodyLayout = TANKER_747,
+    ) -> None:
+        """Prepare for the first frame.
+
+        Args:
+            parameters: the defaults if None.
+            layout: the body whose markers are named.
+        """
+        self.parameters = parameters or MarkerTrackerParameters()
+        self.layout = layout
+        self.reset()
+
+    def configure(self, parameters: MarkerTrackerParameters) -> None:
+        """Use other parameters from the next frame on.
+
+        A change of mode starts afresh, and so does one between the thesis's tracking and ours.
+        """
+        before, self.parameters = self.parameters, parameters
+        if _program(parameters) != _program(before):
+            self.reset()
+
+    def reset(self) -> None:
+        """Forget all earlier frames."""
+        self._tracker = self._make_tracker()
+        self._first_stamp_ns: int | None = None
+        self._last_stamp_ns: int | None = None
+
+    def _make_tracker(self) -> MarkerTracker | IdentityTracker | AnyLightsTracker:
+        if self.parameters.mode == 'track_any':
+            # It imports SciPy's optimizers, which took more than half of a node's start.
+            from mvuav_ros.vision.markers.multi_object import AnyLightsTracker
+
+            return AnyLightsTracker()
+        if self.parameters.prediction == 'kalman':
+            return IdentityTracker(self.layout)
+        return MarkerTracker()
+
+    def process(self, picture: Picture, stamp_ns: int) -> MarkerResult:
+        """Find the markers in the next frame.
+
+        Args:
+            picture: the frame.
+            stamp_ns: its time, ns.
+
+        Raises:
+            ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one
+                (see `reset`).
+            ImageError: the picture does not convert to grey.
+        """
+        if self.parameters.mode == 'detect':
+            return detect(picture, self.parameters)
+        if self.parameters.mode == 'detect_any':
+            return detect_any(picture, self.parameters)
+        if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
+            raise ValueError(f'stamp {stamp_ns} ns is not later than {self._last_stamp_ns} ns')
+        self._last_stamp_ns = stamp_ns
+        if self._first_stamp_ns is None:
+            self._first_stamp_ns = stamp_ns
+        # Since the first frame, because seconds since 1970 leave a float 0.2 µs of resolution.
+        time = (stamp_ns - self._first_stamp_ns) * 1e-9
+        return self._tracker.track(picture, time, self.parameters)
+
+
+def _program(parameters: MarkerTrackerParameters) -> tuple[str, bool]:
+    return parameters.mode, parameters.prediction == 'kalman'

@@ -1,0 +1,182 @@
+"""The runway scheme of chapter 4.3 behind one call per frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
+from mvuav_ros.vision.runway.edges import detect_edges, open_vertically, select_channel
+from mvuav_ros.vision.runway.hough import HoughGrid
+from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
+from mvuav_ros.vision.runway.peaks import find_peaks
+from mvuav_ros.vision.runway.results import RunwayLine, RunwayResult, RunwayWorkings
+from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
+
+
+class RunwayPipeline:
+    """Finds lines in one frame after the other.
+
+    Not safe for calls from several threads at once.
+    """
+
+    def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
+        self._parameters = parameters or RunwayDetectorParameters()
+        self._correction = RhoThetaCorrection(self._parameters)
+        self._statistics = RunwayStatistics()
+        self._grid: HoughGrid | None = None
+        self._grid_key: tuple[int, int, float, float] | None = None
+        self._frame_size: tuple[int, int] | None = None
+
+    @property
+    def parameters(self) -> RunwayDetectorParameters:
+        """The parameters of the next frame."""
+        return self._parameters
+
+    def configure(self, parameters: RunwayDetectorParameters) -> None:
+        """Use other parameters from the next frame on.
+
+        Known lines stay comparable, since they are kept on the whole frame, in px and rad: none
+        is forgotten, except rows beyond a smaller ``num_peaks``.
+        """
+        self._parameters = parameters
+        self._correction.configure(parameters)
+
+    def reset(self) -> None:
+        """Forget the lines of earlier frames; statistics go on."""
+        self._correction.reset()
+        self._frame_size = None
+
+    def reset_statistics(self) -> None:
+        """Begin the statistics at zero; known lines stay."""
+        self._statistics.reset()
+
+    def statistics(self) -> RunwaySummary:
+        """Statistics of the frames since construction or `reset_statistics`."""
+        return self._statistics.summary()
+
+    def process(self, image: Image, stamp_ns: int) -> RunwayResult:
+        """Find the lines of the next frame.
+
+        A frame in which none can be found gives a result that says so. A frame of another size
+        than the last one resets the known lines, which have no meaning on it.
+
+        Args:
+            image: (height, width) uint8 or uint16, or (height, width, 3) uint8 or uint16, blue
+                first; any size, also none. It is neither changed nor copied.
+            stamp_ns: its time, ns; handed through.
+
+        Raises:
+            ValueError: the image has another shape or type.
+        """
+        _check_format(image)
+        height, width = image.shape[:2]
+        if image.size and self._frame_size != (height, width):
+            self._correction.reset()
+            self._frame_size = (height, width)
+        first, last, status = self._rows(height, width)
+        workings = RunwayWorkings(image)
+        if first < last:
+            workings, trouble = self._measure(image, first, last)
+            status = trouble or status
+        measured = _lines_on_frame(workings, first)
+        rows = self._correction.correct(measured)
+        votes = [float(peak.votes) for peak in workings.peaks]
+        lines = tuple(_line(row, measured, votes, width, height) for row in rows)
+        self._statistics.add(lines)
+        return RunwayResult(stamp_ns, width, height, (first, last), lines, status, workings)
+
+    def _rows(self, height: int, width: int) -> tuple[int, int, str]:
+        """The rows to search, [first, last), and what is wrong with them."""
+        first, last = self._parameters.start_row, self._parameters.end_row
+        if not (height and width):
+            return 0, 0, f'the frame is empty ({width} x {height})'
+        if not last:
+            return 0, height, ''
+        if first >= height:
+            return height, height, f'rows {first} to {last} are outside the {height} rows'
+        if last > height:
+            return first, height, f'rows {first} to {last} are cut off at {height}'
+        return first, last, ''
+
+    def _measure(self, image: Image, first: int, last: int) -> tuple[RunwayWorkings, str]:
+        """Take the rows [first, last) through to the peaks; and why there are none."""
+        parameters = self._parameters
+        gray = select_channel(image[first:last], parameters.channel)
+        edges = detect_edges(gray, parameters.edge_threshold, thinning=parameters.edge_thinning)
+        edges = open_vertically(edges, parameters.opening_length)
+        try:
+            grid = self._grid_for(*gray.shape)
+        except ValueError as error:
+            return RunwayWorkings(image, gray, edges), str(error)
+        accumulator = grid.accumulate(edges)
+        peaks = find_peaks(
+            accumulator,
+            parameters.num_peaks,
+            parameters.peak_threshold,
+            parameters.peak_neighborhood_rho,
+            parameters.peak_neighborhood_theta,
+        )
+        reach = parameters.peak_neighborhood_rho // 2, parameters.peak_neighborhood_theta // 2
+        workings = RunwayWorkings(image, gray, edges, grid, accumulator, tuple(peaks), reach)
+        if peaks:
+            return workings, ''
+        strongest = int(accumulator.max())
+        if strongest == 0:
+            return workings, f'no edge in rows {first} to {last}'
+        return workings, (
+            f'no peak has {parameters.peak_threshold} votes; the strongest has {strongest}'
+        )
+
+    def _grid_for(self, rows: int, width: int) -> HoughGrid:
+        parameters = self._parameters
+        key = (rows, width, parameters.rho_resolution, parameters.theta_resolution_deg)
+        if self._grid is None or key != self._grid_key:
+            self._grid, self._grid_key = HoughGrid(*key), key
+        return self._grid
+
+
+def _check_format(image: Image) -> None:
+    if image.dtype not in (np.uint8, np.uint16) or not (
+        image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
+    ):
+        raise ValueError(
+            'the image must be (height, width) or (height, width, 3) of uint8 or uint16, not '
+            f'{image.shape} of {image.dtype}'
+        )
+
+
+def _lines_on_frame(workings: RunwayWorkings, first_row: int) -> list[NormalForm]:
+    grid = workings.grid
+    if grid is None:
+        return []
+    return [
+        NormalForm(float(grid.rho[peak.rho_index]), float(grid.theta[peak.theta_index]))
+        .moved_down(first_row)
+        .normalised()
+        for peak in workings.peaks
+    ]
+
+
+def _line(
+    row: CorrectedLine, measured: list[NormalForm], votes: list[float], width: int, height: int
+) -> RunwayLine:
+    if row.measured is None or row.line is None:
+        return RunwayLine()
+    raw = measured[row.measured]
+    x, y, x2, y2 = segment_ends(row.line, width, height)
+    return RunwayLine(
+        peak=row.measured,
+        rho=row.line.rho,
+        theta=row.line.theta,
+        votes=votes[row.measured],
+        rho_raw=raw.rho,
+        theta_raw=raw.theta,
+        rho_flag=row.rho_flag,
+        theta_flag=row.theta_flag,
+        x=x,
+        y=y,
+        x2=x2,
+        y2=y2,
+    )

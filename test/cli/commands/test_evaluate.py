@@ -1,0 +1,147 @@
+import csv
+import json
+import re
+
+import pytest
+from support.flights import write_bag
+from typer.testing import CliRunner
+
+from mvuav_ros.cli.app import app
+from mvuav_ros.offline.sweep.run import in_order, parse_axis, plan_runs, sweep
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.errors import RecordingError
+
+FLIGHT = 'sim:tanker?frames=6&noise=0'
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def rows_of(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_an_axis_has_the_parameters_type():
+    axis = parse_axis('marker_tracker:search_radius:=4, 6,8')
+    assert (axis.title, axis.values) == ('marker_tracker:search_radius', (4, 6, 8))
+    assert parse_axis('marker_tracker:threshold:=1,0.5').values == (1.0, 0.5)
+    assert parse_axis('marker_tracker:prediction:=velocity').values == ('velocity',)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'marker_tracker:search_radius',
+        'marker_tracker:search_radius:=',
+        'marker_tracker:search_radius:=4,,6',
+        'marker_tracker:search_radius:=4,zero',
+        'marker_tracker:search_radius:=4,0',
+        'marker_tracker:nothing:=4',
+        'nobody:search_radius:=4',
+        'search_radius:=4',
+    ],
+)
+def test_an_axis_that_cannot_be_is_refused(text):
+    with pytest.raises(ParameterError):
+        parse_axis(text)
+
+
+def test_runs_cover_the_grid_on_every_input():
+    axes = [
+        parse_axis('marker_tracker:search_radius:=4,6,8'),
+        parse_axis('runway_detector:num_peaks:=2,3'),
+    ]
+    base = {'marker_tracker': {'threshold': 0.6}, 'runway_detector': {}}
+    runs = plan_runs(['a', 'b'], axes, base)
+    assert [r.number for r in runs] == list(range(1, 13))
+    assert {(r.source, *r.values) for r in runs} == {
+        (s, radius, peaks) for s in 'ab' for radius in (4, 6, 8) for peaks in (2, 3)
+    }
+    for planned in runs:
+        radius, peaks = planned.values
+        assert planned.parameters == {
+            'marker_tracker': {'threshold': 0.6, 'search_radius': radius},
+            'runway_detector': {'num_peaks': peaks},
+        }
+    with pytest.raises(ParameterError, match='twice'):
+        plan_runs(['a'], [axes[0], axes[0]], base)
+
+
+def numbers(results):
+    """Everything but times."""
+    return [
+        # As text, since NaN is not equal to itself.
+        (r.run.values, r.error, repr([m for m in r.metrics if 'time' not in m.group]))
+        for r in in_order(results)
+    ]
+
+
+def test_processes_and_dask_give_the_same_numbers():
+    distributed = pytest.importorskip('distributed')
+    axes = [parse_axis('marker_tracker:threshold:=0.5,0.999')]
+    runs = plan_runs([FLIGHT, 'nothing.mcap'], axes, {'marker_tracker': {}})
+    here = numbers(sweep(runs))
+    assert [bool(error) for _, error, _ in here] == [False, False, True, True]
+    assert here[0][2] != here[1][2]
+    assert numbers(sweep(runs, jobs=2)) == here
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, protocol='tcp', dashboard_address=None
+    ) as cluster:
+        assert numbers(sweep(runs, dask=cluster.scheduler_address)) == here
+
+
+def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
+    out = tmp_path / 'out'
+    given = ('--param', 'runway_detector:rho_error_threshold:=1,1000', '-o', out)
+    flight = 'sim:runway?frames=12&width=320&height=240&motion=s_turn&start_distance=100'
+    result = run('sweep', flight, tmp_path / 'none.mcap', *given)
+    assert result.exit_code == 1
+    assert 'failed' in result.output
+    rows = rows_of(out / 'sweep.csv')
+    assert [row['runway_detector:rho_error_threshold'] for row in rows] == ['1', '1000'] * 2
+    assert [bool(row['error']) for row in rows] == [False, False, True, True]
+    assert float(rows[0]['rho flags']) > float(rows[1]['rho flags']) == 0.0
+    for name in ('trends_subplot', 'trend_flag_counts', 'grouped_average_rho'):
+        assert (out / f'{name}.png').stat().st_size > 5000
+    page = (out / 'index.html').read_text()
+    assert 'rho_error_threshold' in page
+    assert not re.search(r'(src|href)="http', page)
+    with pytest.raises(RecordingError, match='--force'):
+        run('sweep', flight, *given)
+
+
+@pytest.mark.parametrize('command', [('evaluate',), ('evaluate', 'bag')])
+def test_evaluate_takes_a_bag(tmp_path, command):
+    bag = write_bag(tmp_path / 'flight.mcap', results=True)
+    out = tmp_path / 'out'
+    result = run(*command, bag, '-o', out)
+    assert result.exit_code == 0
+    assert 'detected markers, RMS error' in result.output
+    report = json.loads((out / 'report.json').read_text())
+    assert report['settings']['results'] == "the bag's own"
+    assert {row['marker'] for row in report['tables']['markers']} >= {'rudder', 'all five'}
+    with pytest.raises(RecordingError, match='--force'):
+        run(*command, bag, '-o', out)
+    changed = run(*command, bag, '-o', out, '--force', '--param', 'marker_tracker:threshold:=0.5')
+    assert changed.exit_code == 0
+    assert 'replayed' in json.loads((out / 'report.json').read_text())['settings']['results']
+
+
+def test_evaluate_runs_the_node_where_the_bag_has_no_results(tmp_path):
+    bag = write_bag(tmp_path / 'flight.mcap', results=False)
+    assert run('evaluate', bag, '-o', tmp_path / 'out').exit_code == 0
+    assert (tmp_path / 'out' / 'roll_over_time.png').exists()
+
+
+def test_evaluate_needs_truth(tmp_path):
+    from mvuav_ros.recordings.writing import RecordingWriter
+
+    with RecordingWriter(tmp_path / 'empty.mcap'):
+        pass
+    with pytest.raises(RecordingError, match='truth'):
+        run('evaluate', tmp_path / 'empty.mcap', '-o', tmp_path / 'out')

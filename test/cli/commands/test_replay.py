@@ -1,0 +1,410 @@
+"""One recording in, one bag out: what the options of `mvuav replay` do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from support.commands import MARKERS, counts, mvuav, mvuav_process, read, stamp, stamps
+from support.recording_samples import (
+    IMAGE,
+    STORE,
+    TOPIC,
+    Sample,
+    cdr,
+    image,
+    image_samples,
+    string_sample,
+    write_mcap,
+    write_ros1,
+    write_rosbag2,
+)
+
+from mvuav_ros.processing.processor import Processor
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.images import CAMERA_INFO, decode_message
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.sources.frame import Frame
+
+NODE = ('--nodes', 'marker_tracker')
+SAMPLES = image_samples(30)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return write_mcap(tmp_path / 'flight.mcap', SAMPLES)
+
+
+def test_help_names_every_option() -> None:
+    run = mvuav_process('replay', '--help')
+    assert run.status == 0
+    options = (
+        'nodes image-topic params-file param fps start duration every keep-inputs debug-images'
+    )
+    for option in [*options.split(), 'jobs', 'dask', 'strict', 'force']:
+        assert f'--{option}' in run.out
+
+
+def test_every_frame_has_an_answer_with_its_stamp(bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'out.mcap'
+    run = mvuav('replay', bag, '-o', out)
+    assert (run.status, run.err) == (0, '')
+    assert run.out == f'{out}: results for 30 of 30 frames\n'
+    assert stamps(out) == [sample.stamp_ns for sample in SAMPLES]
+    assert stamps(out, '/runway_detector/line_params') == stamps(out)
+    assert counts(out)['/runway_detector/statistics'] == 1
+    message = decode_message('sensor_msgs/msg/PointCloud2', read(out)[0].data)
+    assert message.header.frame_id == 'camera 0'
+
+
+def test_an_output_that_exists_stays(bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'out.mcap'
+    out.write_bytes(b'mine')
+    run = mvuav('replay', bag, '-o', out, *NODE)
+    assert run.status == 1
+    assert run.error == f'mvuav: {out} exists; --force overwrites it'
+    assert out.read_bytes() == b'mine'
+    assert mvuav('replay', bag, '-o', out, *NODE, '--force').status == 0
+    assert len(stamps(out)) == 30
+    # Also where the same run has made it: only into a folder is work resumed.
+    assert 'exists' in mvuav('replay', bag, '-o', out, *NODE).error
+
+
+@pytest.mark.parametrize('force', [(), ('--force',)])
+def test_the_input_is_never_overwritten(tmp_path: Path, force: tuple[str, ...]) -> None:
+    bag = write_mcap(tmp_path / 'flight.mcap', SAMPLES)
+    content = bag.read_bytes()
+    link = tmp_path / 'link.mcap'
+    link.hardlink_to(bag)
+    folder = write_rosbag2(tmp_path / 'folder', SAMPLES)
+    for source, out in ((bag, bag), (bag, link), (folder, folder / 'folder.mcap')):
+        assert 'is (in) the input itself' in mvuav('replay', source, '-o', out, *force).error
+    run = mvuav('replay', bag, folder, '-o', tmp_path, *force)
+    assert f'{bag} is (in) the input itself' in run.err
+    assert bag.read_bytes() == content
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'sqlite3', 'ros1', 'file', 'message'])
+def test_keep_inputs_copies_everything(tmp_path: Path, kind: str) -> None:
+    samples = [*SAMPLES, *(string_sample(n) for n in range(30, 40))]
+    if kind == 'ros1':
+        bag = write_ros1(tmp_path / 'in.bag', samples)
+    elif kind in ('mcap', 'sqlite3'):
+        bag = write_rosbag2(tmp_path / 'in', samples, kind)
+    else:
+        bag = write_rosbag2(tmp_path / 'in', samples, 'mcap', kind)
+    out = tmp_path / 'out.mcap'
+    assert mvuav('replay', bag, '-o', out, *NODE, '--keep-inputs').status == 0
+    with open_recording(bag) as recording:
+        expected, topics = list(recording.messages()), recording.topics
+    kept = [message for message in read(out) if not message.topic.startswith('/marker_tracker')]
+    assert [message[:4] for message in kept] == [message[:4] for message in expected]
+    with open_recording(out) as recording:
+        written = {topic.name: topic for topic in recording.topics}
+    for topic in topics:
+        assert written[topic.name].qos == topic.qos
+        assert topic.schema is None or written[topic.name].schema == topic.schema
+    assert stamps(out) == [sample.stamp_ns for sample in SAMPLES]
+    # An image stands right before its results.
+    order = [message.topic for message in read(out)]
+    assert order[order.index(MARKERS) - 1] == TOPIC
+
+
+def test_keep_inputs_does_not_mix_old_results_with_new_ones(bag: Path, tmp_path: Path) -> None:
+    first, second = tmp_path / 'first.mcap', tmp_path / 'second.mcap'
+    assert mvuav('replay', bag, '-o', first, *NODE, '--keep-inputs').status == 0
+    run = mvuav('replay', first, '-o', second, *NODE, '--keep-inputs')
+    assert run.status == 0
+    assert f'note: {MARKERS} of the input is not copied' in run.err
+    assert counts(second) == counts(first)
+
+
+@pytest.mark.parametrize('kind', ['video', 'folder'])
+def test_keep_inputs_of_pictures_are_images(tmp_path: Path, kind: str) -> None:
+    rows = np.linspace(0, 255, 48, dtype=np.uint8)[:, None, None]
+    frames = [np.full((48, 64, 3), 8 * n, np.uint8) // 2 + rows // 2 for n in range(10)]
+    source = tmp_path / 'flight'
+    if kind == 'video':
+        source = tmp_path / 'flight.avi'
+        writer = cv2.VideoWriter(str(source), cv2.VideoWriter.fourcc(*'MJPG'), 20.0, (64, 48))
+        for frame in frames:
+            writer.write(frame)
+        writer.release()
+    else:
+        source.mkdir()
+        for number, frame in enumerate(frames):
+            cv2.imwrite(str(source / f'{number}.png'), frame)
+    out = tmp_path / 'out.mcap'
+    run = mvuav('replay', source, '-o', out, *NODE, '--keep-inputs', '--fps', 20)
+    assert (run.status, run.err) == (0, '')
+    expected = [n * 50_000_000 for n in range(10)]
+    assert stamps(out) == stamps(out, '/image_raw') == expected
+    kept = [m for m in read(out) if m.topic == '/image_raw']
+    for message, frame in zip(kept, frames, strict=True):
+        decoded = decode_message(message.type, message.data)
+        assert (decoded.width, decoded.height, decoded.encoding) == (64, 48, 'bgr8')
+        difference = decoded.data.reshape(48, 64, 3).astype(int) - frame
+        assert np.abs(difference).max() <= (0 if kind == 'folder' else 12)
+
+
+@pytest.mark.parametrize(
+    ('options', 'expected'),
+    [
+        (('--start', 0.5), range(15, 30)),
+        (('--duration', 0.5), range(15)),
+        (('--start', 0.2, '--duration', 0.3), range(6, 15)),
+        (('--every', 7), range(0, 30, 7)),
+        (('--start', 0.2, '--duration', 0.5, '--every', 4), range(6, 21, 4)),
+    ],
+)
+@pytest.mark.parametrize('kind', ['mcap', 'no index', 'sqlite3', 'ros1', 'folder'])
+def test_a_part_of_the_recording(
+    tmp_path: Path, options: tuple[object, ...], expected: range, kind: str
+) -> None:
+    samples = [s._replace(stamp_ns=s.stamp_ns + 1000) for s in SAMPLES]
+    # The recording's beginning counts, not that of the images.
+    samples.insert(0, string_sample(0))
+    if kind == 'sqlite3':
+        source = write_rosbag2(tmp_path / 'in', samples, 'sqlite3')
+    elif kind == 'ros1':
+        source = write_ros1(tmp_path / 'in.bag', samples)
+    elif kind == 'folder':
+        source = tmp_path / 'in'
+        source.mkdir()
+        for number in range(30):
+            cv2.imwrite(str(source / f'{number}.png'), np.zeros((8, 8), np.uint8))
+    else:
+        source = write_mcap(tmp_path / 'in.mcap', samples, summary=kind == 'mcap')
+    out = tmp_path / 'out.mcap'
+    run = mvuav('replay', source, '-o', out, *NODE, *options)
+    assert run.status == 0
+    assert f'results for {len(expected)} of {len(expected)} frames' in run.out
+    first = 0 if kind == 'folder' else stamp(0)
+    assert [round((s - first) * 30 / 1e9) for s in stamps(out)] == list(expected)
+
+
+def test_a_part_keeps_all_inputs_of_that_time(bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'out.mcap'
+    options = ('--start', 0.2, '--duration', 0.5, '--every', 4, '--keep-inputs')
+    assert mvuav('replay', bag, '-o', out, *NODE, *options).status == 0
+    assert stamps(out, TOPIC) == [stamp(n) for n in range(7, 22)]
+    assert stamps(out) == [stamp(n) for n in range(7, 22, 4)]
+
+
+def test_nothing_in_that_part(bag: Path, tmp_path: Path) -> None:
+    run = mvuav('replay', bag, '-o', tmp_path / 'out.mcap', '--start', 100)
+    assert 'not a single frame' in run.error
+
+
+def test_several_image_topics_are_listed(tmp_path: Path) -> None:
+    other = [s._replace(topic='/belly/image_raw') for s in SAMPLES[:3]]
+    bag = write_mcap(tmp_path / 'in.mcap', [*SAMPLES, *other])
+    out = tmp_path / 'out.mcap'
+    error = mvuav('replay', bag, '-o', out).error
+    assert f'{TOPIC} (Image, 30 messages), /belly/image_raw (Image, 3 messages)' in error
+    assert 'choose one of' in mvuav('replay', bag, '-o', out, '--image-topic', '/no').error
+    assert not out.exists()
+    assert mvuav('replay', bag, '-o', out, *NODE, '--image-topic', '/belly/image_raw').status == 0
+    assert len(stamps(out)) == 3
+
+
+def test_frames_that_cannot_be_used(tmp_path: Path) -> None:
+    short = image(8)
+    short.data = short.data[:30]
+    samples = list(SAMPLES)
+    samples[8] = samples[8]._replace(data=cdr(short))
+    samples[9] = samples[9]._replace(data=samples[8].data[:40])
+    samples.insert(20, samples[19])
+    bag, out = write_mcap(tmp_path / 'in.mcap', samples), tmp_path / 'out.mcap'
+    run = mvuav('replay', bag, '-o', out, *NODE)
+    assert run.status == 0
+    assert 'results for 28 of 31 frames' in run.out
+    warnings = run.err.splitlines()
+    assert len(warnings) == 3 and all(line.startswith('warning: 1 without') for line in warnings)
+    strict = mvuav('replay', bag, '-o', out, *NODE, '--force', '--strict')
+    assert strict.status == 1
+    assert 'strict' in strict.error
+    assert len(stamps(out)) == 28
+
+
+def test_images_without_a_stamp_get_the_time_of_recording(tmp_path: Path) -> None:
+    messages = [image(n) for n in range(3)]
+    for message in messages:
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    samples = [Sample(TOPIC, IMAGE, stamp(n), cdr(message)) for n, message in enumerate(messages)]
+    bag, out = write_mcap(tmp_path / 'in.mcap', samples), tmp_path / 'out.mcap'
+    assert mvuav('replay', bag, '-o', out, *NODE, '--strict').status == 0
+    assert stamps(out) == [stamp(n) for n in range(3)]
+    cloud = decode_message('sensor_msgs/msg/PointCloud2', read(out)[0].data)
+    assert cloud.header.stamp.nanosec == stamp(0) % 10**9
+
+
+def test_strict_accepts_what_is_whole(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / 'bag', SAMPLES)
+    (folder / 'metadata.yaml').unlink()
+    run = mvuav('replay', folder, '-o', tmp_path / 'out.mcap', *NODE, '--strict')
+    assert run.status == 0
+    assert run.err == 'note: bag: metadata.yaml is missing\n'
+
+
+def test_strict_refuses_a_cut_recording(tmp_path: Path) -> None:
+    bag = write_mcap(tmp_path / 'in.mcap', SAMPLES)
+    bag.write_bytes(bag.read_bytes()[:-20_000])
+    for option, status in (((), 0), (('--strict',), 1)):
+        run = mvuav('replay', bag, '-o', tmp_path / 'o.mcap', *NODE, '--force', *option)
+        assert run.status == status
+        assert 'cut off' in run.err
+
+
+def test_channels_that_are_not_cdr_are_named(tmp_path: Path) -> None:
+    samples = [*SAMPLES, string_sample(1, '/web')]
+    bag = write_mcap(tmp_path / 'in.mcap', samples, encodings={'/web': 'json'})
+    run = mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *NODE)
+    assert run.status == 0
+    assert run.err == 'note: /web is json, not CDR: skipped\n'
+
+
+def test_one_node_refusing_a_frame_does_not_silence_the_other(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PROCESSORS['marker_tracker'], '_process', lambda *_: 1 / 0)
+    out = tmp_path / 'out.mcap'
+    run = mvuav('replay', bag, '-o', out)
+    assert 'internal error of marker_tracker: ZeroDivisionError' in run.err
+    assert 'not a single frame' in run.error
+    with open_recording(out) as recording:
+        topics = [message.topic for message in recording.messages()]
+    assert topics.count('/runway_detector/lines') == 30
+
+
+def test_parameters_come_from_file_and_command_line(tmp_path: Path) -> None:
+    bright = image(0, 8, 8, noisy=False)
+    bright.data[:] = 100
+    samples = [Sample(TOPIC, IMAGE, stamp(0), cdr(bright))]
+    bag = write_mcap(tmp_path / 'in.mcap', samples)
+    file = tmp_path / 'p.yaml'
+    file.write_text(
+        '/**/marker_tracker:\n  ros__parameters:\n    mode: detect_any\n    threshold: 0.3\n'
+    )
+
+    def rows(*options: object) -> int:
+        out = tmp_path / 'out.mcap'
+        assert mvuav('replay', bag, '-o', out, *NODE, '--force', *options).status == 0
+        return decode_message('sensor_msgs/msg/PointCloud2', read(out)[0].data).width
+
+    assert rows() == 5
+    assert rows('--params-file', file) == 1
+    assert rows('--params-file', file, '--param', 'marker_tracker:threshold:=0.9') == 0
+
+
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        (('--param', 'marker_tracker:threshold:=2'), 'threshold'),
+        (('--param', 'marker_tracker:nonsense:=2'), 'no such parameter'),
+        (('--param', 'nonsense'), 'node:name:=value'),
+        (('--param', 'runway_detector:num_peaks:=2'), 'not among --nodes'),
+        (('--params-file', '/does/not/exist.yaml'), 'No such file'),
+        (('--nodes', 'nonsense'), 'there are marker_tracker, runway_detector'),
+        (('--every', '0'), 'every'),
+        (('--jobs', '0'), 'jobs'),
+        (('--start', '-1'), 'start'),
+        (('--fps', '0'), 'fps'),
+        (('--nonsense',), 'nonsense'),
+    ],
+)
+def test_mistakes_cost_one_line(
+    bag: Path, tmp_path: Path, options: tuple[str, ...], words: str
+) -> None:
+    out = tmp_path / 'out.mcap'
+    run = mvuav('replay', bag, '-o', out, *NODE, *options)
+    assert run.status in (1, 2)
+    assert words in run.error
+    assert len(run.err.splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ('name', 'out', 'words'),
+    [
+        ('flight.mcap', 'out.bag', 'must end in .mcap'),
+        ('flight.mcap', 'missing/out.mcap', 'No such file'),
+        ('nothing.mcap', 'out.mcap', 'no such file'),
+        ('text.mcap', 'out.mcap', 'holds no readable topic'),
+        ('empty.mcap', 'out.mcap', 'is empty'),
+        ('text.txt', 'out.mcap', 'is not a video'),
+        ('folder', 'out.mcap', 'no images and no bag'),
+    ],
+)
+def test_what_cannot_be_read_or_written(
+    bag: Path, tmp_path: Path, name: str, out: str, words: str
+) -> None:
+    (tmp_path / 'text.mcap').write_text('this is not a bag, whatever its name says')
+    (tmp_path / 'text.txt').write_text('nor a video')
+    (tmp_path / 'empty.mcap').touch()
+    (tmp_path / 'folder').mkdir()
+    run = mvuav('replay', tmp_path / name, '-o', tmp_path / out)
+    assert run.status == 1
+    assert words in run.error
+    assert len(run.err.splitlines()) == 1
+
+
+def test_the_camera_comes_with_the_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = PROCESSORS['marker_tracker']
+    seen: list[float | None] = []
+    process = tracker.process
+
+    def noted(self: Processor, frame: Frame, *arguments: Any) -> object:
+        seen.append(frame.camera.k[0] if frame.camera else None)
+        return process(self, frame, *arguments)
+
+    monkeypatch.setattr(tracker, 'process', noted)
+    samples = [*SAMPLES[:2], _calibration(2, 500.0), SAMPLES[3], _calibration(4, 600.0)]
+    samples += [SAMPLES[5], _calibration(6, 700.0)._replace(topic='/belly/camera_info')]
+    bag = write_mcap(tmp_path / 'in.mcap', samples)
+    assert mvuav('replay', bag, '-o', tmp_path / 'out.mcap', *NODE).status == 0
+    assert seen == [None, None, 500.0, 600.0]
+    seen.clear()
+    # An image waits for the calibration of its own stamp, as in a live node.
+    samples = [SAMPLES[0], _calibration(0, 500.0), SAMPLES[1], SAMPLES[2], _calibration(2, 600.0)]
+    bag = write_mcap(tmp_path / 'after.mcap', samples)
+    assert mvuav('replay', bag, '-o', tmp_path / 'after_out.mcap', *NODE).status == 0
+    assert seen == [500.0, 500.0, 600.0]
+    seen.clear()
+    # One that was published once holds for a part that begins later.
+    part = ('--start', '0.05')
+    samples = [_calibration(0, 500.0), *SAMPLES[:6]]
+    bag = write_mcap(tmp_path / 'once.mcap', samples)
+    assert mvuav('replay', bag, '-o', tmp_path / 'part.mcap', *NODE, *part).status == 0
+    assert 0 < len(seen) < 6 and set(seen) == {500.0}
+    seen.clear()
+    assert mvuav('replay', 'sim:tanker?frames=2', '-o', tmp_path / 'sim.mcap', *NODE).status == 0
+    assert len(seen) == 2 and all(focal_length and focal_length > 0 for focal_length in seen)
+
+
+def _calibration(number: int, focal_length: float) -> Sample:
+    types = STORE.types
+    header = image(number).header
+    k = np.array([focal_length, 0, 32, 0, focal_length, 24, 0, 0, 1])
+    roi = types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    message = types[CAMERA_INFO](
+        header, 48, 64, 'plumb_bob', np.zeros(5), k, np.eye(3).ravel(), np.zeros(12), 0, 0, roi
+    )
+    return Sample('/camera/camera_info', CAMERA_INFO, stamp(number), cdr(message))
+
+
+def test_the_output_says_from_what_it_was_made(bag: Path, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    out = tmp_path / 'out.mcap'
+    mvuav('replay', bag, '-o', out, *NODE, '--param', 'marker_tracker:threshold:=0.25')
+    with out.open('rb') as stream:
+        metadata = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
+    assert metadata['mvuav_replay']['input'] == str(bag)
+    settings = json.loads(metadata['mvuav_replay']['settings'])
+    assert settings['parameters']['marker_tracker']['threshold'] == 0.25
+    assert json.loads(metadata['mvuav_replay_result']['json'])['answered'] == 30

@@ -1,0 +1,76 @@
+"""The shared recordings do what their README says; skipped where they are absent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.images import IMAGE, choose_image_topic, decode_message, image_problem
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.summary import summarise
+
+
+@pytest.fixture(scope='module')
+def bags(footage: Path) -> Path:
+    return footage / 'bags'
+
+
+def test_amber(bags: Path) -> None:
+    folder = bags / 'amber_zstd_message_compressed'
+    with open_recording(folder) as recording:
+        assert choose_image_topic(recording).type == IMAGE
+        images = [decode_message(m.type, m.data) for m in recording.messages()]
+        assert [image_problem(image) for image in images] == ['', '']
+        assert {(i.width, i.height, i.encoding) for i in images} == {(640, 480, 'rgb8')}
+        # metadata.yaml is that of thirteen files, of which one is there.
+        missing, unlisted = recording.losses
+        assert missing.startswith('12 of the 13 files that metadata.yaml lists are missing')
+        assert 'not listed in metadata.yaml, not read' in unlisted
+    for path in folder.glob('*.mcap'):
+        (topic,) = summarise(path).topics
+        assert topic.images is not None and topic.images.malformed == 0
+
+
+def test_rerun(bags: Path) -> None:
+    summary = summarise(bags / 'rerun_humble_all_sensor_msgs_noise_images.mcap')
+    formats = {t.type.split('/')[-1]: t.images.formats for t in summary.topics if t.images}
+    assert formats == {'Image': ['640x480 rgb8'], 'CompressedImage': ['640x480 jpeg']}
+    assert len(summary.topics) == 32
+    assert summary.losses == []
+
+
+def test_ros1(bags: Path) -> None:
+    summary = summarise(bags / 'ros1_ros_numpy_image_and_compressed.bag')
+    formats = {t.name: t.images.formats for t in summary.topics if t.images}
+    assert formats['/image'] == ['360x240 rgb8']
+    assert formats['/compressedimage'][0].endswith('png')
+    assert summary.losses == []
+
+
+def test_bare_db3(bags: Path) -> None:
+    (topic,) = summarise(bags / 'ros2bag_tools_images_2x2_mono8.db3').topics
+    assert topic.count == 3
+    assert topic.images is not None and topic.images.formats == ['2x2 mono8']
+
+
+@pytest.mark.parametrize('name', ['test_bag_mcap', 'test_bag_sqlite3'])
+def test_malformed_images(bags: Path, name: str) -> None:
+    summary = summarise(bags / 'malformed_images' / name)
+    problems = {
+        t.type.split('/')[-1]: (t.images.malformed, t.images.first_problem)
+        for t in summary.topics
+        if t.images
+    }
+    assert problems == {
+        'Image': (2, 'it holds 30 bytes instead of 921600'),
+        'CompressedImage': (2, 'its 10 bytes are no JPEG or PNG'),
+    }
+    assert summary.messages == 188
+    assert summary.losses == []
+
+
+def test_a_folder_of_many_is_no_recording(bags: Path) -> None:
+    with pytest.raises(RecordingError, match='several recordings'):
+        open_recording(bags)

@@ -1,0 +1,161 @@
+"""What /diagnostics says, and the small parts that it is made of."""
+
+import threading
+
+import numpy as np
+import pytest
+from support.live_stream import KEEP_EVERYTHING, Stream
+
+from mvuav_ros.nodes.image_input import Backlog, InputEvents
+from mvuav_ros.nodes.input_monitor import InputWatch, StampWatch, silence
+from mvuav_ros.nodes.intra_process import FrameHandover
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.vision.image import Picture
+
+
+def test_where_the_time_goes(graph):
+    stream = Stream(graph, 'marker_tracker', **KEEP_EVERYTHING)
+    assert graph.diagnostics('marker_tracker')['level'] == 3
+    stream.play(2.0)
+    values = graph.diagnostics('marker_tracker')
+    assert (values['message'], values['level']) == ('running', 0)
+    stages = [float(values[f'{s}_p50_ms']) for s in ('decode', 'process', 'publish')]
+    assert all(stage > 0 for stage in stages)
+    assert float(values['latency_p50_ms']) >= max(stages)
+    assert float(values['latency_p99_ms']) >= float(values['latency_p50_ms'])
+    assert 0 < float(values['transport_p50_ms']) < 1000
+    assert float(values['stamp_rate_hz']) == pytest.approx(60.0, abs=0.2)
+    assert values['image'] == '640x480 mono8'
+    assert values['image_publishers'] == '/probe'
+
+
+def test_frames_that_the_camera_leaves_out_are_seen_in_the_stamps(graph):
+    stream = Stream(graph, 'marker_tracker', **KEEP_EVERYTHING)
+    stream.play(1.0)
+    for _ in range(5):
+        stream.next_stamp()
+    stream.play(1.2)
+    values = graph.diagnostics('marker_tracker')
+    assert values['frames_left_out_by_stamps'] == '5'
+    assert values['frames_missing'] == '0'
+    assert 'stamps leave out 5 images' in values['message'] and values['level'] == 1
+
+
+def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(graph):
+    """A frame of noise searched for the finest lines takes many times the 10 ms between two."""
+    slow = {'start_row': 0, 'end_row': 0, 'rho_resolution': 0.5, 'theta_resolution_deg': 0.1}
+    stream = Stream(graph, 'runway_detector', **slow)
+    noise = np.random.default_rng(0).integers(0, 255, (480, 640), np.uint8)
+    sent = 200
+    for _ in range(sent):
+        stamp_ns = stream.next_stamp(100.0)
+        image = serialize_image(Picture(noise, 'mono8'), cdr_header(stamp_ns, 'nose'))
+        stream.publisher.publish(image)
+        graph.spin(0.01)
+    graph.spin(1.5)
+    values = graph.diagnostics('runway_detector')
+    answered, gone = int(values['frames_answered']), int(values['frames_missing'])
+    skipped = int(values['frames_skipped'])
+    assert 0 < answered < 0.9 * sent
+    assert skipped > 0
+    # Nothing disappears uncounted; the last few may never have been followed by another.
+    assert sent - 5 <= answered + skipped + gone <= sent
+    assert 'too slow for the camera' in values['message'] and values['level'] == 1
+    # Never more than the queue and the frame in work behind.
+    assert stamp_ns_of(stream.answers['runway_detector'][-1].header) == stamp_ns
+
+
+def test_a_source_tells_its_state(graph, tmp_path):
+    graph.start('video_source', source=77)
+    graph.spin(1.0)
+    values = graph.diagnostics('video_source')
+    assert values['level'] == 2 and values['state'] == 'retrying'
+    assert 'camera 77' in values['message']
+
+
+def test_a_node_alone(graph):
+    graph.start('marker_tracker', opencv_threads=2)
+    values = graph.diagnostics('marker_tracker')
+    assert values['level'] == 3
+    assert values['message'] == 'no images: nothing publishes /image_raw'
+    for value in (0, 1, 64):
+        assert graph.set_parameter('marker_tracker', 'opencv_threads', value).successful
+    for value in (65, -1):
+        assert not graph.set_parameter('marker_tracker', 'opencv_threads', value).successful
+
+
+def test_a_hiccup_is_worked_off_and_a_slow_node_skips():
+    backlog = Backlog()
+    assert not any(backlog.skips(n) for n in (1, 1, 5, 3, 2, 1, 4, 2, 1, 2, 2, 1))
+    backlog = Backlog()
+    skipped = [backlog.skips(n) for n in (1, 2, 4, 5, 2, 2, 1, 2)]
+    assert skipped == [False, False, False, True, True, True, False, True]
+    # Fast enough again.
+    assert not any(backlog.skips(n) for n in (1, 1, 1, 1, 1, 2, 1))
+
+
+def test_stamps():
+    watch = StampWatch()
+    stamps = [i * 33_333_333 for i in range(40)]
+    for stamp in stamps[:20] + stamps[22:] + stamps:
+        watch.follow(stamp)
+    assert watch.frames_left_out == 2
+    assert watch.spacing_ns == pytest.approx(33_333_333, abs=10)
+    watch.follow(stamps[-1] + 60_000_000_000)
+    assert (watch.frames_left_out, watch.jumps_forward) == (2, 1)
+
+
+def test_irregular_stamps_are_no_gaps():
+    watch = StampWatch()
+    stamp = 0
+    for index in range(200):
+        stamp += 33_000_000 + (index % 3) * 5_000_000
+        watch.follow(stamp)
+    assert watch.frames_left_out == 0
+
+
+def test_problems_are_those_of_the_last_seconds():
+    watch, stamps, events = InputWatch(), StampWatch(), InputEvents()
+    assert watch.problems(events, stamps) == []
+    events.lost = events.missing = 7
+    (problem,) = watch.problems(events, stamps)
+    assert problem.startswith('7 images lost') and 'docs/transport.md' in problem
+    events.missing += 3
+    assert any('too slow' in words for words in watch.problems(events, stamps))
+    for _ in range(6):
+        last = watch.problems(events, stamps)
+    assert last == []
+
+
+def test_reasons_for_silence():
+    events = InputEvents()
+    assert silence('/image_raw', [], events) == 'nothing publishes /image_raw'
+    assert 'sends nothing' in silence('/image_raw', ['/cam'], events)
+    events.lost = 3
+    assert 'every image is lost' in silence('/image_raw', ['/cam'], events)
+    events.incompatible, events.incompatible_policy = 1, 'RELIABILITY'
+    assert 'RELIABILITY' in silence('/image_raw', ['/cam'], events)
+
+
+def test_a_handover_never_holds_up_the_source():
+    begun, free, taken = threading.Event(), threading.Event(), []
+
+    def slow(received):
+        begun.set()
+        free.wait(5.0)
+        taken.append(received.data)
+
+    handover = FrameHandover('/image_raw', slow)
+    handover.start()
+    handover.put(0)
+    assert begun.wait(5.0)
+    for number in range(1, 10):
+        handover.put(number)
+    free.set()
+    while len(taken) < 6:
+        threading.Event().wait(0.01)
+    handover.close()
+    assert taken == [0, 5, 6, 7, 8, 9]
+    assert handover.poll().skipped == 4

@@ -1,0 +1,268 @@
+"""marker_tracker as a process on real DDS."""
+
+import array
+import math
+import signal
+
+import pytest
+from geometry_msgs.msg import PointStamped, Vector3Stamped
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from std_srvs.srv import SetBool, Trigger
+from support.graph import image_message
+from support.live_stream import KEEP_EVERYTHING
+from support.marker_scenes import draw, tanker_at
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.messages.camera_info_encoding import encode_camera_info
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.recordings.sources.simulated import camera_model
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.tanker import TankerFlight
+
+NODE = 'marker_tracker'
+
+
+def flight(first, count, **keywords):
+    return [
+        image_message(draw(tanker_at(320 + i, 240)), i, **keywords)
+        for i in range(first, first + count)
+    ]
+
+
+def test_one_answer_for_every_image_with_its_header(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    rpy = graph.listen(f'/{NODE}/rpy', Vector3Stamped)
+    rudder = graph.listen(f'/{NODE}/marker/rudder', PointStamped)
+    images = flight(0, 20)
+    images[10] = image_message(draw([]), 10)
+    graph.publish_images(images)
+    graph.until(lambda: len(markers) == len(rpy) == 20, '20 answers')
+    assert [m.header for m in markers] == [i.header for i in images]
+    assert [m.header for m in rpy] == [i.header for i in images]
+    assert markers[0].header.frame_id == 'nose'
+    points = decode_points(markers[5])
+    assert points.dtype.names == ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area', 'label', 'state')
+    assert list(points['label']) == [0, 1, 2, 3, 4]
+    assert list(points['state']) == [1] * 5
+    assert points['x'] == pytest.approx(tanker_at(325, 240)[:, 0], abs=0.05)
+    assert points['vx'] == pytest.approx(30.0, abs=3.0)
+    assert markers[5].is_dense
+    assert rpy[5].vector.x == pytest.approx(0.0, abs=1e-3)
+    assert math.isnan(rpy[5].vector.y) and math.isnan(rpy[5].vector.z)
+    assert list(decode_points(markers[10])['state']) == [2] * 5
+    assert len(rudder) == 20
+    assert rudder[5].point.x == pytest.approx(325, abs=0.05)
+
+
+def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
+    """Drivers publish the image first; the first frame has a pose like all others."""
+    flown = TankerFlight(TankerSettings(motion='docking', frames=10))
+    graph.start(NODE, **KEEP_EVERYTHING)
+    rpy = graph.listen(f'/{NODE}/rpy', Vector3Stamped)
+    infos = graph.probe.create_publisher(CameraInfo, '/camera_info', QoSProfile(depth=1000))
+    graph.until(lambda: infos.get_subscription_count() > 0, 'a subscriber of camera_info')
+    graph.spin(0.3)
+    for index, frame in enumerate(flown):
+        image = image_message(frame.picture.pixels, index)
+        graph.publish_images([image], hz=1e6)
+        infos.publish(encode_camera_info(camera_model(flown.camera), image.header))
+        graph.spin(0.02)
+    graph.until(lambda: len(rpy) == 10, '10 answers')
+    assert not any(math.isnan(message.vector.y) for message in rpy)
+
+
+def test_absence_is_said(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    rpy = graph.listen(f'/{NODE}/rpy', Vector3Stamped)
+    rudder = graph.listen(f'/{NODE}/marker/rudder', PointStamped)
+    graph.publish_images([image_message(draw([]), i) for i in range(3)])
+    graph.until(lambda: len(markers) == len(rpy) == 3, '3 answers')
+    points = decode_points(markers[0])
+    assert list(points['state']) == [0] * 5
+    assert not markers[0].is_dense
+    for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area'):
+        assert all(math.isnan(value) for value in points[name])
+    assert math.isnan(rpy[0].vector.x)
+    assert rudder == []
+
+
+def test_parameters_change_between_frames_and_bad_values_are_refused(graph):
+    graph.start(NODE, mode='detect_any', **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    image = draw(tanker_at())
+    image[image == 255] = 200
+    graph.publish_images([image_message(image, 0)])
+    graph.until(lambda: len(markers) == 1, 'an answer')
+    assert markers[0].width == 5
+
+    assert graph.set_parameter(NODE, 'threshold', 0.8).successful
+    graph.publish_images([image_message(image, 1)])
+    graph.until(lambda: len(markers) == 2, 'an answer')
+    assert markers[1].width == 0
+
+    # A whole number for a floating-point parameter.
+    assert graph.set_parameter(NODE, 'threshold', 1).successful
+    assert graph.get_parameter(NODE, 'threshold') == 1.0
+
+    refusals = {
+        'threshold': (1.5, float('nan'), 'bright'),
+        'prediction': ('crystal_ball',),
+        'grouping_distance': (-1,),
+        'max_area': (-5,),
+        'image_transport': ('compressed',),
+    }
+    graph.set_parameter(NODE, 'threshold', 0.7)
+    before = {name: graph.get_parameter(NODE, name) for name in refusals}
+    for name, values in refusals.items():
+        for value in values:
+            result = graph.set_parameter(NODE, name, value)
+            assert not result.successful, (name, value)
+            assert name in result.reason or 'type' in result.reason.lower(), result.reason
+    assert {name: graph.get_parameter(NODE, name) for name in refusals} == before
+    reason = graph.set_parameter(NODE, 'prediction', 'crystal_ball').reason
+    assert 'acceleration' in reason and 'crystal_ball' in reason
+    assert graph.set_parameter(NODE, 'min_area', 10).successful
+    assert 'min_area (10)' in graph.set_parameter(NODE, 'max_area', 5).reason
+    graph.publish_images([image_message(image, 2)])
+    graph.until(lambda: len(markers) == 3, 'an answer')
+    assert markers[2].width == 5
+
+
+@pytest.mark.parametrize(('prediction', 'state'), [('acceleration', 1), ('none', 0)])
+def test_prediction_takes_effect_on_the_next_frame(graph, prediction, state):
+    """Speeding up by 2 px a frame each frame outruns a window that does not lead."""
+    graph.start(NODE, prediction='none', search_radius=12, lost_timeout=0.1, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+
+    def accelerating(first, last):
+        return [image_message(draw(tanker_at(160 + i * i, 240)), i) for i in range(first, last)]
+
+    graph.publish_images(accelerating(0, 5))
+    graph.until(lambda: len(markers) == 5, '5 answers')
+    assert graph.set_parameter(NODE, 'prediction', prediction).successful
+    # Without the left wing in view, the search of the whole frame cannot rescue anything.
+    half = [image_message(draw(tanker_at(160 + i * i, 240)[1:]), i) for i in range(5, 18)]
+    graph.publish_images(half)
+    graph.until(lambda: len(markers) == 18, '18 answers')
+    points = decode_points(markers[-1])[1:]
+    assert list(points['state']) == [state] * 4
+    if state:
+        assert points['x'] == pytest.approx(tanker_at(160 + 17 * 17, 240)[1:, 0], abs=0.3)
+
+
+def test_every_parameter_is_declared_with_its_documentation(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    names = list(MarkerTrackerParameters.names())
+    for spec, descriptor in zip(
+        MarkerTrackerParameters.specs(), graph.describe_parameters(NODE, names), strict=True
+    ):
+        assert descriptor.name == spec.name
+        assert descriptor.description.startswith(spec.description)
+        assert descriptor.read_only == spec.read_only
+        if spec.maximum is not None:
+            (limits,) = descriptor.floating_point_range or descriptor.integer_range
+            assert (limits.from_value, limits.to_value) == (spec.minimum, spec.maximum)
+
+
+def test_bad_images_are_counted_and_survived(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    good = flight(0, 10)
+    cut = image_message(draw([]), 100)
+    cut.data = cut.data[:1000]
+    unknown = image_message(draw([]), 101)
+    unknown.encoding = 'plaid8'
+    zero = Image(header=unknown.header, encoding='mono8')
+    huge = Image(header=unknown.header, encoding='mono8', width=2**31, height=2**31, step=2**31)
+    huge.data = array.array('B', [0])
+    graph.publish_images([*good[:5], cut, unknown, zero, huge, good[4], *good[5:]])
+    graph.until(lambda: len(markers) == 10, '10 answers')
+    values = graph.diagnostics(NODE)
+    assert values['frames_received'] == '15'
+    assert values['frames_answered'] == '10'
+    assert values['refused_bad_image'] == '4'
+    assert values['refused_duplicate_stamp'] == '1'
+    assert 'came twice' in values['last_refusal']
+    assert float(values['latency_p50_ms']) > 0
+
+
+def test_stamps_that_jump_back_reset_the_state(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    graph.publish_images([*flight(0, 6), *flight(0, 6)])
+    graph.until(lambda: len(markers) == 12, '12 answers')
+    assert all(set(decode_points(m)['state']) == {1} for m in markers)
+    assert all(math.isnan(v) for v in decode_points(markers[6])['vx'])
+    assert graph.diagnostics(NODE)['stamp_jumps_back'] == '1'
+
+
+def test_services(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    graph.publish_images(flight(0, 5))
+    graph.until(lambda: len(markers) == 5, '5 answers')
+    assert graph.call(Trigger, f'/{NODE}/reset', Trigger.Request()).success
+    graph.publish_images(flight(5, 1))
+    graph.until(lambda: len(markers) == 6, '6 answers')
+    assert all(math.isnan(v) for v in decode_points(markers[5])['vx'])
+    assert graph.call(SetBool, f'/{NODE}/enable', SetBool.Request(data=False)).success
+    graph.publish_images(flight(6, 3))
+    graph.until(lambda: graph.diagnostics(NODE)['frames_received'] == '9', '9 images')
+    assert graph.diagnostics(NODE)['state'] == 'disabled'
+    assert graph.call(SetBool, f'/{NODE}/enable', SetBool.Request(data=True)).success
+    graph.publish_images(flight(9, 1))
+    graph.until(lambda: len(markers) == 7, '7 answers')
+
+
+def test_debug_image_appears_when_asked_for(graph):
+    graph.start(NODE, **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    graph.publish_images(flight(0, 5))
+    graph.until(lambda: len(markers) == 5, '5 answers')
+    pictures = graph.listen(f'/{NODE}/debug_image', Image)
+    for index in range(5, 200):
+        # Until the node has seen the subscription.
+        graph.publish_images(flight(index, 1))
+        if pictures:
+            break
+    graph.publish_images(flight(index + 1, 4))
+    graph.until(lambda: len(pictures) >= 5, '5 debug images')
+    assert pictures[0].encoding == 'bgr8'
+    assert (pictures[0].width, pictures[0].height) == (640, 480)
+    assert pictures[0].header in [message.header for message in markers[5:]]
+
+
+def test_compressed_images_in_a_namespace_under_another_name(graph):
+    import cv2
+
+    graph.start(NODE, image_transport='compressed', remap=('image_raw:=/nose/image',))
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    messages = []
+    for index, image in enumerate(flight(0, 5)):
+        pixels = draw(tanker_at(320 + index, 240))
+        data = cv2.imencode('.png', pixels)[1].tobytes()
+        messages.append(CompressedImage(header=image.header, format='mono8; png', data=data))
+    broken = CompressedImage(header=image.header, format='jpeg', data=b'not a jpeg')
+    graph.publish_images([broken, *messages], topic='/nose/image/compressed')
+    graph.until(lambda: len(markers) == 5, '5 answers')
+    assert list(decode_points(markers[4])['state']) == [1] * 5
+    assert graph.diagnostics(NODE)['refused_bad_image'] == '1'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_cleanly(graph, number):
+    process = graph.start(NODE, **KEEP_EVERYTHING)
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=10)
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output
+
+
+def test_a_bad_start_is_one_clear_line(graph):
+    process = graph.spawn(NODE, threshold=3.5)
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert output.strip() == 'threshold: must be 0 to 1, not 3.5'

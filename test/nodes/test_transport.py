@@ -1,0 +1,150 @@
+"""Large images arrive, and a node whose images are lost says so."""
+
+import os
+import xml.etree.ElementTree as ET
+
+import cv2
+import numpy as np
+import pytest
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image, PointCloud2
+from support.live_stream import RESULTS
+
+from mvuav_ros.nodes import transport
+
+# Fast DDS as it comes: a segment of 512 kB.
+DEFAULTS = {'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}
+VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Six colour frames of 1920x1080."""
+    for index in range(6):
+        image = np.full((1080, 1920, 3), 20 * index, np.uint8)
+        cv2.imwrite(str(tmp_path / f'frame{index}.bmp'), image)
+    return tmp_path
+
+
+def start_source(graph, folder, rate, **environment):
+    graph.start(
+        'video_source',
+        source=folder,
+        rate=rate,
+        loop=True,
+        stamp='now',
+        environment=environment,
+        **{'qos_overrides./image_raw.publisher.reliability': 'best_effort'},
+    )
+
+
+@pytest.mark.parametrize('discovery', ['SUBNET', 'LOCALHOST'])
+def test_large_images_arrive_by_default(graph, folder, discovery):
+    """6 MB a frame, best effort, between processes; by default one in five or fewer would."""
+    graph.start('marker_tracker', environment={'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery})
+    start_source(graph, folder, 10.0, ROS_AUTOMATIC_DISCOVERY_RANGE=discovery)
+
+    def received() -> int:
+        return int(graph.diagnostics('marker_tracker')['frames_received'])
+
+    graph.until(lambda: received() >= 25, '25 images')
+    values = graph.diagnostics('marker_tracker')
+    assert int(values['frames_lost_in_transport']) <= 10, values
+    assert values['image'] == '1920x1080 bgr8'
+
+
+def test_lost_images_are_reported_with_the_remedy(graph, folder):
+    graph.start('marker_tracker')
+    start_source(graph, folder, 30.0, **DEFAULTS)
+
+    def values():
+        return graph.diagnostics('marker_tracker')
+
+    graph.until(lambda: int(values()['frames_lost_in_transport']) > 20, 'images to be lost')
+    words = values()
+    assert words['level'] in (1, 3)
+    assert 'lost' in words['message'] and 'docs/transport.md' in words['message']
+    assert 'shared-memory segment' in words['message']
+
+
+def test_a_publisher_whose_qos_does_not_fit_is_named(graph):
+    reliable = {'qos_overrides./image_raw.subscription.reliability': 'reliable'}
+    graph.start('marker_tracker', **reliable)
+    graph.probe.create_publisher(Image, '/image_raw', qos_profile_sensor_data)
+    graph.spin(1.0)
+    values = graph.diagnostics('marker_tracker')
+    assert values['message'].startswith('no images: /probe publishes /image_raw with a QoS')
+    assert 'RELIABILITY' in values['message'].upper()
+    assert values['incompatible_publishers'] == '1'
+
+
+def test_one_process_gives_the_same_topics_and_answers(graph, folder):
+    answers = {}
+    for node, topic in RESULTS.items():
+        kept = answers[node] = []
+        graph.probe.create_subscription(PointCloud2, f'/{node}/{topic}', kept.append, 100)
+    process = graph.spawn('vision_process', source=folder, rate=30.0, loop=True, stamp='now')
+    graph.until(lambda: all(len(kept) > 40 for kept in answers.values()), 'answers')
+    names = set(graph.probe.get_node_names())
+    assert {'video_source', 'marker_tracker', 'runway_detector'} <= names
+    for node in RESULTS:
+        values = graph.diagnostics(node)
+        assert values['image_publishers'] == 'this process'
+        assert values['frames_refused'] == '0'
+    assert graph.diagnostics('video_source')['state'] == 'playing'
+    assert graph.set_parameter('runway_detector', 'num_peaks', 5).successful
+    answers['runway_detector'].clear()
+    graph.until(lambda: len(answers['runway_detector']) > 3, 'answers')
+    assert answers['runway_detector'][-1].width == 5
+    # The images themselves are published only for others.
+    images = graph.listen('/image_raw', Image)
+    graph.until(lambda: len(images) > 3, 'images')
+    assert process.poll() is None
+
+
+def test_a_wrong_source_ends_the_one_process_with_one_line(graph):
+    process = graph.spawn('vision_process', source='/nowhere.mcap')
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert 'no such file' in output and 'Traceback' not in output
+
+
+@pytest.fixture
+def environment(monkeypatch):
+    for name in VARIABLES:
+        # Set first, so that monkeypatch takes away what prepare_transport puts there.
+        monkeypatch.setenv(name, '')
+        monkeypatch.delenv(name)
+    return monkeypatch
+
+
+def test_the_users_own_set_up_is_left_alone(environment):
+    for name in VARIABLES:
+        environment.setenv(name, 'mine')
+        before = dict(os.environ)
+        transport.prepare_transport()
+        assert dict(os.environ) == before
+        environment.delenv(name)
+
+
+def test_publishers_of_images_get_the_larger_segment(environment):
+    transport.prepare_transport()
+    assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(transport.PROFILE)
+    environment.delenv('FASTRTPS_DEFAULT_PROFILES_FILE')
+    transport.prepare_transport(camera_images=False)
+    assert os.environ['FASTDDS_BUILTIN_TRANSPORTS'] == 'DEFAULT?sockets_size=4MB'
+    root = ET.parse(transport.PROFILE).getroot()
+    sizes = [int(e.text) for e in root.iter() if e.tag.endswith('segment_size')]
+    assert sizes == [16 << 20]
+
+
+def test_a_small_shared_memory_is_left_to_fast_dds(environment, capsys):
+    """A segment that does not fit would switch shared memory off."""
+
+    class Full:
+        f_bavail, f_frsize = 1000, 4096
+
+    environment.setattr(transport.os, 'statvfs', lambda _: Full)
+    transport.prepare_transport()
+    assert not any(name in os.environ for name in VARIABLES)
+    assert '--shm-size' in capsys.readouterr().err

@@ -1,0 +1,195 @@
+"""video_source as a process on real DDS."""
+
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_srvs.srv import SetBool, Trigger
+from support.graph import ROOT, image_message
+from support.marker_scenes import draw, tanker_at
+
+from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.recordings.writing import RecordingWriter
+
+NODE = 'video_source'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for index in range(12):
+        cv2.imwrite(str(tmp_path / f'frame{index}.png'), np.full((48, 64, 3), 20 * index, np.uint8))
+    return tmp_path
+
+
+@pytest.fixture
+def bag(tmp_path):
+    path = tmp_path / 'flight.mcap'
+    with RecordingWriter(path) as writer:
+        for index in range(10):
+            message = image_message(draw(tanker_at()), index, hz=20.0, frame_id='boom_camera')
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            writer.write('/cam', 'sensor_msgs/msg/Image', stamp, serialize_message(message))
+    return path
+
+
+def stamps(messages):
+    return [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in messages]
+
+
+def play(graph, source, topic='/image_raw', kind=Image, **parameters):
+    """Listen first, then start the source: it waits for us."""
+    messages = graph.received[topic]
+    graph.probe.create_subscription(kind, topic, messages.append, 100)
+    graph.start(NODE, source=source, **parameters)
+    return messages
+
+
+def test_a_folder_of_images(graph, folder):
+    (folder / 'frame5.png').write_bytes(b'not an image')
+    infos = graph.received['/camera_info']
+    graph.probe.create_subscription(CameraInfo, '/camera_info', infos.append, 100)
+    images = play(graph, folder, rate=100.0, frame_id='nose')
+    graph.until(lambda: len(images) == 11 and len(infos) == 11, '11 images')
+    values = [decode_image(image).pixels[0, 0, 0] for image in images]
+    assert values == [20 * i for i in range(12) if i != 5]
+    assert images[0].encoding == 'bgr8'
+    assert stamps(images) == pytest.approx([i / 30 for i in range(12) if i != 5], abs=1e-6)
+    assert [info.header for info in infos] == [image.header for image in images]
+    assert images[0].header.frame_id == 'nose'
+    assert (infos[0].width, infos[0].height, infos[0].k[0]) == (64, 48, 0.0)
+
+
+def test_a_bag_is_paced_by_its_stamps(graph, bag):
+    arrivals = []
+    graph.probe.create_subscription(
+        Image, '/image_raw', lambda _: arrivals.append(time.monotonic()), 100
+    )
+    images = play(graph, bag)
+    graph.until(lambda: len(images) == 10, '10 images')
+    assert images[0].header.frame_id == 'boom_camera'
+    np.testing.assert_array_equal(decode_image(images[0]).pixels, draw(tanker_at()))
+    assert np.median(np.diff(arrivals)) == pytest.approx(0.05, abs=0.02)
+
+
+def test_loop_pause_and_restart(graph, bag):
+    images = play(graph, bag, rate=200.0, loop=True)
+    graph.until(lambda: len(images) > 25, 'the bag to loop')
+    assert graph.call(SetBool, f'/{NODE}/pause', SetBool.Request(data=True)).success
+    graph.spin(0.3)
+    count = len(images)
+    graph.spin(0.3)
+    assert len(images) == count
+    assert graph.set_parameter(NODE, 'loop', False).successful
+    assert graph.call(SetBool, f'/{NODE}/pause', SetBool.Request(data=False)).success
+    graph.until(lambda: graph.diagnostics(NODE)['state'] == 'ended', 'the end')
+    images.clear()
+    graph.spin(0.3)
+    assert images == []
+    assert graph.call(Trigger, f'/{NODE}/restart', Trigger.Request()).success
+    graph.until(lambda: len(images) == 10, 'the bag again')
+
+
+def test_restart_in_the_middle(graph, bag):
+    images = play(graph, bag, rate=10.0)
+    graph.until(lambda: len(images) == 3, '3 images')
+    assert graph.call(Trigger, f'/{NODE}/restart', Trigger.Request()).success
+    begun = stamps(images)[0]
+    graph.until(lambda: begun in stamps(images[3:]), 'the first image again')
+    again = stamps(images).index(begun, 3)
+    # It had not come to the end by itself.
+    assert again < 10
+    graph.until(lambda: len(images) >= again + 5, '5 more images')
+    assert stamps(images[again:])[:3] == stamps(images)[:3]
+
+
+def test_encoding_gamma_and_stamp(graph, folder):
+    images = play(graph, folder, rate=50.0, encoding='mono8', gamma=2, stamp='now')
+    graph.until(lambda: len(images) == 12, '12 images')
+    assert images[6].encoding == 'mono8'
+    assert decode_image(images[6]).pixels[0, 0] == round((120 / 255) ** 2 * 255)
+    assert abs(stamps(images)[-1] - time.time()) < 30
+
+
+def test_compressed_images(graph, bag):
+    images = play(graph, bag, '/image_raw/compressed', CompressedImage)
+    graph.until(lambda: len(images) == 10, '10 images')
+    difference = decode_compressed_image(images[0]).pixels.astype(int) - draw(tanker_at())
+    assert np.abs(difference).mean() < 2
+
+
+def test_calibration(graph, folder, tmp_path):
+    calibration = tmp_path / 'nose.yaml'
+    calibration.write_text(
+        'image_width: 64\nimage_height: 48\ncamera_name: nose\n'
+        'camera_matrix: {rows: 3, cols: 3, data: [50, 0, 32, 0, 51, 24, 0, 0, 1]}\n'
+        'distortion_model: plumb_bob\n'
+        'distortion_coefficients: {rows: 1, cols: 5, data: [0.1, 0, 0, 0, 0]}\n'
+        'rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n'
+        'projection_matrix: {rows: 3, cols: 4, data: [50, 0, 32, 0, 0, 51, 24, 0, 0, 0, 1, 0]}\n'
+    )
+    infos = play(
+        graph,
+        folder,
+        '/camera_info',
+        CameraInfo,
+        camera_info_url=f'file://{calibration}',
+        wait_for_subscribers=0,
+        loop=True,
+    )
+    graph.until(lambda: len(infos) > 1, 'calibrations')
+    assert list(infos[0].k) == [50, 0, 32, 0, 51, 24, 0, 0, 1]
+    assert infos[0].distortion_model == 'plumb_bob'
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'words'),
+    [
+        ({'source': '/nowhere/flight.mcap'}, 'no such file'),
+        ({'source': 'sim:zeppelin'}, 'sim:tanker and sim:runway'),
+        ({'source': __file__}, 'not a video'),
+        ({'source': '.', 'camera_info_url': '/nowhere.yaml'}, 'no images and no bag'),
+        ({'source': '0', 'camera_info_url': '/nowhere.yaml'}, 'No such file'),
+        ({'source': '0', 'rate': -1.0}, 'rate: must be 0 to 10000'),
+    ],
+)
+def test_a_bad_start_is_one_clear_line(graph, parameters, words):
+    process = graph.spawn(NODE, **parameters)
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == 2
+    # FFmpeg's own words come before ours.
+    assert words in output.strip().splitlines()[-1]
+    assert 'Traceback' not in output
+
+
+def test_a_missing_camera_is_waited_for(graph):
+    process = graph.start(NODE, source=77)
+    graph.spin(2.0)
+    assert process.poll() is None
+    process.send_signal(2)
+    output, _ = process.communicate(timeout=10)
+    assert 'camera 77 cannot be opened' in output
+    assert 'trying again' in output
+    assert process.returncode == 0
+
+
+BREAKING = """
+import sys
+from mvuav_ros.nodes import video_source
+def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
+video_source.VideoSource._publish = broken
+sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
+video_source.main()
+"""
+
+
+def test_a_source_that_breaks_ends_with_a_line_and_a_status(bag):
+    command = [sys.executable, '-c', BREAKING, str(bag)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 1
+    assert 'flight.mcap /cam: ZeroDivisionError: what nobody thought of' in run.stderr
+    assert 'Traceback' not in run.stderr

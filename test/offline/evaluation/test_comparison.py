@@ -1,0 +1,97 @@
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Vector3, Vector3Stamped
+from rclpy.serialization import serialize_message
+from support.flights import write_bag
+
+from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
+from mvuav_ros.offline.evaluation.metrics import metrics_of
+from mvuav_ros.offline.evaluation.observed import Observed, read_bag, replay
+from mvuav_ros.processing.messages.header import make_header
+from mvuav_ros.recordings.sources.frame import SourceError
+
+TANKER = 'sim:tanker?frames=12&motion=roll&fps=15&noise=0'
+TYPES = {'markers': 'sensor_msgs/msg/PointCloud2', 'rpy': 'geometry_msgs/msg/Vector3Stamped'}
+RUNWAY = 'sim:runway?frames=6&width=320&height=240&motion=low_pass&start_distance=-20&speed=25'
+
+
+def values(observed):
+    return {metric.name: metric.value for metric in metrics_of(observed)}
+
+
+def test_a_replayed_flight_is_close_to_its_truth():
+    observed = replay(TANKER, {'marker_tracker': {}})
+    measured = values(observed)
+    assert observed.frames == measured['frames'] == 12
+    assert measured['markers detected'] == 100.0
+    assert 0.0 < measured['detected markers, RMS error'] < 0.2
+    assert 0.0 < measured['roll, RMS error'] < 0.05
+    assert measured['wrong names'] == 0
+    assert observed.milliseconds > 0.0
+
+
+def test_parameters_reach_the_replay():
+    few = values(replay(TANKER, {'marker_tracker': {'min_area': 100000}}))
+    assert few['markers lost'] == 100.0
+    assert math.isnan(few['detected markers, RMS error'])
+
+
+def shifted(observed, dx=0.0, order=(0, 1, 2, 3, 4)):
+    for stamp, rows in observed.results.markers.items():
+        changed = rows.copy()
+        changed['x'] = observed.truth.markers[stamp]['x'][list(order)] + dx
+        changed['y'] = observed.truth.markers[stamp]['y'][list(order)]
+        observed.results.markers[stamp] = changed
+    return observed
+
+
+def test_errors_are_those_that_were_made():
+    errors = marker_errors(shifted(replay(TANKER, {'marker_tracker': {}}), dx=1.5))
+    assert np.allclose(errors.offset[..., 0], 1.5, atol=1e-4)
+    assert np.allclose(errors.offset[..., 1], 0.0, atol=1e-4)
+    assert not errors.wrong.any()
+
+
+def test_exchanged_names_are_noticed():
+    swapped = shifted(replay(TANKER, {'marker_tracker': {}}), order=(4, 1, 2, 3, 0))
+    errors = marker_errors(swapped)
+    assert errors.wrong[:, [0, 4]].all()
+    assert not errors.wrong[:, 1:4].any()
+    assert values(swapped)['wrong names'] == 24
+
+
+def test_roll_error_is_taken_the_short_way():
+    observed = Observed('by hand')
+    for target, roll in ((observed.results, 3.1), (observed.truth, -3.1)):
+        message = Vector3Stamped(header=make_header(7, 'camera'), vector=Vector3(x=roll))
+        target.add('rpy', serialize_message(message))
+    assert roll_errors(observed).error[0] == pytest.approx(6.2 - 2 * math.pi)
+
+
+def test_true_lines_given_back_are_found_without_error():
+    observed = replay(RUNWAY, {'runway_detector': {}})
+    assert line_errors(observed).frames == 6
+    for stamp, rows in observed.truth.lines.items():
+        observed.results.lines[stamp] = rows
+    errors = line_errors(observed)
+    assert len(errors.matches) == sum(errors.visible) > 0
+    assert max(abs(match.distance) for match in errors.matches) < 1e-3
+    assert values(observed)['true lines found'] == 100.0
+
+
+def test_results_in_a_bag_equal_a_replay_of_it(tmp_path):
+    path = write_bag(tmp_path / 'flight.mcap', results=True)
+    stored, again = read_bag(path), replay(str(path), {'marker_tracker': {}})
+    assert len(stored.results.markers) == 6
+    for observed in (stored, again):
+        assert len(observed.truth.markers) == 6
+    for stamp, rows in stored.results.markers.items():
+        assert rows.tobytes() == again.results.markers[stamp].tobytes()
+    assert stored.results.rpy == again.results.rpy
+
+
+def test_an_input_without_frames_is_refused(tmp_path):
+    with pytest.raises(SourceError):
+        replay(str(tmp_path / 'nothing.mcap'), {'marker_tracker': {}})

@@ -1,0 +1,142 @@
+"""The metric: what counts as found."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.offline.evaluation.corners import (
+    WARM_UP,
+    CornersError,
+    CornersScore,
+    FrameScore,
+    LabelledFrame,
+    read_corners,
+    score_frame,
+)
+from mvuav_ros.vision.approach.derotation import line_through
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine
+
+HEADER = (
+    'file,near_left_x,near_left_y,near_right_x,near_right_y,'
+    'far_right_x,far_right_y,far_left_x,far_left_y'
+)
+NARROW = LabelledFrame('a.jpg', (100, 200), (120, 200), (115, 150), (110, 150))
+WIDE = LabelledFrame('b.jpg', (50, 200), (250, 200), (160, 100), (150, 100))
+
+
+def edge(role, first, last, aside=0.0):
+    form = line_through(first[0] + aside, first[1], last[0] + aside, last[1])
+    return RunwayLine(peak=0, rho=form.rho, theta=form.theta, role=role)
+
+
+def edges(frame, left=0.0, right=0.0):
+    return [
+        edge(LineRole.LEFT_EDGE, frame.near_left, frame.far_left, left),
+        edge(LineRole.RIGHT_EDGE, frame.near_right, frame.far_right, right),
+    ]
+
+
+def test_the_tolerance_is_3_px_or_5_percent_of_the_near_width():
+    assert NARROW.tolerance == 3.0
+    assert WIDE.tolerance == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(('aside', 'found'), [(0.0, True), (2.9, True), (3.2, False)])
+def test_a_line_must_pass_near_both_corners(aside, found):
+    # The left edge's normal is 0.98 of a column: 3.2 columns are 3.14 px.
+    assert score_frame(NARROW, edges(NARROW, left=aside)).found is found
+    assert score_frame(NARROW, edges(NARROW, right=-aside)).found is found
+
+
+def test_a_line_through_one_corner_alone_is_not_found():
+    turned = edge(LineRole.LEFT_EDGE, NARROW.near_left, (120, 150))
+    assert not score_frame(NARROW, [turned, edges(NARROW)[1]]).found
+
+
+def test_a_line_without_its_role_and_a_missing_one_count_nothing():
+    left, right = edges(NARROW)
+    unknown = RunwayLine(peak=0, rho=left.rho, theta=left.theta)
+    for lines in ([right], [unknown, right], [right, right], [RunwayLine(), right], []):
+        score = score_frame(NARROW, lines)
+        assert score.left == math.inf
+        assert not score.found
+
+
+def test_frames_before_the_25th_do_not_count():
+    bad, good = FrameScore('x', 9.0, 0.0, 3.0), FrameScore('x', 1.0, 2.0, 3.0)
+    assert WARM_UP == 24
+    assert CornersScore((bad,) * 24 + (good,) * 3).both == 1.0
+    assert CornersScore((good,) * 24 + (bad, good)).both == 0.5
+    assert CornersScore((good,) * 24 + (bad, good)).right == 1.0
+    assert math.isnan(CornersScore((good,) * 24).both)
+
+
+@pytest.mark.parametrize(
+    ('left', 'right', 'failure'),
+    [
+        (3.0, 1.0, ''),
+        (3.1, 1.0, 'left_off'),
+        (1.0, 3.1, 'right_off'),
+        (9.0, 9.0, 'both_off'),
+        (9.0, math.inf, 'missing'),
+    ],
+)
+def test_every_failure_has_a_class(left, right, failure):
+    frame = FrameScore('x', left, right, 3.0)
+    assert frame.failure == failure
+    assert CornersScore((frame,) * 26).failures == ({failure: 2} if failure else {})
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('file,near_left_x\na.jpg,1\n', 'no column near_left_y'),
+        (HEADER + '\n', 'no rows'),
+        (HEADER + '\na.jpg,1,2,3,4,5,six,7,8\n', 'line 2'),
+        (HEADER + '\na.jpg,1,2\n', 'line 2'),
+    ],
+)
+def test_unusable_labels_are_refused_with_the_reason(tmp_path, text, reason):
+    path = tmp_path / 'corners.csv'
+    path.write_text(text)
+    with pytest.raises(CornersError, match=reason):
+        read_corners(path)
+
+
+@pytest.fixture
+def labelled(tmp_path):
+    rows = [HEADER]
+    for index in range(30):
+        name = f'{index}.png'
+        cv2.imwrite(str(tmp_path / name), np.full((240, 320, 3), 90, np.uint8))
+        rows.append(f'{name},100,200,120,200,115,150,110,150')
+    path = tmp_path / 'corners.csv'
+    path.write_text('\n'.join(rows))
+    return path
+
+
+def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
+    from mvuav_ros.cli.app import app
+
+    folder = labelled.parent / 'pictures'
+    arguments = ['evaluate', 'corners', str(labelled)]
+    app([*arguments, '--pictures', str(folder)], standalone_mode=False)
+    printed = capsys.readouterr().out
+    assert 'frames counted 6' in printed
+    assert 'both edges found 0.0 %' in printed
+    assert 'failures missing 6' in printed
+    names = sorted(path.stem for path in folder.iterdir())
+    assert names == ['best', 'failure_missing', 'median', 'worst']
+    status = app([*arguments, '--minimum', '0.9'], standalone_mode=False)
+    assert status == 1
+
+
+def test_a_missing_picture_is_a_users_mistake(labelled):
+    from mvuav_ros.cli.app import app
+    from mvuav_ros.recordings.sources.frame import SourceError
+
+    (labelled.parent / '7.png').unlink()
+    with pytest.raises(SourceError, match=r'7\.png'):
+        app(['evaluate', 'corners', str(labelled)], standalone_mode=False)

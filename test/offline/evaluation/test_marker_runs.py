@@ -1,0 +1,112 @@
+import copy
+import math
+
+import numpy as np
+import pytest
+
+from mvuav_ros.offline.evaluation.marker_runs import MarkerTask, fly_markers, predict
+from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
+from mvuav_ros.offline.thesis.plan import METHODS, RUNS, Plan, tracker
+from mvuav_ros.offline.thesis.tracking import (
+    THESIS_METHODS,
+    claims_of,
+    table_5_3,
+    tracking_pipelines,
+    trial_settings,
+)
+from mvuav_ros.simulation.settings import TRIALS, TankerSettings
+from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
+
+# Left wing, left stabilizer, rudder, right stabilizer, right wing.
+PLACES = ((60, 200), (150, 180), (200, 120), (250, 180), (340, 200))
+STEP_NS = 100_000_000
+
+
+def picture(shift):
+    """Five squares whose centroids are whole numbers."""
+    image = np.zeros((300, 480), np.uint8)
+    for x, y in PLACES:
+        image[y - 1 : y + 2, x + shift - 1 : x + shift + 2] = 255
+    return Picture(image, 'mono8')
+
+
+@pytest.mark.parametrize(('method', 'error'), [('velocity', 2.0), ('acceleration', 1.0)])
+def test_rms_of_prediction_on_a_hand_made_sequence(method, error):
+    """At 0, 1, 4, 9 … px the velocity of the last step is 2 px short; half of that with eq. 4.2."""
+    pipeline = MarkerPipeline(tracker(mode='track', prediction=method))
+    errors = []
+    for frame in range(9):
+        expected = predict(pipeline, picture(0), frame * STEP_NS)
+        found = pipeline.process(picture(frame**2), frame * STEP_NS)
+        assert all(marker.state is MarkerState.DETECTED for marker in found.markers)
+        if found.windows:
+            errors.append(
+                [
+                    (a.x - b.x, a.y - b.y)
+                    for a, b in zip(expected.markers, found.markers, strict=True)
+                ]
+            )
+    assert len(errors) == 6
+    assert distance_rms(np.array(errors)) == pytest.approx(error, abs=1e-6)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_predicting_leaves_the_pipeline_alone(method):
+    pipeline = MarkerPipeline(tracker(mode='track', prediction=method))
+    untouched = copy.deepcopy(pipeline)
+    for frame in range(8):
+        predict(pipeline, picture(0), frame * STEP_NS)
+        a = pipeline.process(picture(3 * frame), frame * STEP_NS)
+        b = untouched.process(picture(3 * frame), frame * STEP_NS)
+        # NaN is not equal to itself, its text is.
+        assert repr(a) == repr(b)
+
+
+def test_a_still_noise_free_flight_has_no_error():
+    flight = TankerSettings(motion='still', frames=8, noise=0.0, background='plain')
+    flown = fly_markers(MarkerTask(flight, tracking_pipelines()))
+    for name in RUNS:
+        assert distance_rms(flown.runs[name].prediction_error) < 0.01
+        assert distance_rms(flown.found_error(name)) < 0.15
+        assert math.degrees(rms(flown.roll_error(name))) < 0.03
+        assert np.isnan(flown.runs[name].predicted[:3]).all()
+        assert np.isfinite(flown.runs[name].predicted[3:]).all()
+
+
+def test_a_light_that_is_out_is_not_found_but_predicted():
+    flight = TankerSettings(motion='translation', frames=30, failures='rudder@0.5-0.7', noise=0.0)
+    flown = fly_markers(MarkerTask(flight, {'run': tracker(mode='track', prediction='velocity')}))
+    out = (flown.time > 0.5) & (flown.time < 0.7)
+    run = flown.runs['run']
+    assert out.sum() >= 5
+    assert np.isnan(run.found[out, 2]).all()
+    assert (run.states[out, 2] == MarkerState.PREDICTED).all()
+    assert distance_rms(flown.predicted_error('run')[out][:, 2]) < 3.0
+    assert np.isfinite(run.found[:, 0]).all()
+
+
+def fly_trials(seed, frames=24):
+    plan = Plan(seed=seed, trial_frames=frames)
+    methods = {name: p for name, p in tracking_pipelines().items() if name in RUNS}
+    return [fly_markers(MarkerTask(trial_settings(plan, trial), methods)) for trial in TRIALS]
+
+
+def test_the_thesis_conclusion_holds_and_numbers_follow_the_seed():
+    first, other = fly_trials(11), fly_trials(12)
+    claims = claims_of(first)
+    assert len(claims) == len(THESIS_METHODS)
+    assert all(claim.holds for claim in claims)
+    tables = [table_5_3(flights) for flights in (first, other)]
+    for row, row_of_other in zip(tables[0].rows, tables[1].rows, strict=True):
+        assert row[:2] == row_of_other[:2]
+        assert row[-1] == row_of_other[-1]
+        assert all(a != b for a, b in zip(row[2:-1], row_of_other[2:-1], strict=True))
+    assert table_5_3(fly_trials(11)).rows == tables[0].rows
+
+
+def test_the_claim_fails_where_it_should():
+    plan = Plan(seed=11, trial_frames=45)
+    flight = fly_markers(MarkerTask(trial_settings(plan, 'translation', 3), tracking_pipelines()))
+    assert [claim.holds for claim in claims_of([flight])] == [False, False]

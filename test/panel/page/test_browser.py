@@ -1,0 +1,441 @@
+"""The panel in a real Chromium, with real nodes on real DDS that play the sample bags."""
+
+import hashlib
+import http.client
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import PointCloud2
+from support.graph import CLEAN, ROOT, Graph
+
+pytest.importorskip('nicegui', reason='the extra panel is not installed')
+sync_api = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason='there is no chromium on this machine')
+
+TRACKER, DETECTOR = '/marker_tracker', '/runway_detector'
+PATIENCE = 60.0
+"""Seconds; nothing takes as long, but a loaded machine may."""
+
+
+class Panel:
+    """A running panel, its nodes, and the browser that looks at it."""
+
+    def __init__(self, graph, folder):
+        self.graph = graph
+        self.tracker = graph.start('marker_tracker', remap=('image_raw:=/tanker/image_raw',))
+        graph.start('runway_detector', remap=('image_raw:=/runway/image_raw',))
+        for name in ('tanker', 'runway'):
+            bag = ROOT / 'bags' / f'{name}.mcap'
+            graph.spawn('video_source', remap=(f'__ns:=/{name}',), source=bag, loop='true')
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'mvuav_ros', 'tuning_panel', '--port', '0', '--folder', folder],
+            cwd=ROOT,
+            env={**CLEAN, 'ROS_DOMAIN_ID': str(graph.domain_id)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.url = self.process.stdout.readline().split()[-1]
+        self.folder = folder
+        self.requests = []
+        self.errors = []
+
+    def open(self, browser):
+        page = browser.new_page(viewport={'width': 1280, 'height': 900})
+        page.set_default_timeout(PATIENCE * 1000)
+        page.on('request', lambda request: self.requests.append(request.url))
+        page.on('pageerror', lambda error: self.errors.append(str(error)))
+        page.goto(self.url)
+        self.page = page
+        self.choose(TRACKER)
+
+    def until(self, condition, what):
+        self.graph.until(condition, what, PATIENCE)
+
+    def choose(self, node):
+        self.page.locator('.node', has_text=node).click()
+        name = 'threshold' if node == TRACKER else 'start_row'
+        self.row(name).wait_for()
+
+    def part(self, name):
+        if self.page.locator(f'.tab.{name}').is_visible():
+            self.page.locator(f'.tab.{name}').click()
+
+    def row(self, name):
+        return self.page.locator(f'[data-parameter="{name}"]')
+
+    def now(self, name):
+        return self.row(name).locator('.now').inner_text()
+
+    def enter(self, name, value):
+        field = self.row(name).locator('input').first
+        field.fill(str(value))
+        field.press('Enter')
+
+    def close(self):
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(timeout=20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+@pytest.fixture(scope='module')
+def panel(tmp_path_factory):
+    graph = Graph()
+    panel = None
+    try:
+        panel = Panel(graph, tmp_path_factory.mktemp('panel'))
+        with sync_api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=CHROMIUM, args=['--no-sandbox', '--disable-dev-shm-usage']
+            )
+            panel.browser = browser
+            panel.open(browser)
+            yield panel
+            browser.close()
+    finally:
+        if panel is not None:
+            panel.close()
+        graph.close()
+
+
+def looks(canvas):
+    return hashlib.sha256(canvas.evaluate('c => c.toDataURL()').encode()).hexdigest()
+
+
+def test_pictures_appear_and_change(panel):
+    canvases = panel.page.locator('canvas.picture')
+    panel.until(lambda: canvases.count() == 2, 'input and overlay')
+    for canvas in (canvases.nth(0), canvases.nth(1)):
+        canvas.scroll_into_view_if_needed()
+        panel.until(
+            lambda c=canvas: int(c.get_attribute('data-frames') or 0) > 0, 'the first picture'
+        )
+        first = looks(canvas)
+        panel.until(lambda c=canvas, f=first: looks(c) != f, 'another picture')
+        bright = canvas.evaluate(
+            "c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data"
+            '.filter((v, i) => i % 4 == 0).reduce((a, b) => Math.max(a, b))'
+        )
+        assert bright > 150
+
+
+def test_every_parameter_is_there_with_its_value(panel):
+    panel.choose(TRACKER)
+    shown = panel.page.locator('[data-parameter]').evaluate_all(
+        'rows => rows.map(r => r.dataset.parameter)'
+    )
+    from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+
+    assert [n for n in shown if n in MarkerTrackerParameters.names()] == list(
+        MarkerTrackerParameters.names()
+    )
+    assert panel.now('threshold') == '0.7' and panel.now('mode') == 'track'
+
+
+def test_the_slider_changes_the_nodes_parameter(panel):
+    """The time is printed; 300 ms hold on a quiet machine, a loaded one gets ten times that."""
+    panel.choose(TRACKER)
+    graph = panel.graph
+    client = graph.probe.create_client(GetParameters, f'{TRACKER}/get_parameters')
+    panel.until(client.service_is_ready, 'the parameters of the node')
+
+    def asked_back():
+        future = client.call_async(GetParameters.Request(names=['threshold']))
+        panel.until(future.done, 'an answer')
+        return future.result().values[0].double_value
+
+    changes = []
+    graph.probe.create_subscription(
+        ParameterEvent, '/parameter_events', lambda event: changes.append((time.time(), event)), 100
+    )
+    page = panel.page
+    page.evaluate(
+        "document.addEventListener('keydown', () => { window.pressed = Date.now() }, true)"
+    )
+    page.locator('[data-parameter="threshold"] .q-slider [tabindex="0"]').focus()
+    times = []
+    for _ in range(7):
+        before = asked_back()
+        changes.clear()
+        page.keyboard.press('ArrowLeft')
+        panel.until(lambda: changes, 'the parameter to change')
+        times.append(1e3 * changes[0][0] - page.evaluate('window.pressed'))
+        assert asked_back() == pytest.approx(before - 0.001)
+    print('slider to parameter, ms:', [round(each) for each in times])
+    assert sorted(times)[len(times) // 2] < 3000.0
+    box = panel.row('threshold').locator('.q-slider__track-container').bounding_box()
+    page.mouse.click(box['x'] + 0.55 * box['width'], box['y'] + box['height'] / 2)
+    panel.until(lambda: asked_back() == pytest.approx(0.55, abs=0.02), 'the mouse to move it')
+    value = asked_back()
+    panel.until(lambda: float(panel.now('threshold')) == value, 'the current value beside it')
+    graph.probe.destroy_client(client)
+
+
+def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
+    panel.choose(DETECTOR)
+    panel.enter('peak_neighborhood_rho', 10)
+    hint = panel.row('peak_neighborhood_rho').locator('.hint.refused')
+    hint.wait_for()
+    assert hint.inner_text() == 'must be odd 1 to 9999, not 10'
+    assert panel.graph.get_parameter('runway_detector', 'peak_neighborhood_rho') == 11
+    assert panel.now('peak_neighborhood_rho') == '11'
+    panel.enter('peak_neighborhood_rho', 'ten')
+    panel.until(lambda: hint.inner_text() == 'takes a whole number', 'the reason')
+    panel.enter('peak_neighborhood_rho', 13)
+    panel.until(lambda: panel.now('peak_neighborhood_rho') == '13', 'a value that is taken')
+    panel.until(lambda: hint.count() == 0, 'the reason to go')
+
+
+def test_a_change_by_somebody_else_is_shown(panel):
+    panel.choose(TRACKER)
+    assert panel.graph.set_parameter('marker_tracker', 'grouping_distance', 17).successful
+    panel.until(lambda: panel.now('grouping_distance') == '17', 'the new value')
+    field = panel.row('grouping_distance').locator('input').first
+    panel.until(lambda: field.input_value() == '17', 'the new value in the field')
+
+
+def test_edits_wait_for_the_button_when_told_to(panel):
+    panel.choose(TRACKER)
+    before = panel.graph.get_parameter('marker_tracker', 'min_area')
+    panel.page.get_by_role('switch', name='Apply at once').click()
+    panel.enter('min_area', before + 2)
+    apply = panel.page.get_by_role('button', name='Apply 1')
+    apply.wait_for()
+    assert panel.graph.get_parameter('marker_tracker', 'min_area') == before
+    apply.click()
+    panel.until(
+        lambda: panel.graph.get_parameter('marker_tracker', 'min_area') == before + 2,
+        'the button to apply it',
+    )
+    panel.page.get_by_role('switch', name='Apply at once').click()
+
+
+def test_a_set_is_saved_changed_and_loaded(panel):
+    panel.choose(TRACKER)
+    page = panel.page
+    panel.enter('search_radius', 12)
+    panel.until(lambda: panel.now('search_radius') == '12', 'the value')
+    page.get_by_role('button', name='Save', exact=True).click()
+    page.get_by_role('dialog').get_by_label('Name').fill('../night')
+    page.get_by_role('dialog').get_by_role('button', name='Save').click()
+    page.get_by_text('a name has letters').wait_for()
+    page.get_by_role('dialog').get_by_label('Name').fill('night')
+    page.get_by_role('dialog').get_by_role('button', name='Save').click()
+    page.get_by_text('The live values are those of night.').wait_for()
+    assert [path.name for path in panel.folder.rglob('*.yaml')] == ['night.yaml']
+    panel.enter('search_radius', 21)
+    page.get_by_text('1 live value differs from night').wait_for()
+    assert 'off-set' in panel.row('search_radius').get_attribute('class')
+    page.get_by_role('button', name='Load', exact=True).click()
+    panel.until(
+        lambda: panel.graph.get_parameter('marker_tracker', 'search_radius') == 12,
+        'the set to be loaded',
+    )
+    page.get_by_text('The live values are those of night.').wait_for()
+    page.get_by_role('button', name='Compare two sets').click()
+    dialog = page.get_by_role('dialog')
+    dialog.get_by_text('No parameter differs.').wait_for()
+    dialog.get_by_role('button', name='Close').click()
+    page.get_by_role('button', name='Delete the set').click()
+    page.get_by_role('dialog').get_by_text('Delete the set night?').wait_for()
+    page.get_by_role('dialog').get_by_role('button', name='Delete').click()
+    panel.until(lambda: not list(panel.folder.rglob('*.yaml')), 'the set to be gone')
+
+
+def test_a_click_on_the_input_sets_a_row_or_shows_the_pixel(panel):
+    panel.choose(DETECTOR)
+    panel.part('pictures')
+    tile = panel.page.locator('.tile', has_text='Input').filter(has_text=DETECTOR)
+    tile.wait_for()
+    canvas = tile.locator('canvas')
+    panel.until(lambda: int(canvas.get_attribute('data-frames') or 0) > 0, 'the input')
+    box = canvas.bounding_box()
+    canvas.click(position={'x': box['width'] / 2, 'y': box['height'] / 2})
+    words = tile.get_by_text(re.compile(r'x 1(59|60|61), y 1(19|20|21): 0\.\d{3} '))
+    words.wait_for()
+    tile.get_by_role('button', name='Start row').click()
+    canvas.click(position={'x': box['width'] / 2, 'y': box['height'] / 4})
+    panel.until(lambda: panel.now('start_row') != '50', 'the row that was clicked')
+    assert panel.graph.get_parameter('runway_detector', 'start_row') == pytest.approx(60, abs=1)
+
+
+def test_two_runs_are_made_and_the_trend_shows_both(panel):
+    panel.choose(DETECTOR)
+    panel.part('runs')
+    page = panel.page
+    for number, peaks in ((1, 3), (2, 2)):
+        panel.enter('num_peaks', peaks)
+        panel.until(lambda p=peaks: panel.now('num_peaks') == str(p), 'the value')
+        page.get_by_role('button', name='Run and save').click()
+        page.locator(f'[data-run="run {number}"]').wait_for()
+    read = """() => {
+        const holder = document.querySelector('[data-trend]');
+        const chart = holder && getElement(Number(holder.id.slice(1))).chart;
+        const option = chart && chart.getOption();
+        return option && option.series && option.series.length
+            ? [option.xAxis[0].data, option.series.map(s => s.data)] : null;
+    }"""
+    panel.until(lambda: page.evaluate(read) is not None, 'the trend')
+    panel.until(lambda: page.evaluate(read)[0] == ['run 1', 'run 2'], 'both runs')
+    _, values = page.evaluate(read)
+    assert len(values) == 3 and all(len(each) == 2 and None not in each for each in values)
+    for words in ('CSV', 'PNG'):
+        with page.expect_download() as download:
+            page.get_by_role('button', name=words).click()
+        content = download.value.path().read_bytes()
+        assert content.startswith(b'\x89PNG') if words == 'PNG' else b'run 2' in content
+    page.get_by_role('button', name='Delete run 2').click()
+    page.get_by_role('dialog').get_by_role('button', name='Delete').click()
+    page.locator('[data-run="run 2"]').wait_for(state='detached')
+    assert page.locator('[data-run="run 1"]').count() == 1
+
+
+def test_results_are_plotted(panel):
+    panel.choose(DETECTOR)
+    panel.part('results')
+    count = """() => {
+        const holder = document.querySelector('[data-curves="rho"]');
+        const chart = holder && getElement(Number(holder.id.slice(1))).chart;
+        return chart ? Math.max(0, ...chart.getOption().series.map(s => s.data.length)) : 0;
+    }"""
+    panel.until(lambda: panel.page.evaluate(count) > 10, 'curves')
+    table = panel.page.locator('.part.results table').first
+    panel.until(lambda: 'line 0' in table.inner_text(), 'statistics')
+
+
+def test_what_a_node_says_is_shown_as_text(panel):
+    """A node of somebody else, whose texts are HTML."""
+    evil = '<img src=x onerror="window.harmed=1"><b id=harm>b</b>'
+    node = panel.graph.probe
+    node.create_publisher(PointCloud2, '/probe/markers', 1)
+    node.declare_parameter('harm', evil, ParameterDescriptor(description=evil))
+    button = panel.page.locator('.node', has_text='/probe')
+    panel.until(lambda: button.count() == 1, 'the node')
+    button.click()
+    row = panel.row('harm')
+    panel.until(lambda: row.count() == 1, 'its parameter')
+    panel.until(lambda: evil in row.inner_text(), 'its text')
+    row.locator('.name').click()
+    assert panel.page.locator('#harm').count() == 0
+    assert panel.page.evaluate('window.harmed') is None
+    panel.choose(TRACKER)
+
+
+def has_value(graph, node, name, value):
+    """As `Graph.get_parameter`, but asks again: DDS knows a killed node's services for a while."""
+    client = graph.probe.create_client(GetParameters, f'{node}/get_parameters')
+    graph.until(client.service_is_ready, 'the service')
+    future = client.call_async(GetParameters.Request(names=[name]))
+    end = time.monotonic() + 3.0
+    graph.until(lambda: future.done() or time.monotonic() > end, 'an answer')
+    graph.probe.destroy_client(client)
+    return future.done() and future.result().values[0].double_value == value
+
+
+def test_a_killed_node_is_shown_as_gone_and_found_again(panel):
+    panel.choose(TRACKER)
+    button = panel.page.locator('.node', has_text=TRACKER)
+    panel.tracker.kill()
+    panel.until(lambda: 'gone' in button.inner_text(), 'the node to be gone')
+    panel.tracker = panel.graph.start('marker_tracker', remap=('image_raw:=/tanker/image_raw',))
+    panel.until(lambda: 'gone' not in button.inner_text(), 'the node to be back')
+    panel.until(lambda: panel.now('threshold') == '0.7', 'its new values')
+    panel.enter('threshold', 0.65)
+    panel.until(lambda: panel.now('threshold') == '0.65', 'the change')
+    panel.until(
+        lambda: has_value(panel.graph, TRACKER, 'threshold', 0.65), 'the same from the node'
+    )
+
+
+def test_a_websocket_from_another_page_is_refused(panel):
+    host = panel.url.split('/')[2]
+    for path in ('/live', '/_nicegui_ws/socket.io/?EIO=4&transport=websocket'):
+        for origin, expected in ((f'http://{host}', 101), ('http://evil.example', 403)):
+            connection = http.client.HTTPConnection(host, timeout=PATIENCE)
+            headers = {
+                'Upgrade': 'websocket',
+                'Connection': 'Upgrade',
+                'Sec-WebSocket-Version': '13',
+                'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==',
+                'Origin': origin,
+            }
+            connection.request('GET', path, headers=headers)
+            assert connection.getresponse().status == expected, (path, origin)
+            connection.close()
+
+
+def test_nothing_comes_from_another_host_and_nothing_went_wrong(panel):
+    foreign = [url for url in panel.requests if not url.startswith((panel.url, 'data:', 'blob:'))]
+    assert panel.requests and foreign == []
+    assert panel.errors == []
+
+
+def test_its_policy_names_what_it_uses(panel):
+    """Held against the panel with all it has shown; the inputs are remapped in this test."""
+    policy = ET.parse(ROOT / 'sros2' / 'tuning_panel.policy.xml')
+
+    def written(tag, kind):
+        rules = policy.iterfind(f".//{tag}[@{kind}='ALLOW']/*")
+        return {f'/{rule.text}'.replace('/~/', '/tuning_panel/') for rule in rules}
+
+    def seen(ask):
+        # The probe has passed for a node of somebody else in this module.
+        names = {name for name, _ in ask('tuning_panel', '/') if not name.startswith('/probe/')}
+        return {re.sub('^/(tanker|runway)/', '/', name) for name in names}
+
+    probe = panel.graph.probe
+    seen_topics = set()
+
+    def subscribes(topic):
+        seen_topics.update(seen(probe.get_subscriber_names_and_types_by_node))
+        return topic in seen_topics
+
+    for node, curves in ((TRACKER, 'markers'), (DETECTOR, 'line_params')):
+        panel.choose(node)
+        panel.part('results')
+        panel.until(lambda t=f'{node}/{curves}': subscribes(t), f'curves of {node}')
+    assert seen_topics <= written('topics', 'subscribe')
+    assert '/diagnostics' in seen_topics
+    assert seen(probe.get_publisher_names_and_types_by_node) == written('topics', 'publish')
+    assert seen(probe.get_service_names_and_types_by_node) == written('services', 'reply')
+    asked = seen(probe.get_client_names_and_types_by_node)
+    assert asked == written('services', 'request') - {'/runway_detector/reset_statistics'}
+
+
+def test_with_the_page_closed_nothing_is_subscribed(panel):
+    node = panel.graph.probe
+
+    def subscribed():
+        return {
+            topic
+            for topic, _ in node.get_topic_names_and_types()
+            for info in node.get_subscriptions_info_by_topic(topic)
+            if info.node_name == 'tuning_panel'
+        }
+
+    assert '/diagnostics' in subscribed()
+    panel.page.close()
+    panel.until(lambda: subscribed() == set(), 'everything to be given up')
+    clock = os.sysconf('SC_CLK_TCK')
+
+    def processor_time():
+        words = Path(f'/proc/{panel.process.pid}/stat').read_text()
+        fields = words.rsplit(')', 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / clock
+
+    before = processor_time()
+    panel.graph.spin(3.0)
+    assert processor_time() - before < 0.3

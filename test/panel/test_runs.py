@@ -1,0 +1,135 @@
+"""Runs over recordings and the folder that keeps them."""
+
+import asyncio
+import csv
+import io
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from support.graph import ROOT
+
+from mvuav_ros.offline.evaluation.metrics import metrics_of
+from mvuav_ros.offline.evaluation.observed import replay
+from mvuav_ros.offline.report.writing import csv_text
+from mvuav_ros.panel.names import NameRefusedError
+from mvuav_ros.panel.run_process import RunFailedError, RunProcess
+from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table
+from mvuav_ros.panel.trend_figures import picture_of
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.recordings.reading import open_recording
+
+BAG = ROOT / 'bags' / 'runway.mcap'
+KIND = 'runway_detector'
+VALUES = {**RunwayDetectorParameters().as_dict(), 'num_peaks': 2}
+
+
+def run(name, store, values=VALUES, source=BAG):
+    steps = []
+    folder = store.new_folder(name)
+    done = asyncio.run(
+        RunProcess().run(
+            name, KIND, source, values, folder / RESULTS, lambda *step: steps.append(step)
+        )
+    )
+    store.finish(done)
+    return done, steps
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory):
+    store = RunStore(tmp_path_factory.mktemp('data') / 'runs')
+    return store, *run('first', store)
+
+
+def test_a_run_keeps_parameters_results_input_and_version(made):
+    store, done, steps = made
+    (kept,) = store.all()
+    assert kept == done
+    assert kept.parameters == VALUES and kept.source == str(BAG) and kept.version
+    assert kept.frames == kept.answered == 150
+    assert steps[0] == (0, 150) and steps[-1] == (150, 150)
+    with open_recording(store.folder / 'first' / RESULTS) as recording:
+        assert len(list(recording.messages({f'/{KIND}/line_params'}))) == 150
+
+
+def test_its_numbers_are_those_of_a_sweep(made):
+    numbers = {m.name: m.value for m in made[1].metrics}
+    expected = {m.name: m.value for m in metrics_of(replay(str(BAG), {KIND: VALUES}))}
+    del expected['time per frame']
+    assert numbers == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_run_that_fails_says_why_and_is_not_listed(made, tmp_path):
+    store, _, _ = made
+    broken = tmp_path / 'broken.mcap'
+    broken.write_bytes(b'no bag')
+    with pytest.raises(RunFailedError, match='broken'):
+        run('broken', store, source=broken)
+    assert 'broken' not in [each.name for each in store.all()]
+
+
+def test_a_run_can_be_cancelled(made):
+    store, _, _ = made
+    process = RunProcess()
+    folder = store.new_folder('cancelled')
+
+    async def cancel_at_once():
+        await process.run(
+            'cancelled', KIND, BAG, VALUES, folder / RESULTS, lambda *_: process.cancel()
+        )
+
+    with pytest.raises(RunFailedError, match='cancelled'):
+        asyncio.run(cancel_at_once())
+    assert 'cancelled' not in [each.name for each in store.all()]
+
+
+def test_names_stay_in_the_folder_and_are_given_once(made):
+    store, _, _ = made
+    for name in ('../out', 'a/b', '', '..'):
+        with pytest.raises(NameRefusedError):
+            store.new_folder(name)
+        with pytest.raises(NameRefusedError):
+            store.delete(name)
+    with pytest.raises(NameRefusedError, match='already'):
+        store.new_folder('first')
+    assert store.free_name() == 'run 1'
+
+
+def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
+    store = RunStore(tmp_path / 'runs')
+    shutil.copytree(made[0].folder / 'first', store.folder / 'first')
+    for name, words in (('one', '{'), ('two', '{}'), ('three', '[]')):
+        (store.folder / name).mkdir()
+        (store.folder / name / 'run.json').write_text(words)
+    assert [each.name for each in store.all()] == ['first']
+    store.delete('first')
+    assert store.all() == [] and not (store.folder / 'first').exists()
+
+
+def test_trends_as_csv_and_png(made):
+    _, done, _ = made
+    runs = [done, replace(done, name='second')]
+    rows = list(csv.DictReader(io.StringIO(csv_text(run_table(runs)))))
+    assert [row['run'] for row in rows] == ['first', 'second']
+    assert rows[0]['num_peaks'] == '2' and float(rows[0]['rho flags']) >= 0
+    for arrangement in ('single', 'subplots', 'grouped'):
+        png = picture_of(runs, arrangement, 'flag counts').png
+        picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+        assert np.ptp(picture) > 100
+
+
+def test_numbers_that_are_missing_survive_json(made):
+    content = json.loads((made[0].folder / 'first' / 'run.json').read_text())
+    assert all(m['value'] is None or isinstance(m['value'], float) for m in content['metrics'])
+
+
+def test_recordings_are_found_below_the_folders_and_nowhere_else(tmp_path):
+    (tmp_path / 'deep').mkdir()
+    for name in ('a.mcap', 'deep/b.db3', 'c.txt'):
+        (tmp_path / name).touch()
+    assert list(find_bags([tmp_path])) == ['a.mcap', 'deep/b.db3']
+    assert find_bags([BAG]) == {'runway.mcap': BAG}

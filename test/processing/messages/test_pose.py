@@ -1,0 +1,149 @@
+"""What the tracker's processor makes of a pose."""
+
+import math
+
+import numpy as np
+import pytest
+from support.node_outputs import messages_of
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.marker_tracker import TF_TOPIC, MarkerTrackerProcessor
+from mvuav_ros.processing.messages.pose import TF_TYPE
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.vision.camera import CameraModel
+
+FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=8, seed=3, failures='all@0.2-9'))
+CAMERA = CameraModel(640, 480, tuple(FLIGHT.camera.matrix.ravel()))
+
+
+def run(camera=CAMERA, debug=(), **parameters):
+    processor = MarkerTrackerProcessor(MarkerTrackerParameters(**parameters))
+    if camera is not None:
+        processor.set_camera(camera)
+    frames = [
+        messages_of(processor, processor.process(Frame(f.stamp_ns, 'camera', f.picture), debug))
+        for f in FLIGHT
+    ]
+    return processor, frames
+
+
+def numbers(pose):
+    p, q = pose.pose.pose.position, pose.pose.pose.orientation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w, *pose.pose.covariance]
+
+
+def test_one_pose_for_every_frame_and_nan_without_markers():
+    processor, frames = run()
+    assert processor.uses_camera_info
+    for index, outputs in enumerate(frames):
+        pose = outputs['pose']
+        assert pose.header == outputs['markers'].header
+        assert pose.header.frame_id == 'camera'
+        if FLIGHT.time(index) < 0.2:
+            truth = FLIGHT.truth(index)
+            assert numbers(pose)[:3] == pytest.approx(truth.translation, rel=0.01, abs=0.1)
+            covariance = np.reshape(pose.pose.covariance, (6, 6))
+            assert np.linalg.eigvalsh(covariance).min() > 0
+        else:
+            assert all(math.isnan(number) for number in numbers(pose))
+
+
+def test_roll_stays_the_pictures_and_pitch_and_yaw_are_the_poses():
+    _, with_pose = run()
+    _, without = run(camera=None)
+    for index in range(6):
+        vector, plain = with_pose[index]['rpy'].vector, without[index]['rpy'].vector
+        assert vector.x == plain.x
+        assert vector.x == pytest.approx(FLIGHT.truth(index).roll, abs=1e-3)
+        assert math.isnan(plain.y) and math.isnan(plain.z)
+        relative = np.array([(0, 0, 1), (-1, 0, 0), (0, -1, 0)]) @ FLIGHT.truth(index).rotation
+        assert vector.y == pytest.approx(-math.asin(relative[2, 0]), abs=0.01)
+        assert vector.z == pytest.approx(math.atan2(relative[1, 0], relative[0, 0]), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ('camera', 'reason'),
+    [
+        (CameraModel(640, 480, (0.0,) * 9), 'not calibrated'),
+        (CameraModel(320, 240, CAMERA.k), '320 x 240'),
+    ],
+)
+def test_an_uncalibrated_camera_is_refused_aloud(camera, reason):
+    processor, frames = run(camera=camera)
+    assert reason in processor.status
+    assert all(math.isnan(number) for outputs in frames for number in numbers(outputs['pose']))
+    assert not math.isnan(frames[0]['rpy'].vector.x)
+
+
+def test_without_camera_info_nobody_complains():
+    processor, frames = run(camera=None)
+    assert 'pose' not in processor.status
+    assert all(math.isnan(number) for outputs in frames for number in numbers(outputs['pose']))
+
+
+@pytest.mark.parametrize('parameters', [{'pose': False}, {'mode': 'detect_any'}])
+def test_no_pose_where_none_is_wanted_or_possible(parameters):
+    processor, frames = run(**parameters)
+    assert all(math.isnan(number) for outputs in frames for number in numbers(outputs['pose']))
+    assert 'pose' not in processor.status
+
+
+def test_the_thesiss_tracking_has_a_pose_as_well():
+    _, frames = run(prediction='velocity')
+    assert not math.isnan(numbers(frames[5]['pose'])[0])
+
+
+def test_the_debug_image_shows_axes_and_reprojections():
+    _, with_pose = run(debug=('debug_image',))
+    _, without = run(debug=('debug_image',), pose=False)
+    a, b = (np.array(f[4]['debug_image'].data) for f in (with_pose, without))
+    changed = (a.reshape(480, 640, 3) != b.reshape(480, 640, 3)).any(axis=2)
+    assert changed.sum() > 100
+    truth = FLIGHT.truth(4)
+    dock = truth.rotation @ FLIGHT.layout.dock + truth.translation
+    x, y = FLIGHT.camera.project(dock[None])[0]
+    assert changed[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4].any()
+    # After all is lost nothing is drawn any more.
+    assert with_pose[7]['debug_image'].data == without[7]['debug_image'].data
+
+
+def test_a_new_calibration_takes_effect():
+    processor = MarkerTrackerProcessor()
+    distances = []
+    flight = TankerFlight(TankerSettings(motion='still', frames=5))
+    for factor, frame in zip((1.0, 1.0, 1.0, 1.05, 1.05), flight, strict=True):
+        k = flight.camera.matrix.ravel().tolist()
+        k[0], k[4] = factor * k[0], factor * k[4]
+        processor.set_camera(CameraModel(640, 480, tuple(k)))
+        given = Frame(frame.stamp_ns, 'camera', frame.picture)
+        outputs = messages_of(processor, processor.process(given))
+        distances.append(outputs['pose'].pose.pose.position.z)
+    assert distances[0] == pytest.approx(distances[2], rel=0.01)
+    assert abs(distances[4] - distances[2]) > 1.0
+
+
+def test_tf_only_when_asked():
+    processor, frames = run()
+    assert TF_TOPIC not in processor.topics
+    assert all(TF_TOPIC not in outputs for outputs in frames)
+
+
+@pytest.mark.skipif(TF_TYPE is not None, reason='tf2_msgs is installed')
+def test_tf_without_tf2_msgs_says_so():
+    processor, frames = run(publish_tf=True)
+    assert 'tf2_msgs is not installed' in processor.status
+    assert TF_TOPIC not in processor.topics
+    assert not math.isnan(numbers(frames[0]['pose'])[0])
+
+
+@pytest.mark.skipif(TF_TYPE is None, reason='tf2_msgs is not installed')
+def test_tf_carries_the_pose():
+    processor, frames = run(publish_tf=True)
+    assert processor.topics[TF_TOPIC] is TF_TYPE
+    (transform,) = frames[3][TF_TOPIC].transforms
+    assert transform.header == frames[3]['pose'].header
+    assert transform.child_frame_id == 'tanker_747'
+    assert transform.transform.translation.x == frames[3]['pose'].pose.pose.position.x
+    assert TF_TOPIC not in frames[7]

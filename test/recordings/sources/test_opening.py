@@ -1,0 +1,137 @@
+"""What a user may name as a source, and what comes out."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.recordings.sources.frame import BadFrame, SourceError
+from mvuav_ros.recordings.sources.image_folder import ImageFolder
+from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
+from mvuav_ros.recordings.sources.video import Camera, VideoFile
+
+
+def write_images(folder, count=12):
+    folder.mkdir(exist_ok=True)
+    for index in range(count):
+        cv2.imwrite(str(folder / f'image_{index}.png'), np.full((20, 30), index, np.uint8))
+    return folder
+
+
+def write_video(path, count=10, fps=20.0):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*'MJPG'), fps, (64, 48))
+    for index in range(count):
+        writer.write(np.full((48, 64, 3), 5 * index, np.uint8))
+    writer.release()
+    return path
+
+
+def test_images_come_in_the_order_of_their_numbers(tmp_path):
+    source = open_source(str(write_images(tmp_path / 'images')))
+    frames = list(source.frames())
+    assert [int(f.picture.pixels[0, 0]) for f in frames] == list(range(12))
+    assert [f.stamp_ns for f in frames] == [round(i * 1e9 / 30) for i in range(12)]
+    assert source.count == 12
+    assert source.rate == 30.0
+
+
+def test_a_rate_for_images(tmp_path):
+    source = open_source(str(write_images(tmp_path / 'images')), rate=10.0)
+    assert [f.stamp_ns for f in source.frames()][:3] == [0, 100_000_000, 200_000_000]
+
+
+def test_a_glob_and_a_single_image(tmp_path):
+    write_images(tmp_path)
+    assert open_source(str(tmp_path / 'image_1*.png')).count == 3
+    assert open_source(str(tmp_path / 'image_3.png')).count == 1
+
+
+def test_an_image_that_does_not_decode_is_a_bad_frame(tmp_path):
+    write_images(tmp_path, 3)
+    (tmp_path / 'image_1.png').write_bytes(b'garbage')
+    frames = list(open_source(str(tmp_path)).frames())
+    assert isinstance(frames[1], BadFrame)
+    assert 'image_1.png' in frames[1].reason
+    assert frames[2].stamp_ns == round(2e9 / 30)
+
+
+def test_a_video_and_its_own_rate(tmp_path):
+    source = open_source(str(write_video(tmp_path / 'flight.avi')))
+    assert isinstance(source, VideoFile)
+    for _ in range(2):
+        frames = list(source.frames())
+        assert [f.stamp_ns for f in frames] == [i * 50_000_000 for i in range(10)]
+        assert frames[0].picture.encoding == 'bgr8'
+    assert source.losses == []
+    assert source.count == 10
+
+
+def test_a_video_cut_off_says_so(tmp_path):
+    whole = write_video(tmp_path / 'flight.avi', count=40).read_bytes()
+    cut = tmp_path / 'cut.avi'
+    cut.write_bytes(whole[: len(whole) // 2])
+    try:
+        source = open_source(str(cut))
+        count = len(list(source.frames()))
+    except SourceError as error:
+        assert 'not a video' in str(error)
+    else:
+        assert 0 < count < 40
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('missing.mcap', 'no such file'),
+        ('empty', 'no images and no bag'),
+        ('text.mp4', 'not a video'),
+        ('*.png', 'no images and no bag'),
+        ('sim:zeppelin', 'sim:tanker and sim:runway'),
+        ('sim:tanker?motion=looping', 'must be one of'),
+        ('sim:tanker?colour=red', 'no such parameter'),
+    ],
+)
+def test_what_cannot_be_opened_is_said(tmp_path, name, words):
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'text.mp4').write_text('no video')
+    text = name if name.startswith('sim:') else str(tmp_path / name)
+    with pytest.raises(SourceError, match=words):
+        open_source(text)
+
+
+def test_cameras_are_not_opened_before_they_are_read():
+    assert isinstance(open_source('3'), Camera)
+    assert isinstance(open_source('/dev/video7'), Camera)
+    with pytest.raises(SourceError, match='no such file'):
+        open_source('3', cameras=False)
+
+
+def test_what_looks_like_a_bag(tmp_path):
+    write_images(tmp_path / 'images', 1)
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'metadata.yaml').touch()
+    assert looks_like_bag(tmp_path / 'bag')
+    assert not looks_like_bag(tmp_path / 'images')
+    for name, expected in {
+        'a.mcap': True,
+        'a.db3.zstd': True,
+        'a.bag': True,
+        'a.avi': False,
+    }.items():
+        assert looks_like_bag(tmp_path / name) is expected
+
+
+@pytest.mark.parametrize(('kind', 'encoding'), [('tanker', 'mono8'), ('runway', 'bgr8')])
+def test_a_synthetic_flight_with_its_calibration(kind, encoding):
+    source = open_source(f'sim:{kind}?frames=4&width=320&height=240&seed=5', rate=10.0)
+    frames = list(source.frames())
+    assert len(frames) == 4
+    assert set(np.diff([f.stamp_ns for f in frames])) == {100_000_000}
+    assert frames[0].picture.encoding == encoding
+    assert frames[0].picture.width == 320
+    frames[0].camera.check(320, 240)
+
+
+def test_folders_ignore_other_files(tmp_path):
+    write_images(tmp_path, 2)
+    (tmp_path / 'corners.csv').write_text('frame,x,y\n')
+    assert ImageFolder('here', list(tmp_path.iterdir())).count == 2

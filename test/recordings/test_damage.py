@@ -1,0 +1,244 @@
+"""Damaged recordings: everything that is whole is read, and what is lost is said."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from support.recording_samples import (
+    Sample,
+    image_samples,
+    mcap_ends,
+    ros1_ends,
+    sqlite_ends,
+    storage_file,
+    write_mcap,
+    write_ros1,
+    write_rosbag2,
+)
+
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.reading import open_recording
+
+SAMPLES = image_samples(30)
+CUTS = 60
+
+
+def read(path: Path) -> tuple[list[Sample], list[str]]:
+    with open_recording(path) as recording:
+        return [Sample(*message[:4]) for message in recording.messages()], recording.losses
+
+
+def assert_cuts_are_survived(path: Path, ends: list[int], cut_path: Path) -> None:
+    """Cut at random places, and around the messages' ends, where errors by one would show."""
+    assert len(ends) == len(SAMPLES)
+    content = path.read_bytes()
+    choose = random.Random(4)
+    cuts = [choose.randrange(len(content)) for _ in range(CUTS)]
+    cuts += [choose.choice(ends) + choose.randrange(-2, 3) for _ in range(CUTS // 3)]
+    readable = 0
+    for cut in cuts:
+        cut_path.write_bytes(content[:cut])
+        whole = sum(end <= cut for end in ends)
+        try:
+            got, losses = read(cut_path)
+        except RecordingError:
+            assert whole == 0, f'{whole} messages are whole at {cut}'
+            continue
+        readable += 1
+        assert got == SAMPLES[: len(got)]
+        assert len(got) >= whole, f'{len(got)} of {whole} messages read at {cut}'
+        assert losses
+    assert readable > CUTS / 2
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
+@pytest.mark.parametrize('summary', [True, False])
+def test_cut_mcap(tmp_path: Path, compression: str, summary: bool) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, compression, summary=summary)
+    assert_cuts_are_survived(path, mcap_ends(path), tmp_path / 'cut.mcap')
+
+
+def test_cut_mcap_without_chunks(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, chunk_size=None)
+    assert_cuts_are_survived(path, mcap_ends(path), tmp_path / 'cut.mcap')
+
+
+def test_cut_sqlite(tmp_path: Path) -> None:
+    path = storage_file(write_rosbag2(tmp_path / 'bag', SAMPLES, 'sqlite3'))
+    assert_cuts_are_survived(path, sqlite_ends(path, SAMPLES), tmp_path / 'cut.db3')
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'bz2'])
+def test_cut_ros1(tmp_path: Path, compression: str) -> None:
+    path = write_ros1(tmp_path / 'a.bag', SAMPLES, compression)
+    assert_cuts_are_survived(path, ros1_ends(path), tmp_path / 'cut.bag')
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_cut_zstd_file(tmp_path: Path, storage: str) -> None:
+    samples = image_samples(200)  # zstd gives out its data in blocks of 128 KiB
+    folder = write_rosbag2(tmp_path / 'bag', samples, storage, 'file')
+    path = storage_file(folder)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) * 3 // 4])
+    got, losses = read(folder)
+    assert got == samples[: len(got)]
+    assert len(got) > 100
+    assert 'zstd data cut off' in losses[0]
+
+
+def test_every_kind_survives_random_damage(tmp_path: Path) -> None:
+    paths = [
+        write_mcap(tmp_path / 'a.mcap', SAMPLES),
+        write_mcap(tmp_path / 'b.mcap', SAMPLES, 'none', chunk_size=None),
+        storage_file(write_rosbag2(tmp_path / 'bag', SAMPLES, 'sqlite3')),
+        write_ros1(tmp_path / 'a.bag', SAMPLES),
+    ]
+    choose = random.Random(5)
+    for path in paths:
+        content = path.read_bytes()
+        found = 0
+        for _ in range(40):
+            damaged = bytearray(content)
+            for _ in range(choose.choice([1, 5, 50])):
+                damaged[choose.randrange(len(damaged))] = choose.randrange(256)
+            if choose.random() < 0.3:
+                start = choose.randrange(len(damaged))
+                del damaged[start : start + choose.randrange(1, 3000)]
+            target = tmp_path / f'damaged{path.suffix}'
+            target.write_bytes(damaged)
+            try:
+                got, _ = read(target)
+            except RecordingError as error:
+                assert '\n' not in str(error)
+            else:
+                found += len(set(got) & set(SAMPLES))
+        assert found > 40 * len(SAMPLES) / 3, path.name
+
+
+@pytest.mark.parametrize('summary', [True, False])
+@pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
+def test_corrupt_chunk_in_the_middle(tmp_path: Path, compression: str, summary: bool) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, compression, summary=summary)
+    ends = mcap_ends(path)
+    middle = ends[len(ends) // 2]
+    kept = [s for s, end in zip(SAMPLES, ends, strict=True) if end != middle]
+    content = bytearray(path.read_bytes())
+    content[middle - 500] ^= 0xFF
+    path.write_bytes(content)
+    got, losses = read(path)
+    assert got == kept
+    assert len(losses) == (2 if summary else 1)
+    assert 'chunk' in losses[0]
+    if summary:  # only then do message indexes say how many there were
+        lost = len(SAMPLES) - len(kept)
+        assert f'{lost} messages lost' in losses[0]
+        assert f'{lost} of {len(SAMPLES)} messages lost' in losses[1]
+
+
+def test_corrupt_chunk_of_ros1(tmp_path: Path) -> None:
+    path = write_ros1(tmp_path / 'a.bag', SAMPLES, 'bz2')
+    ends = ros1_ends(path)
+    middle = ends[len(ends) // 2]
+    kept = [s for s, end in zip(SAMPLES, ends, strict=True) if end != middle]
+    content = bytearray(path.read_bytes())
+    content[middle - 500] ^= 0xFF
+    path.write_bytes(content)
+    got, losses = read(path)
+    assert got == kept
+    (loss,) = losses
+    assert f'{len(SAMPLES) - len(kept)} messages lost' in loss
+
+
+@pytest.mark.parametrize('chunk_size', [None, 10_000])
+def test_damaged_record_header(tmp_path: Path, chunk_size: int | None) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, chunk_size=chunk_size)
+    ends = mcap_ends(path)
+    content = bytearray(path.read_bytes())
+    # The record after a message: message 11, or the first index record behind its chunk.
+    start = ends[10]
+    content[start : start + 9] = b'\0' * 9
+    path.write_bytes(content)
+    got, losses = read(path)
+    assert got == (SAMPLES if chunk_size else SAMPLES[:11] + SAMPLES[12:])
+    assert 'damaged at byte' in losses[0]
+
+
+def test_power_loss_that_leaves_zeros(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES)
+    ends = mcap_ends(path)
+    content = path.read_bytes()
+    cut = ends[20] + 100
+    path.write_bytes(content[:cut] + bytes(len(content) - cut))
+    got, losses = read(path)
+    assert got == SAMPLES[: sum(end <= cut for end in ends)]
+    assert losses
+
+
+def test_damaged_pages_of_a_database(tmp_path: Path) -> None:
+    path = storage_file(write_rosbag2(tmp_path / 'bag', SAMPLES, 'sqlite3'))
+    with closing(sqlite3.connect(path)) as database:
+        (root,) = database.execute(
+            "SELECT rootpage FROM sqlite_master WHERE name = 'messages'"
+        ).fetchone()
+    content = bytearray(path.read_bytes())
+    # Without its root page, SQLite finds no message; all rows are still on their own pages.
+    content[(root - 1) * 4096 : root * 4096] = b'\xff' * 4096
+    path.write_bytes(content)
+    got, losses = read(path)
+    assert got == SAMPLES
+    assert 'damaged' in losses[0]
+
+
+def test_write_ahead_log_that_a_crash_left_behind(tmp_path: Path) -> None:
+    path = storage_file(write_rosbag2(tmp_path / 'bag', SAMPLES[:10], 'sqlite3'))
+    crashed = tmp_path / 'crashed'
+    crashed.mkdir()
+    with closing(sqlite3.connect(path)) as database:
+        database.execute('PRAGMA journal_mode=WAL')
+        for sample in SAMPLES[10:]:
+            database.execute(
+                'INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)',
+                (sample.stamp_ns, sample.data),
+            )
+        database.commit()
+        for suffix in ('', '-wal'):
+            shutil.copy(f'{path}{suffix}', crashed)
+    before = sorted(crashed.iterdir())
+    assert read(crashed / path.name) == (SAMPLES, [])
+    assert sorted(crashed.iterdir()) == before
+    (crashed / f'{path.name}-wal').unlink()
+    assert len(read(crashed / path.name)[0]) == 10
+
+
+def test_missing_and_damaged_metadata(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / 'bag', SAMPLES)
+    (folder / 'metadata.yaml').write_text('{ not yaml')
+    for words in ('bag: metadata.yaml is damaged; not used', 'bag: metadata.yaml is missing'):
+        # Nothing is lost by it.
+        assert read(folder) == (SAMPLES, [])
+        with open_recording(folder) as recording:
+            assert recording.remarks == [words]
+        (folder / 'metadata.yaml').unlink(missing_ok=True)
+
+
+def test_an_empty_last_part_does_not_hide_the_others(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / 'bag_0', SAMPLES)
+    (folder / 'metadata.yaml').unlink()
+    (folder / 'bag_1.mcap').write_bytes(b'')
+    got, losses = read(folder)
+    assert got == SAMPLES
+    assert any('bag_1.mcap is empty' in loss for loss in losses)
+
+
+def test_undecompressable_message_among_good_ones(tmp_path: Path) -> None:
+    bad = Sample(*SAMPLES[5][:3], b'\x28\xb5\x2f\xfd' + bytes(40))
+    path = write_mcap(tmp_path / 'a.mcap', [*SAMPLES[:5], bad, *SAMPLES[6:]])
+    got, losses = read(path)
+    assert got == [*SAMPLES[:5], *SAMPLES[6:]]
+    assert '1 message of /camera/image_raw cannot be decompressed' in losses[0]

@@ -1,0 +1,71 @@
+"""The summary says what is inside a recording, and what is wrong with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from support.recording_samples import (
+    IMAGE,
+    START_NS,
+    STEP_NS,
+    TOPIC,
+    Sample,
+    cdr,
+    image,
+    image_samples,
+    string_sample,
+    write_mcap,
+)
+
+from mvuav_ros.recordings.summary import summarise
+
+
+def test_rates_times_and_formats(tmp_path: Path) -> None:
+    samples = [*image_samples(30), string_sample(31)]
+    summary = summarise(write_mcap(tmp_path / 'a.mcap', samples))
+    images, note = summary.topics
+    assert summary.messages == 31
+    assert summary.duration_s == pytest.approx(31 * STEP_NS / 1e9)
+    assert (images.name, images.type, images.count) == (TOPIC, IMAGE, 30)
+    assert images.rate_hz == pytest.approx(30)
+    assert images.first_stamp_ns == START_NS
+    assert images.duration_s == pytest.approx(29 * STEP_NS / 1e9)
+    assert (images.gaps, images.jumps_back, summary.losses) == (0, 0, [])
+    assert images.images is not None
+    assert images.images.formats == ['64x48 mono8']
+    assert (note.count, note.rate_hz, note.images) == (1, None, None)
+    assert json.loads(json.dumps(dataclasses.asdict(summary)))['messages'] == 31
+
+
+def test_gaps_jumps_and_malformed_images(tmp_path: Path) -> None:
+    samples = image_samples(30)
+    del samples[10:13]  # a gap of four intervals
+    del samples[20]  # and one of two
+    samples[5] = samples[5]._replace(data=samples[5].data[:100])
+    short = image(8)
+    short.data = short.data[:30]
+    samples[8] = samples[8]._replace(data=cdr(short))
+    samples.append(samples[-1]._replace(stamp_ns=samples[-1].stamp_ns + STEP_NS))
+    early = Sample(TOPIC, IMAGE, START_NS, cdr(image(2, 32, 16)))
+    (topic,) = summarise(write_mcap(tmp_path / 'a.mcap', [*samples, early])).topics
+    assert topic.gaps == 2
+    assert topic.longest_gap_s == pytest.approx(4 * STEP_NS / 1e9)
+    assert topic.jumps_back == 1
+    assert topic.rate_hz == pytest.approx(30)
+    assert topic.first_stamp_ns == START_NS
+    assert topic.images is not None
+    assert topic.images.malformed == 2
+    assert 'sensor_msgs/msg/Image' in topic.images.first_problem
+    assert topic.images.header_jumps_back == 1
+    assert topic.images.formats == ['64x48 mono8', '32x16 mono8']
+
+
+def test_damage_is_named(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', image_samples(30), encodings={'/web': 'json'})
+    path.write_bytes(path.read_bytes()[:-10_000])
+    summary = summarise(path)
+    assert 0 < summary.messages < 30
+    assert any('cut off' in loss for loss in summary.losses)

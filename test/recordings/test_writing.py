@@ -1,0 +1,275 @@
+"""What is written can be read by everyone, however the writing ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rosbags import rosbag2
+from support.places import ROOT
+from support.recording_samples import (
+    IMAGE,
+    START_NS,
+    STORE,
+    TOPIC,
+    Sample,
+    image_samples,
+    string_sample,
+    write_ros1,
+    write_rosbag2,
+)
+
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.recording import Schema
+from mvuav_ros.recordings.writing import RecordingWriter
+
+SAMPLES = [*image_samples(600), string_sample(600), string_sample(601, '/other')]
+
+
+def write(path: Path, samples: list[Sample]) -> None:
+    with RecordingWriter(path) as writer:
+        for sample in samples:
+            writer.write(*sample)
+
+
+def read(path: Path) -> tuple[list[Sample], list[str]]:
+    with open_recording(path) as recording:
+        return [Sample(*message[:4]) for message in recording.messages()], recording.losses
+
+
+def test_read_back_by_everyone(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    write(path, SAMPLES)
+    assert read(path) == (SAMPLES, [])
+    with rosbag2.Reader(path) as reader:
+        assert [Sample(c.topic, c.msgtype, t, d) for c, t, d in reader.messages()] == SAMPLES
+        for connection in reader.connections:
+            text, _ = STORE.generate_msgdef(connection.msgtype, ros_version=2)
+            assert connection.msgdef.data == text
+            (qos,) = connection.ext.offered_qos_profiles
+            assert qos.reliability.name == 'RELIABLE'
+    with path.open('rb') as stream:
+        indexed = make_reader(stream, validate_crcs=True)
+        summary = indexed.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert indexed.get_header().profile == 'ros2'
+        assert summary.statistics.message_count == len(SAMPLES)
+        assert summary.statistics.message_start_time == SAMPLES[0].stamp_ns
+        assert summary.statistics.message_end_time == SAMPLES[-1].stamp_ns
+        assert {c.metadata['topic_type_hash'] for c in summary.channels.values()} == {
+            STORE.hash_rihs01(IMAGE),
+            STORE.hash_rihs01('std_msgs/msg/String'),
+        }
+        # Backwards is only possible through the chunk and message indexes.
+        (_, _, message), *_ = indexed.iter_messages([TOPIC], reverse=True)
+        assert message.data == SAMPLES[599].data
+    records = list(StreamReader(str(path), validate_crcs=True).records)
+    assert len(records) > len(SAMPLES)
+
+
+def test_the_same_messages_give_the_same_file(tmp_path: Path) -> None:
+    for name in ('a.mcap', 'b.mcap'):
+        write(tmp_path / name, SAMPLES)
+    assert (tmp_path / 'a.mcap').read_bytes() == (tmp_path / 'b.mcap').read_bytes()
+
+
+def test_copies_keep_their_definition_and_qos(tmp_path: Path) -> None:
+    text = 'uint8 mine\n'
+    source = tmp_path / 'in.mcap'
+    schema = Schema('ros2msg', text)
+    with RecordingWriter(source) as writer:
+        writer.write('/own', 'own_msgs/msg/Own', 5, b'\0\1\0\0\7', schema, '- depth: 3\n')
+        writer.write('/unknown', 'own_msgs/msg/Other', 6, b'\0\1\0\0\7')
+    with open_recording(source) as recording, RecordingWriter(tmp_path / 'out.mcap') as writer:
+        messages = list(recording.messages())
+        for message in messages:
+            writer.copy(message)
+    with open_recording(tmp_path / 'out.mcap') as recording:
+        assert list(recording.messages()) == messages
+        own, unknown = recording.topics
+    assert (own.schema, own.qos) == (schema, '- depth: 3\n')
+    assert unknown.schema is None
+
+
+@pytest.mark.parametrize('kind', ['sqlite3', 'ros1'])
+def test_copies_from_other_storages_decode(tmp_path: Path, kind: str) -> None:
+    samples = image_samples(4)
+    if kind == 'ros1':
+        source = write_ros1(tmp_path / 'in.bag', samples)
+    else:
+        source = write_rosbag2(tmp_path / 'in', samples, 'sqlite3')
+    target = tmp_path / 'out.mcap'
+    with open_recording(source) as recording, RecordingWriter(target) as writer:
+        for message in recording.messages():
+            writer.copy(message)
+    assert read(target) == (samples, [])
+    with rosbag2.Reader(target) as reader:
+        (connection,) = reader.connections
+        assert 'builtin_interfaces/Time stamp' in connection.msgdef.data
+        assert 'seq' not in connection.msgdef.data
+
+
+def test_existing_file_is_kept_unless_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(b'mine')
+    with pytest.raises(RecordingError, match='exists'):
+        RecordingWriter(path)
+    assert path.read_bytes() == b'mine'
+    with RecordingWriter(path, overwrite=True) as writer:
+        writer.write(*SAMPLES[0])
+    assert read(path) == (SAMPLES[:1], [])
+
+
+def test_impossible_targets_are_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / 'folder.mcap').mkdir()
+    for name, words in {
+        'a.bag': 'must end in .mcap',
+        'folder.mcap': 'is a folder',
+        'missing/a.mcap': 'No such file or directory',
+    }.items():
+        with pytest.raises(RecordingError, match=words) as refusal:
+            RecordingWriter(tmp_path / name)
+        assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize('interruption', [KeyboardInterrupt, SystemExit])
+def test_interrupted_by_the_user_it_is_complete(
+    tmp_path: Path, interruption: type[BaseException]
+) -> None:
+    path = tmp_path / 'a.mcap'
+    with pytest.raises(interruption), RecordingWriter(path) as writer:
+        for sample in SAMPLES[:10]:
+            writer.write(*sample)
+        raise interruption
+    assert read(path) == (SAMPLES[:10], [])
+
+
+def test_after_a_crash_it_does_not_look_complete(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with pytest.raises(ZeroDivisionError), RecordingWriter(path) as writer:
+        for sample in SAMPLES[:10]:
+            writer.write(*sample)
+        raise ZeroDivisionError
+    got, losses = read(path)
+    assert got == SAMPLES[:10]
+    assert 'index is missing' in losses[0]
+
+
+def test_killed_writer_leaves_all_but_the_last_second(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    code = f"""
+import sys, time
+from support.recording_samples import string_sample
+from mvuav_ros.recordings.writing import RecordingWriter
+writer = RecordingWriter({str(path)!r})
+for number in range(100000):
+    sample = string_sample(0)._replace(stamp_ns=number)  # one chunk by the messages' time
+    writer.write(*sample)
+    print(number, time.monotonic(), flush=True)
+    time.sleep(0.02)
+"""
+    environment = {**os.environ, 'PYTHONPATH': f'{ROOT}:{ROOT / "test"}'}
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stdout is not None
+        lines = [process.stdout.readline()]
+        started = time.monotonic()
+        while time.monotonic() - started < 2.6:
+            lines.append(process.stdout.readline())
+        process.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+    written = [line.split() for line in lines]
+    old = [int(number) for number, moment in written if float(moment) < killed - 1.0]
+    got, losses = read(path)
+    assert [sample.stamp_ns for sample in got] == list(range(len(got)))
+    assert len(got) > old[-1] > 20
+    assert losses
+
+
+def test_idle_writer_flushes_by_itself(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with RecordingWriter(path) as writer:
+        writer.write(*SAMPLES[0])
+        deadline = time.monotonic() + 5
+        while path.stat().st_size < 3000 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert read(path)[0] == SAMPLES[:1]
+
+
+def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / 'a.mcap'
+    room = 500_000
+    real_write = os.write
+
+    def write_until_full(file: int, data: bytes) -> int:
+        nonlocal room
+        written = real_write(file, data[:room]) if room else 0
+        room -= written
+        if not written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return written
+
+    monkeypatch.setattr(os, 'write', write_until_full)
+    with pytest.raises(RecordingError, match='No space left on device') as failure:
+        write(path, SAMPLES)
+    monkeypatch.undo()
+    assert '\n' not in str(failure.value)
+    got, losses = read(path)
+    assert got == SAMPLES[: len(got)]
+    assert len(got) > 100
+    assert len(losses) == 1  # no index, but no torn record either
+
+
+def test_writing_after_closing_is_refused(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / 'a.mcap')
+    writer.close()
+    writer.close()
+    with pytest.raises(RecordingError, match='closed'):
+        writer.write(*SAMPLES[0])
+
+
+def test_stamps_in_any_order(tmp_path: Path) -> None:
+    stamps = [START_NS, START_NS - 10**10, START_NS + 10**10, 0, START_NS]
+    samples = [SAMPLES[0]._replace(stamp_ns=stamp) for stamp in stamps]
+    write(tmp_path / 'a.mcap', samples)
+    assert read(tmp_path / 'a.mcap') == (samples, [])
+
+
+def test_metadata_at_both_ends(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with RecordingWriter(path, metadata={'made': {'by': 'me'}}) as writer:
+        # There at once, whatever comes.
+        assert b'by' in path.read_bytes()
+        for sample in SAMPLES:
+            writer.write(*sample)
+        writer.conclude('end', {'frames': '600'})
+    assert read(path) == (SAMPLES, [])
+    with path.open('rb') as stream:
+        indexed = make_reader(stream, validate_crcs=True)
+        found = {record.name: record.metadata for record in indexed.iter_metadata()}
+        summary = indexed.get_summary()
+    assert found == {'made': {'by': 'me'}, 'end': {'frames': '600'}}
+    assert summary is not None and summary.statistics is not None
+    assert summary.statistics.metadata_count == 2
+    with rosbag2.Reader(path) as reader:
+        assert reader.message_count == len(SAMPLES)
+    assert len(list(StreamReader(str(path), validate_crcs=True).records)) > len(SAMPLES)
+
+
+def test_a_crash_has_no_conclusion(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with pytest.raises(ZeroDivisionError), RecordingWriter(path) as writer:
+        writer.write(*SAMPLES[0])
+        writer.conclude('end', {'frames': '1'})
+        raise ZeroDivisionError
+    assert b'frames' not in path.read_bytes()

@@ -1,0 +1,103 @@
+"""The `mvuav` command as a user runs it, in this process or in one of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mvuav_ros.cli.app import main
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.writing import RecordingWriter
+from support.places import ROOT
+from support.recording_samples import START_NS, STEP_NS, cdr, image
+
+MARKERS = '/marker_tracker/markers'
+COMMAND = [sys.executable, '-m', 'mvuav_ros', 'mvuav']
+ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'}
+
+
+class Run(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+    @property
+    def error(self) -> str:
+        """The one line that a failed command ends with."""
+        assert self.status != 0
+        last = self.err.splitlines()[-1]
+        assert last.startswith('mvuav: ')
+        return last
+
+
+def mvuav(*arguments: Any) -> Run:
+    """Run the command in this process; a traceback would come out as an exception."""
+    out, err = StringIO(), StringIO()
+    argv = sys.argv
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    sys.argv = ['mvuav', *map(str, arguments)]
+    try:
+        with redirect_stdout(out), redirect_stderr(err):
+            main()
+    except SystemExit as end:
+        status = end.code
+    finally:
+        sys.argv = argv
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert isinstance(status, int)
+    return Run(status, out.getvalue(), err.getvalue())
+
+
+def mvuav_process(*arguments: Any, **options: Any) -> Run:
+    """Run the command in a process of its own."""
+    done = subprocess.run(
+        [*COMMAND, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=ENVIRONMENT,
+        cwd=ROOT,
+        timeout=120,
+        **options,
+    )
+    assert 'Traceback' not in done.stderr
+    return Run(done.returncode, done.stdout, done.stderr)
+
+
+def read(path: Path) -> list[RecordedMessage]:
+    """Every message of a recording that must be whole."""
+    with open_recording(path) as recording:
+        messages = list(recording.messages())
+        assert recording.losses == []
+    return messages
+
+
+def counts(path: Path) -> Counter[str]:
+    return Counter(message.topic for message in read(path))
+
+
+def stamps(path: Path, topic: str = MARKERS) -> list[int]:
+    return [message.stamp_ns for message in read(path) if message.topic == topic]
+
+
+def stamp(number: int) -> int:
+    """Of frame ``number`` of the sample recordings."""
+    return START_NS + number * STEP_NS
+
+
+def write_flight(path: Path, frames: int, width: int = 64, height: int = 48) -> Path:
+    """An even picture in every frame: quick to make, to compress and to process."""
+    message = image(0, width, height, noisy=False)
+    with RecordingWriter(path) as writer:
+        for number in range(frames):
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp(number), 10**9)
+            writer.write('/camera/image_raw', message.__msgtype__, stamp(number), cdr(message))
+    return path

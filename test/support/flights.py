@@ -1,0 +1,29 @@
+"""Simulated flights as bags, for tests of the evaluation."""
+
+from typer.testing import CliRunner
+
+from mvuav_ros.cli.app import app
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.recordings.writing import RecordingWriter
+
+TYPES = {'markers': 'sensor_msgs/msg/PointCloud2', 'rpy': 'geometry_msgs/msg/Vector3Stamped'}
+
+
+def write_bag(path, results):
+    """A flight of six frames as `mvuav simulate` writes it, with or without results."""
+    flight = path.with_name('simulated.mcap')
+    given = ['simulate', 'tanker', '-o', str(flight), '--frames', '6', '--noise', '0']
+    assert CliRunner().invoke(app, given).exit_code == 0
+    if not results:
+        return flight
+    processor = MarkerTrackerProcessor()
+    with RecordingWriter(path) as writer, open_recording(flight) as recording:
+        for message in recording.messages():
+            writer.copy(message)
+        for frame in open_source(str(flight)).frames():
+            for topic, make in processor.process(frame):
+                if topic in TYPES:
+                    writer.write(f'/marker_tracker/{topic}', TYPES[topic], frame.stamp_ns, make())
+    return path

@@ -1,0 +1,165 @@
+"""The pipeline as a whole: starting, following, letting go, and odd frames."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.cli.bench.approach import approach_cases
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.runway.results import LineRole
+
+APPROACH = RunwayDetectorParameters(mode='approach')
+FRAMES = 40
+
+
+@pytest.fixture(scope='module')
+def pictures():
+    flight = RunwayFlight(RunwaySettings(frames=FRAMES))
+    return [flight.frame(index).picture.pixels for index in range(FRAMES)]
+
+
+def run(pipeline, pictures):
+    return [pipeline.process(picture, index) for index, picture in enumerate(pictures)]
+
+
+def test_it_starts_by_itself_within_a_second_and_stays(pictures):
+    seen = [result.corners is not None for result in run(ApproachPipeline(APPROACH), pictures)]
+    first = seen.index(True)
+    # Not at the first glance, but soon.
+    assert 5 <= first <= 25
+    assert all(seen[first:])
+
+
+def test_lines_pass_through_the_corners_and_meet_in_the_vanishing_point(pictures):
+    result = run(ApproachPipeline(APPROACH), pictures)[-1]
+    near_left, near_right, far_right, far_left = result.corners
+    assert near_left[0] < near_right[0] and far_left[0] < far_right[0]
+    assert near_left[1] > far_left[1]
+    ends = {
+        LineRole.LEFT_EDGE: (near_left, far_left, result.vanishing_point),
+        LineRole.RIGHT_EDGE: (near_right, far_right, result.vanishing_point),
+        LineRole.FAR_END: (far_left, far_right),
+        LineRole.NEAR_END: (near_left, near_right),
+    }
+    for role, points in ends.items():
+        line = result.lines[role - 1]
+        assert line.role is role
+        for x, y in points:
+            distance = x * math.cos(line.theta_raw) + y * math.sin(line.theta_raw) - line.rho_raw
+            assert abs(distance) < 1e-6
+
+
+def test_a_runway_that_disappears_is_let_go_within_half_a_second(pictures):
+    pipeline = ApproachPipeline(APPROACH)
+    run(pipeline, pictures)
+    sky = np.full_like(pictures[0], 0)
+    sky[:] = pictures[0][5, 5]
+    after = run(pipeline, [sky] * 20)
+    assert after[-1].corners is None
+    assert after[-1].status
+    assert np.isnan([line.rho for line in after[-1].lines]).all()
+    confidences = [result.confidence for result in after]
+    assert confidences == sorted(confidences, reverse=True)
+
+
+def test_results_repeat(pictures):
+    first, second = (run(ApproachPipeline(APPROACH), pictures)[-1] for _ in range(2))
+    assert first.corners == second.corners
+    pipeline = ApproachPipeline(APPROACH)
+    run(pipeline, pictures)
+    pipeline.reset()
+    assert run(pipeline, pictures)[-1].corners == first.corners
+
+
+def test_the_frame_is_not_changed(pictures):
+    before = pictures[3].copy()
+    ApproachPipeline(APPROACH).process(pictures[3], 0)
+    assert np.array_equal(pictures[3], before)
+
+
+@pytest.mark.parametrize(
+    'shape', [(0, 0), (1, 1), (3, 500), (47, 300, 3), (48, 48), (60, 2000, 3), (700, 50, 3)]
+)
+@pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
+@pytest.mark.parametrize('target', ['runway', 'road', 'pipeline'])
+def test_any_size_and_format_gives_a_result(shape, dtype, target):
+    rng = np.random.default_rng(4)
+    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', target=target))
+    for index in range(4):
+        image = rng.integers(0, np.iinfo(dtype).max, shape, dtype)
+        result = pipeline.process(image, index)
+        assert len(result.lines) == 5
+        assert draw_approach(result).ndim == 3
+
+
+def test_a_frame_of_another_size_starts_afresh(pictures):
+    pipeline = ApproachPipeline(APPROACH)
+    run(pipeline, pictures)
+    small = cv2.resize(pictures[-1], (320, 240), interpolation=cv2.INTER_AREA)
+    assert pipeline.process(small, FRAMES).corners is None
+    again = run(pipeline, [small] * 30)
+    assert again[-1].corners is not None
+
+
+def test_large_frames_give_the_same_runway_in_their_own_pixels(pictures):
+    large = [cv2.resize(p, (1280, 960), interpolation=cv2.INTER_LINEAR) for p in pictures]
+    small = run(ApproachPipeline(APPROACH), pictures)[-1]
+    big = run(ApproachPipeline(APPROACH), large)[-1]
+    for corner, other in zip(small.corners, big.corners, strict=True):
+        assert ((other[0] + 0.5) / 2 - 0.5, (other[1] + 0.5) / 2 - 0.5) == pytest.approx(
+            corner, abs=1.5
+        )
+
+
+def test_a_pipeline_is_followed():
+    """A pale line three pixels wide at the foot, from a drone beside it."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:240, :320].astype(float)
+    land = np.where((y > 80)[:, :, None], (60.0, 120.0, 100.0), (230.0, 210.0, 190.0))
+    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', target='pipeline'))
+    result = None
+    for index in range(40):
+        depth = y - 80
+        middle = 150 + 0.1 * index + 0.25 * depth
+        share = np.clip(0.05 * depth - np.abs(x - middle) + 0.5, 0, 1) * (depth > 5)
+        image = land * (1 - share[:, :, None]) + 170 * share[:, :, None]
+        noisy = np.clip(image + rng.normal(0, 3, image.shape), 0, 255).astype(np.uint8)
+        result = pipeline.process(noisy, index)
+    assert result.corners is not None
+    left, right = result.lines[:2]
+    for line, aside in ((left, -0.05), (right, 0.05)):
+        column = (line.rho - 230 * math.sin(line.theta)) / math.cos(line.theta)
+        assert column == pytest.approx(150 + 3.9 + (0.25 + aside) * 150, abs=2.5)
+    assert not result.lines[LineRole.NEAR_END - 1].found
+
+
+def test_flags_are_raised_line_by_line(pictures):
+    """With thresholds of nothing every move is a jump, and the old values are kept."""
+    strict = RunwayDetectorParameters(
+        mode='approach', rho_error_threshold=0.0, theta_error_threshold_deg=0.0, max_hold=0
+    )
+    pipeline = ApproachPipeline(strict)
+    results = run(pipeline, pictures)
+    left = [result.lines[0] for result in results if result.lines[0].found]
+    assert left[-1].rho_flag and left[-1].corrected
+    assert left[-1].rho == left[-2].rho
+    assert left[-1].rho != left[-1].rho_raw
+    assert pipeline.statistics().lines[0].corrected > 5
+    calm = ApproachPipeline(APPROACH)
+    run(calm, pictures)
+    assert calm.statistics().lines[0].found > 10
+    assert calm.statistics().corrected == 0
+
+
+def test_bench_cases_find_the_runway():
+    cases = approach_cases()
+    assert [case.limit_ms for case in cases] == [5.0, pytest.approx(1000 / 60)]
+    for case in cases:
+        results = [case.run() for _ in range(40)]
+        assert results[-1].corners is not None

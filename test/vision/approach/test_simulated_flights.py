@@ -1,0 +1,152 @@
+"""Flights with truth: lines, vanishing point, guidance and its covariance."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.runway.results import LineRole
+
+WARM_UP = 25
+FLIGHTS = {
+    'approach': {},
+    'from the right': {'seed': 3, 'lateral_offset': -12.0},
+    'low pass': {'seed': 5, 'motion': 'low_pass'},
+    'from afar': {'seed': 9, 'start_distance': 900.0, 'camera_pitch_deg': 5.0},
+}
+FRAMES = 275
+
+
+@lru_cache
+def fly(name: str):
+    """Results and truth of the frames down to 20 m before the runway."""
+    flight = RunwayFlight(RunwaySettings(frames=1000, **FLIGHTS[name]))
+    width = flight.settings.runway_width
+    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', runway_width=width))
+    camera = flight.camera
+    pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
+    last = int((flight.settings.start_distance - 20) / flight.settings.speed * flight.settings.fps)
+    flown = []
+    for index in range(last - FRAMES, last):
+        frame = flight.frame(index)
+        flown.append((pipeline.process(frame.picture.pixels, frame.stamp_ns), frame.truth))
+    return flown
+
+
+def later(name):
+    return fly(name)[WARM_UP:]
+
+
+@pytest.mark.parametrize('name', FLIGHTS)
+def test_both_edges_are_found(name):
+    """As for the real approaches: within 3 px of both ends of the visible edge."""
+    found = 0
+    for result, truth in later(name):
+        worst = 0.0
+        for line in result.lines[:2]:
+            true = truth.lines[line.role - 1]
+            for x, y in ((true.x1, true.y1), (true.x2, true.y2)):
+                distance = abs(x * math.cos(line.theta) + y * math.sin(line.theta) - line.rho)
+                worst = max(worst, distance if line.found else math.inf)
+        found += worst <= 3.0
+    assert found >= 0.98 * len(later(name))
+
+
+@pytest.mark.parametrize('name', FLIGHTS)
+def test_heading_error_and_offset_within_500_m(name):
+    errors = []
+    for result, truth in later(name):
+        if truth.pose.position[0] >= -500:
+            assert result.guidance is not None
+            errors.append(
+                (result.guidance.yaw - truth.pose.yaw, result.guidance.y - truth.pose.position[1])
+            )
+    errors = np.array(errors)
+    assert np.isfinite(errors).all()
+    yaw, offset = np.sqrt((errors**2).mean(axis=0))
+    assert math.degrees(yaw) <= 0.3
+    assert offset <= 1.0
+
+
+@pytest.mark.parametrize('name', FLIGHTS)
+def test_height_roll_pitch_and_vanishing_point(name):
+    errors = []
+    for result, truth in later(name):
+        pose, guidance = truth.pose, result.guidance
+        place = math.dist(result.vanishing_point, truth.vanishing_point)
+        errors.append(
+            (
+                guidance.z / pose.position[2] - 1,
+                math.degrees(guidance.roll - pose.roll),
+                math.degrees(guidance.pitch - pose.pitch),
+                place,
+            )
+        )
+    height, roll, pitch, place = np.sqrt((np.array(errors) ** 2).mean(axis=0))
+    assert height < 0.05
+    assert roll < 0.4
+    assert pitch < 0.3
+    assert place < 3.0
+
+
+def test_the_covariance_is_consistent_over_1000_frames():
+    """Squared errors in units of the covariance: 5 on average for y, z, roll, pitch and yaw."""
+    squares = []
+    for name in FLIGHTS:
+        for result, truth in later(name):
+            guidance, pose = result.guidance, truth.pose
+            error = np.array(
+                [
+                    guidance.y - pose.position[1],
+                    guidance.z - pose.position[2],
+                    guidance.roll - pose.roll,
+                    guidance.pitch - pose.pitch,
+                    guidance.yaw - pose.yaw,
+                ]
+            )
+            squares.append(error @ np.linalg.solve(guidance.covariance[1:, 1:], error))
+    assert len(squares) >= 1000
+    mean = float(np.mean(squares)) / 5
+    # Errors of one flight are alike from frame to frame, so that the mean of four flights cannot
+    # be near 1; it must be neither boastful nor useless.
+    assert 0.15 < mean < 1.5
+    # 99.9 % of a chi-squared variable of five degrees of freedom are below 20.5.
+    assert np.mean(np.array(squares) > 20.5) < 0.03
+
+
+@pytest.mark.parametrize('name', FLIGHTS)
+def test_the_distance_is_known_while_the_near_end_is_in_sight(name):
+    errors = [
+        (result.guidance.x - truth.pose.position[0], result.guidance.covariance[0, 0])
+        for result, truth in later(name)
+        if np.isfinite(result.guidance.x)
+    ]
+    assert len(errors) > 0.9 * len(later(name))
+    assert np.mean([error**2 / variance for error, variance in errors]) < 2.0
+
+
+def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
+    flight = RunwayFlight(RunwaySettings(frames=1000, motion='low_pass', start_distance=200.0))
+    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', runway_width=30.0))
+    camera = flight.camera
+    pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
+    seen = 0
+    for index in range(0, 270, 2):
+        frame = flight.frame(index)
+        result = pipeline.process(frame.picture.pixels, frame.stamp_ns)
+        guidance = result.guidance
+        if frame.truth.pose.position[0] > 30 and guidance.known:
+            seen += 1
+            assert math.isnan(guidance.x)
+            assert guidance.covariance[0, 0] == UNKNOWN_VARIANCE
+            assert abs(guidance.y - frame.truth.pose.position[1]) < 2
+            near_end = result.lines[LineRole.NEAR_END - 1]
+            assert not near_end.found
+    assert seen > 10

@@ -1,0 +1,147 @@
+"""Bodies other than the tanker."""
+
+import math
+
+import numpy as np
+import pytest
+from support.node_outputs import messages_of
+from support.places import ROOT
+
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.rig import load_layout
+
+DRONE = """
+name: drone
+markers:
+  port: [0.0, 0.30, 0.0]
+  starboard: [0.0, -0.30, 0.0]
+  top: [-0.25, 0.0, 0.22]
+"""
+SEVEN = """
+name: seven
+markers:
+  a: [0.0, 10.0, 0.0]
+  b: [0.0, 5.0, 4.0]
+  c: [-3.0, 1.0, 6.0]
+  d: [0.0, 0.0, -3.0]
+  e: [-3.0, -4.0, 3.0]
+  f: [0.0, -9.0, 1.0]
+  g: [-2.0, -6.0, -4.0]
+"""
+
+
+@pytest.fixture(params=[DRONE, SEVEN], ids=['drone', 'seven'])
+def layout(request, tmp_path):
+    path = tmp_path / 'body.yaml'
+    path.write_text(request.param)
+    return path
+
+
+def test_its_markers_get_their_names(layout):
+    flight = TankerFlight(
+        TankerSettings(
+            layout=str(layout), motion='erratic', frames=90, view='lab', background='plain', seed=2
+        )
+    )
+    pipeline = MarkerPipeline(layout=load_layout(layout))
+    seen = 0
+    for frame in flight:
+        result = pipeline.process(frame.picture, frame.stamp_ns)
+        assert len(result.markers) == len(flight.layout.names)
+        assert [m.label for m in result.markers] == list(range(len(result.markers)))
+        for marker, true in zip(result.markers, frame.truth.markers, strict=True):
+            if marker.state is MarkerState.DETECTED:
+                seen += 1
+                assert math.hypot(marker.x - true.x, marker.y - true.y) < 2.0
+        assert math.isnan(result.roll)
+    assert seen > 0.95 * 90 * len(flight.layout.names)
+
+
+def test_hidden_markers_of_a_larger_body(tmp_path):
+    path = tmp_path / 'seven.yaml'
+    path.write_text(SEVEN)
+    flight = TankerFlight(
+        TankerSettings(
+            layout=str(path),
+            motion='roll',
+            frames=180,
+            view='lab',
+            background='plain',
+            failures='a@1-3, d@1-3, all@4-5',
+        )
+    )
+    pipeline = MarkerPipeline(layout=load_layout(path))
+    for frame in flight:
+        result = pipeline.process(frame.picture, frame.stamp_ns)
+        for marker, true in zip(result.markers, frame.truth.markers, strict=True):
+            if marker.state is MarkerState.DETECTED:
+                assert math.hypot(marker.x - true.x, marker.y - true.y) < 4.0
+    assert all(m.state is MarkerState.DETECTED for m in result.markers)
+
+
+def test_topics_rows_and_pose_follow_the_layout(layout):
+    parameters = MarkerTrackerParameters(layout=str(layout))
+    processor = MarkerTrackerProcessor()
+    processor.configure(parameters)
+    flight = TankerFlight(
+        TankerSettings(
+            layout=str(layout), motion='still', frames=6, view='lab', background='plain', noise=0.0
+        )
+    )
+    names = flight.layout.names
+    topics = {f'marker/{name}' for name in names}
+    assert topics <= set(processor.topics)
+    assert 'marker/left_wing' not in processor.topics
+    camera = flight.camera
+    processor.set_camera(CameraModel(640, 480, tuple(camera.matrix.ravel())))
+    for frame in flight:
+        given = Frame(frame.stamp_ns, 'cam', frame.picture)
+        outputs = messages_of(processor, processor.process(given))
+    assert topics <= set(outputs)
+    rows = decode_points(outputs['markers'])
+    assert list(rows['label']) == list(range(len(names)))
+    position = outputs['pose'].pose.pose.position
+    distance = np.linalg.norm(frame.truth.translation)
+    error = np.subtract((position.x, position.y, position.z), frame.truth.translation)
+    assert np.linalg.norm(error) < 0.01 * distance
+    roll = outputs['rpy'].vector.x
+    assert roll == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        (None, 'No such file'),
+        ('markers: 5', 'markers'),
+        ('markers: {one: [0.0, 1.0, 0.0]}', '2 to 255'),
+        ('markers: {"a b": [0, 1, 0], c: [0, 2, 0], d: [0, 0, 1]}', 'part of a topic'),
+        ('{', 'not YAML'),
+    ],
+)
+def test_a_layout_that_cannot_be_used_is_refused(tmp_path, text, reason):
+    path = tmp_path / 'layout.yaml'
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ParameterError, match=reason) as refusal:
+        MarkerTrackerProcessor().configure(MarkerTrackerParameters(layout=str(path)))
+    assert refusal.value.name == 'layout'
+    assert str(path) in str(refusal.value)
+
+
+def test_the_shipped_layout_is_the_built_in_one():
+
+    from mvuav_ros.vision.rig import TANKER_747
+
+    config = ROOT / 'config'
+    shipped = load_layout(config / 'tanker_747.yaml')
+    assert shipped.names == TANKER_747.names
+    np.testing.assert_array_equal(shipped.positions, TANKER_747.positions)
