@@ -50,7 +50,7 @@ def source_policy() -> str:
 
 
 def panel_policy() -> str:
-    """Results, pictures and diagnostics in; parameters set."""
+    """Results, images and diagnostics in; parameters set."""
     subscribe = ['diagnostics', 'parameter_events', 'image_raw', 'image_raw/compressed', 'clock']
     request = []
     for name, processor in PROCESSORS.items():

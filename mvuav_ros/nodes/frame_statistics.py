@@ -19,8 +19,8 @@ class FrameTimes(NamedTuple):
 
     Attributes:
         transport: from the publisher to us; NaN if the middleware does not tell.
-        decode: bytes to picture.
-        process: picture to messages.
+        decode: bytes to image.
+        process: image to messages.
         publish: messages to the middleware.
         total: from taking the bytes to the last message, waiting included.
     """

@@ -48,7 +48,7 @@ _CALM = 5
 """Wakes with a single image after which a node that was too slow counts as fast enough again."""
 
 
-class Received(NamedTuple):
+class ReceivedImage(NamedTuple):
     """An image, and when it came.
 
     Attributes:
@@ -112,7 +112,7 @@ class ImageInput:
         node: Node,
         kind: type,
         topic: str,
-        on_image: Callable[[Received], None],
+        on_image: Callable[[ReceivedImage], None],
         info_topic: str | None = None,
         awaits_info: Callable[[], bool] = lambda: True,
     ) -> None:
@@ -131,7 +131,7 @@ class ImageInput:
         self._on_image = on_image
         self._awaits_info = awaits_info
         self._group = _OwnThread()
-        self._pairing = StampPairing[CameraInfo, Received]()
+        self._pairing = StampPairing[CameraInfo, ReceivedImage]()
         # Before the images, so that a source that sees the one subscription has seen the other.
         self._infos = None if info_topic is None else self._subscribe(CameraInfo, info_topic, False)
         self._subscription = self._subscribe(kind, topic, True)
@@ -238,7 +238,7 @@ class ImageInput:
         while (taken := self._infos.handle.take_message(CameraInfo, False)) is not None:
             self._pairing.add_info(stamp_ns_of(taken[0].header), taken[0])
 
-    def _take_images(self) -> list[Received]:
+    def _take_images(self) -> list[ReceivedImage]:
         images = []
         take, kind = self._subscription.handle.take_message, self._subscription.msg_type
         # Bounded, as a publisher could be as fast as we are.
@@ -250,7 +250,7 @@ class ImageInput:
             self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
-            images.append(Received(data, transport, time.perf_counter()))
+            images.append(ReceivedImage(data, transport, time.perf_counter()))
         return images
 
     def _follow(self, sequence: int) -> None:
@@ -259,7 +259,7 @@ class ImageInput:
             self._events.missing += sequence - self._last_sequence - 1
         self._last_sequence = sequence
 
-    def _hand_over(self, images: list[Received]) -> None:
+    def _hand_over(self, images: list[ReceivedImage]) -> None:
         keeps_all = self._subscription.qos_profile.history == HistoryPolicy.KEEP_ALL
         if images and not keeps_all and self._backlog.skips(len(images)):
             self._events.skipped += len(images) - 1

@@ -18,7 +18,7 @@ _GAP = 1.6
 """Times the usual spacing of stamps, from which on a frame is missing in between."""
 
 
-class StampWatch:
+class StampMonitor:
     """Follows the stamps of images: their spacing, and gaps in it."""
 
     def __init__(self) -> None:
@@ -50,13 +50,13 @@ class StampWatch:
         return round(statistics.median(self._spacings))
 
 
-class InputWatch:
+class InputMonitor:
     """Turns counters into sentences: what happened in the last seconds, and the remedy."""
 
     def __init__(self) -> None:
         self._history: deque[dict[str, int]] = deque(maxlen=round(WINDOW) + 1)
 
-    def problems(self, events: InputEvents, stamps: StampWatch) -> list[str]:
+    def problems(self, events: InputEvents, stamps: StampMonitor) -> list[str]:
         """Sentences about the last seconds; to be called once a second."""
         counts = {
             'lost': events.lost,

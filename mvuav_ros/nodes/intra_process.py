@@ -8,21 +8,21 @@ from collections import deque
 from collections.abc import Callable
 from threading import Condition, Thread
 
-from mvuav_ros.nodes.image_input import InputEvents, Received
+from mvuav_ros.nodes.image_input import InputEvents, ReceivedImage
 from mvuav_ros.recordings.sources.frame import Frame
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""
 
 
-class FrameHandover:
+class IntraProcessInput:
     """Takes frames from the source's thread and hands them on in a thread of its own.
 
     Nothing is copied: source and detectors look at the same pixels, which none of them writes to.
     A detector that is too slow loses the oldest frames, and the source never waits for it.
     """
 
-    def __init__(self, topic: str, on_frame: Callable[[Received], None]) -> None:
+    def __init__(self, topic: str, on_frame: Callable[[ReceivedImage], None]) -> None:
         self.topic = topic
         self.publishers = 1
         self._events = InputEvents()
@@ -64,4 +64,4 @@ class FrameHandover:
                 if self._stopping:
                     return
                 frame, put = self._waiting.popleft()
-            self._on_frame(Received(frame, math.nan, put))
+            self._on_frame(ReceivedImage(frame, math.nan, put))

@@ -8,7 +8,7 @@ from collections import deque
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mvuav_ros.nodes.frame_statistics import WINDOW
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 
 class SourceStatus:
@@ -27,11 +27,11 @@ class SourceStatus:
         self._last_trouble_at = -WINDOW
         self._format = ''
 
-    def published(self, picture: Picture) -> None:
+    def published(self, image: Image) -> None:
         """Count a frame."""
         self._count += 1
         self._times.append(time.monotonic())
-        self._format = f'{picture.width}x{picture.height} {picture.encoding}'
+        self._format = f'{image.width}x{image.height} {image.encoding}'
 
     def trouble(self, words: str) -> None:
         """Keep what went wrong."""

@@ -14,7 +14,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage
+from sensor_msgs.msg import Image as RosImage
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
@@ -35,7 +36,7 @@ from mvuav_ros.recordings.serialization.serialized_image import (
 from mvuav_ros.recordings.sources.calibration import Calibration, load_calibration
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
-from mvuav_ros.vision.image import ImageError, Picture
+from mvuav_ros.vision.image import Image, ImageError
 from mvuav_ros.vision.point_operations import gamma_correct
 
 RETRY_INTERVAL = 1.0
@@ -64,7 +65,7 @@ class VideoSource(Node):
         )
         # Before the images, so that whoever sees those has seen these.
         self._infos = self._publisher(CameraInfo, 'camera_info')
-        self._images = self._publisher(Image, 'image_raw')
+        self._images = self._publisher(RosImage, 'image_raw')
         # Resolved first, so that a remapping of image_raw moves the compressed topic along.
         compressed = self.resolve_topic_name('image_raw') + '/compressed'
         self._compressed = self._publisher(CompressedImage, compressed)
@@ -198,32 +199,32 @@ class VideoSource(Node):
 
     def _publish(self, frame: Frame) -> None:
         given = self._live.current
-        picture = _as_encoding(frame.picture, given.encoding)
+        image = _as_encoding(frame.image, given.encoding)
         if given.gamma != 1.0:
-            picture = Picture(gamma_correct(picture.pixels, given.gamma), picture.encoding)
+            image = Image(gamma_correct(image.pixels, given.gamma), image.encoding)
         stamp_ns = frame.stamp_ns
         if given.stamp == 'now':
             stamp_ns = self.get_clock().now().nanoseconds
         frame_id = given.frame_id or frame.frame_id
         info_heard = is_heard(self._infos)
         if info_heard or self._listeners:
-            info = self._camera_info(frame, picture, make_header(stamp_ns, frame_id))
+            info = self._camera_info(frame, image, make_header(stamp_ns, frame_id))
             for listener in self._listeners:
-                listener(Frame(stamp_ns, frame_id, picture, decode_camera_info(info)))
+                listener(Frame(stamp_ns, frame_id, image, decode_camera_info(info)))
             # First, so that no image has to wait for it.
             if info_heard:
                 self._infos.publish(info)
         header = cdr_header(stamp_ns, frame_id)
         if is_heard(self._images):
-            self._images.publish(serialize_image(picture, header))
+            self._images.publish(serialize_image(image, header))
         if is_heard(self._compressed):
-            self._compressed.publish(_jpeg(picture, header, given.jpeg_quality))
-        self._status.published(picture)
+            self._compressed.publish(_jpeg(image, header, given.jpeg_quality))
+        self._status.published(image)
 
-    def _camera_info(self, frame: Frame, picture: Picture, header: Header) -> CameraInfo:
+    def _camera_info(self, frame: Frame, image: Image, header: Header) -> CameraInfo:
         if self._calibration is None and frame.camera is not None:
             return encode_camera_info(frame.camera, header)
-        return _camera_info(self._calibration, picture, header)
+        return _camera_info(self._calibration, image, header)
 
     def _once_a_second(self) -> None:
         paused = not self._running.is_set()
@@ -234,26 +235,26 @@ class VideoSource(Node):
         self._diagnostics.publish(message)
 
 
-def _as_encoding(picture: Picture, encoding: str) -> Picture:
-    if encoding in ('source', picture.encoding):
-        return picture
+def _as_encoding(image: Image, encoding: str) -> Image:
+    if encoding in ('source', image.encoding):
+        return image
     if encoding == 'mono8':
-        gray = picture.gray()
-        return Picture(gray if gray.dtype == 'uint8' else (gray >> 8).astype('uint8'), 'mono8')
-    bgr = picture.bgr()
-    return Picture(bgr if encoding == 'bgr8' else bgr[:, :, ::-1], encoding)
+        gray = image.gray()
+        return Image(gray if gray.dtype == 'uint8' else (gray >> 8).astype('uint8'), 'mono8')
+    bgr = image.bgr()
+    return Image(bgr if encoding == 'bgr8' else bgr[:, :, ::-1], encoding)
 
 
-def _jpeg(picture: Picture, header: bytes, quality: int) -> bytes:
-    gray = picture.encoding in ('mono8', '8UC1')
-    pixels = picture.pixels if gray else picture.bgr()
+def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
+    gray = image.encoding in ('mono8', '8UC1')
+    pixels = image.pixels if gray else image.bgr()
     _, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return serialize_compressed_image('jpeg', data.tobytes(), header)
 
 
-def _camera_info(calibration: Calibration | None, picture: Picture, header: Header) -> CameraInfo:
+def _camera_info(calibration: Calibration | None, image: Image, header: Header) -> CameraInfo:
     """All-zero matrices say that the camera is not calibrated."""
-    info = CameraInfo(header=header, width=picture.width, height=picture.height)
+    info = CameraInfo(header=header, width=image.width, height=image.height)
     if calibration is not None:
         info.width, info.height = calibration.width, calibration.height
         info.distortion_model = calibration.distortion_model

@@ -17,9 +17,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics, FrameTimes
-from mvuav_ros.nodes.image_input import ImageInput, Received
-from mvuav_ros.nodes.input_monitor import InputWatch, StampWatch, silence
-from mvuav_ros.nodes.intra_process import FrameHandover
+from mvuav_ros.nodes.image_input import ImageInput, ReceivedImage
+from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, silence
+from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.subscribers import is_heard
 from mvuav_ros.parameters.declaration import ParameterSet
@@ -55,7 +55,7 @@ class VisionNode(Node):
         self._processor = processor
         self._live = LiveParameters(self, processor.parameters_type, self._configure)
         self._configure(self._live.current)
-        self._frames, self._stamps, self._watch = FrameStatistics(), StampWatch(), InputWatch()
+        self._frames, self._stamps, self._watch = FrameStatistics(), StampMonitor(), InputMonitor()
         self._logged: dict[str, float] = {}
         self._enabled = True
         self._format = ''
@@ -95,8 +95,8 @@ class VisionNode(Node):
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
-    def _handover(self) -> FrameHandover:
-        return FrameHandover(self.resolve_topic_name('image_raw'), self._on_image)
+    def _handover(self) -> IntraProcessInput:
+        return IntraProcessInput(self.resolve_topic_name('image_raw'), self._on_image)
 
     @property
     def _camera_info_topic(self) -> str:
@@ -105,7 +105,7 @@ class VisionNode(Node):
 
     def take(self, frame: Frame) -> None:
         """Give a frame to a node that was made with ``handed_over``; returns at once."""
-        assert isinstance(self._input, FrameHandover)
+        assert isinstance(self._input, IntraProcessInput)
         self._input.put(frame)
 
     def _subscription(self) -> ImageInput:
@@ -129,7 +129,7 @@ class VisionNode(Node):
         # OpenCV takes a negative number for its own choice.
         cv2.setNumThreads(threads if threads > 0 else -1)
 
-    def _on_image(self, received: Received) -> None:
+    def _on_image(self, received: ReceivedImage) -> None:
         try:
             self._answer(received)
         except DuplicateStampError as error:
@@ -146,7 +146,7 @@ class VisionNode(Node):
                 self._processor.reset()
             self._refuse('internal error', f'{type(error).__name__}: {error}')
 
-    def _answer(self, received: Received) -> None:
+    def _answer(self, received: ReceivedImage) -> None:
         start = time.perf_counter()
         with self._lock:
             self._frames.arrived()
@@ -156,7 +156,7 @@ class VisionNode(Node):
         decoded = time.perf_counter()
         with self._lock:
             self._stamps.follow(frame.stamp_ns)
-            self._format = f'{frame.picture.width}x{frame.picture.height} {frame.picture.encoding}'
+            self._format = f'{frame.image.width}x{frame.image.height} {frame.image.encoding}'
             outputs = self._processor.process(frame)
         processed = time.perf_counter()
         self._publish(outputs)
@@ -171,22 +171,22 @@ class VisionNode(Node):
         debug = self._debug_wanted()
         with self._lock:
             self._frames.answer(times)
-            pictures = self._processor.draw(debug) if debug else []
-        self._publish(pictures)
+            images = self._processor.draw(debug) if debug else []
+        self._publish(images)
 
     def _decode(self, data: bytes | Frame, info: CameraInfo | None) -> Frame:
         if isinstance(data, Frame):
             return data
         if self._compressed:
             compressed = view_compressed_image(data)
-            picture = decode_compressed_image(compressed)
+            image = decode_compressed_image(compressed)
             stamp_ns, frame_id = compressed.stamp_ns, compressed.frame_id
         else:
-            image = view_image(data)
-            picture = decode_image(image)
-            stamp_ns, frame_id = image.stamp_ns, image.frame_id
+            message = view_image(data)
+            image = decode_image(message)
+            stamp_ns, frame_id = message.stamp_ns, message.frame_id
         camera = None if info is None else decode_camera_info(info)
-        return Frame(stamp_ns, frame_id, picture, camera)
+        return Frame(stamp_ns, frame_id, image, camera)
 
     def _publish(self, outputs: list[Output]) -> None:
         for topic, make in outputs:
@@ -245,7 +245,7 @@ class VisionNode(Node):
             self._periodic_publishers[topic].publish(make())
 
     def _image_publishers(self) -> list[str]:
-        if isinstance(self._input, FrameHandover):
+        if isinstance(self._input, IntraProcessInput):
             return ['this process']
         infos = self.get_publishers_info_by_topic(self._input.topic)
         return [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]

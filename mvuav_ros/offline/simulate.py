@@ -1,4 +1,4 @@
-"""A simulated frame as the messages of a recording: picture, calibration and truth."""
+"""A simulated frame as the messages of a recording: image, calibration and truth."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def truth_messages(
     info = encode_camera_info(camera, make_header(frame.stamp_ns, frame_id))
     truth = frame.truth
     yield '/camera_info', type_name(CameraInfo), serialize_message(info)
-    yield '/image_raw', type_name(Image), serialize_image(frame.picture, header)
+    yield '/image_raw', type_name(Image), serialize_image(frame.image, header)
     yield '/truth/pose', type_name(PoseStamped), encode_true_pose(truth, header)
     if isinstance(truth, TankerTruth):
         yield '/truth/markers', type_name(PointCloud2), encode_true_markers(truth, header)

@@ -140,7 +140,7 @@ class Scale:
         return int(min(max(2 * math.floor(value / 2) + 1, self.minimum), self.maximum))
 
     def within(self, size: float) -> Scale:
-        """The scale for positions and lengths in a picture of that size, px."""
+        """The scale for positions and lengths in a image of that size, px."""
         if size <= 0 or self.maximum <= size:
             return self
         return replace(self, maximum=max(size, self.minimum + 1))

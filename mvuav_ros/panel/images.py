@@ -1,4 +1,4 @@
-"""Image topics as small JPEG pictures, subscribed only while somebody looks."""
+"""RosImage topics as small JPEG images, subscribed only while somebody looks."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from typing import Any
 import cv2
 import numpy as np
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
-from mvuav_ros.vision.image import ImageError, Picture
+from mvuav_ros.vision.image import Image, ImageError
 
 HIGHEST_RATE = 10.0
-"""Pictures per second, Hz."""
+"""Images per second, Hz."""
 LARGEST_SIDE = 640
 """Of what is sent, px."""
 _QUALITY = 80
@@ -46,7 +47,7 @@ _OF_KIND = {
 
 @dataclass(frozen=True)
 class Stream:
-    """A picture that can be shown: a node's input or one of its debug images."""
+    """A image that can be shown: a node's input or one of its debug images."""
 
     node: str
     name: str
@@ -64,7 +65,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture ready to be sent; width and height are those of the original."""
+    """A image ready to be sent; width and height are those of the original."""
 
     number: int
     width: int
@@ -73,7 +74,7 @@ class Shot:
 
 
 def streams_of(node: LiveNode) -> list[Stream]:
-    """The pictures of a node."""
+    """The images of a node."""
     return [Stream(node.name, name) for name in _OF_KIND.get(node.kind, ())]
 
 
@@ -84,8 +85,8 @@ def source_of(stream: Stream, node: LiveNode) -> tuple[str, bool]:
     return f'{stream.node}/{stream.name}', False
 
 
-def decode(data: bytes, compressed: bool) -> Picture:
-    """A serialized message's picture.
+def decode(data: bytes, compressed: bool) -> Image:
+    """A serialized message's image.
 
     Raises:
         ImageError: it cannot be used.
@@ -95,9 +96,9 @@ def decode(data: bytes, compressed: bool) -> Picture:
     return decode_image(view_image(data))
 
 
-def encode_jpeg(picture: Picture, largest: int = LARGEST_SIDE) -> bytes:
-    """A picture as JPEG with sides of at most ``largest`` px."""
-    pixels = picture.pixels if picture.is_gray else picture.bgr()
+def encode_jpeg(image: Image, largest: int = LARGEST_SIDE) -> bytes:
+    """A image as JPEG with sides of at most ``largest`` px."""
+    pixels = image.pixels if image.is_gray else image.bgr()
     if pixels.dtype != np.uint8:
         pixels = cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
     factor = largest / max(pixels.shape[:2])
@@ -106,15 +107,15 @@ def encode_jpeg(picture: Picture, largest: int = LARGEST_SIDE) -> bytes:
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
     done, jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not done:
-        raise ImageError('the picture cannot be encoded')
+        raise ImageError('the image cannot be encoded')
     return jpeg.tobytes()
 
 
 Look = Callable[[str, Shot], None]
-"""Called in the loop with a stream's key and its newest picture."""
+"""Called in the loop with a stream's key and its newest image."""
 
 
-class PictureFeed:
+class ImageFeed:
     """Subscribes to a topic while at least one viewer looks at it; called from the loop."""
 
     def __init__(self, ros: RosThread) -> None:
@@ -143,8 +144,8 @@ class PictureFeed:
             self._viewers.pop(key, None)
             self._close(key)
 
-    def newest(self, key: str) -> Picture | None:
-        """The picture that was shown last, at its full size."""
+    def newest(self, key: str) -> Image | None:
+        """The image that was shown last, at its full size."""
         tap = self._taps.get(key)
         return tap.newest() if tap is not None else None
 
@@ -172,7 +173,7 @@ class _Tap:
         self._subscription: Any = None
         ros.do(self._open)
 
-    def newest(self) -> Picture | None:
+    def newest(self) -> Image | None:
         data = self._data
         return decode(data, self.compressed) if data is not None else None
 
@@ -186,7 +187,7 @@ class _Tap:
             reliability=qos_profile_sensor_data.reliability,
             history=qos_profile_sensor_data.history,
         )
-        kind = CompressedImage if self.compressed else Image
+        kind = CompressedImage if self.compressed else RosImage
         self._subscription = self._ros.node.create_subscription(
             kind, self.topic, self._on_image, qos, raw=True
         )
@@ -202,12 +203,12 @@ class _Tap:
         # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
         self._due = max(self._due + 1.0 / HIGHEST_RATE, now)
         try:
-            picture = decode(data, self.compressed)
-            jpeg = encode_jpeg(picture)
+            image = decode(data, self.compressed)
+            jpeg = encode_jpeg(image)
         except ImageError:
             # The node itself says so in its diagnostics.
             return
         self._data = data
         self._number += 1
-        shot = Shot(self._number, picture.width, picture.height, jpeg)
+        shot = Shot(self._number, image.width, image.height, jpeg)
         self._ros.tell(self._arrived, self._key, shot)

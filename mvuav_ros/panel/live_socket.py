@@ -1,4 +1,4 @@
-"""Pictures and curves to one page over a WebSocket, never faster than the page takes them."""
+"""Images and curves to one page over a WebSocket, never faster than the page takes them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from mvuav_ros.panel.images import PictureFeed, Shot, Stream, source_of, streams_of
+from mvuav_ros.panel.images import ImageFeed, Shot, Stream, source_of, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.series import Point, SeriesFeed
@@ -21,19 +21,19 @@ _CURVE_INTERVAL = 0.2
 _MOST_STREAMS = 16
 _LONGEST_REQUEST = 10_000
 _UNANSWERED = 2
-"""Pictures of one stream on their way; a slow link gets fewer pictures, not older ones."""
+"""Images of one stream on their way; a slow link gets fewer images, not older ones."""
 
 
 class LiveSocket:
-    """One page's pictures and curves.
+    """One page's images and curves.
 
-    The page says what is on its screen: ``{"pictures": [key, …], "series": node}``, and tells of
-    each picture that it has drawn it: ``{"drawn": key}``. It gets pictures as binary messages
+    The page says what is on its screen: ``{"images": [key, …], "series": node}``, and tells of
+    each image that it has drawn it: ``{"drawn": key}``. It gets images as binary messages
     (uint32 length of a JSON header, the header, a JPEG) and curves as JSON.
     """
 
     def __init__(
-        self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: PictureFeed
+        self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: ImageFeed
     ) -> None:
         self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
         self._looking: set[str] = set()
@@ -66,8 +66,8 @@ class LiveSocket:
             key = str(request['drawn'])
             self._under_way[key] = max(self._under_way.get(key, 0) - 1, 0)
             self._something.set()
-        if 'pictures' in request:
-            self._look_at([str(key) for key in request['pictures']][:_MOST_STREAMS])
+        if 'images' in request:
+            self._look_at([str(key) for key in request['images']][:_MOST_STREAMS])
         if 'series' in request:
             self._follow(str(request['series'] or ''))
 

@@ -66,7 +66,7 @@ class LiveNode:
         return self.found.image_topic or self.status.get('image_topic', '')
 
     @property
-    def picture_size(self) -> int:
+    def image_size(self) -> int:
         """The longer side of its images, px; 0 while that is not known."""
         sides = self.status.get('image', '').split(' ')[0].split('x')
         return max((int(side) for side in sides if side.isdigit()), default=0)

@@ -91,7 +91,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     from mvuav_ros.nodes.process_tuning import tune_process
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
-    from mvuav_ros.panel.images import PictureFeed
+    from mvuav_ros.panel.images import ImageFeed
     from mvuav_ros.panel.live_system import LiveSystem
     from mvuav_ros.panel.package_data import built_in_sets, sample_bags
     from mvuav_ros.panel.page.context import Services
@@ -106,7 +106,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:
         services = Services(
             system=LiveSystem(ros),
-            feed=PictureFeed(ros),
+            feed=ImageFeed(ros),
             sets=SetStore(folder / 'sets', built_in_sets()),
             runs=RunStore(folder / 'runs'),
             bags=tuple(path.expanduser() for path in arguments.bags or sample_bags()),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mvuav_ros.offline.report.model import Picture
-from mvuav_ros.offline.sweep.report import trend_picture
+from mvuav_ros.offline.report.model import Figure
+from mvuav_ros.offline.sweep.report import trend_image
 from mvuav_ros.offline.sweep.run import Run, RunResult
 from mvuav_ros.panel.runs import SavedRun
 
@@ -22,6 +22,6 @@ def as_results(runs: Sequence[SavedRun]) -> list[RunResult]:
     ]
 
 
-def picture_of(runs: Sequence[SavedRun], arrangement: str, group: str) -> Picture:
-    """The trends of some runs in one figure; see `trend_picture`."""
-    return trend_picture(as_results(runs), arrangement, group, [run.name for run in runs])
+def image_of(runs: Sequence[SavedRun], arrangement: str, group: str) -> Figure:
+    """The trends of some runs in one figure; see `trend_image`."""
+    return trend_image(as_results(runs), arrangement, group, [run.name for run in runs])

@@ -18,13 +18,13 @@ from mvuav_ros.processing.processor import Output, Processor
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.drawing import draw_markers
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import FEWEST, Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
-from mvuav_ros.vision.rig import TANKER_747, BodyLayout, LayoutError, load_layout
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 
 TF_TOPIC = '/tf'
 _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
@@ -53,15 +53,15 @@ class MarkerTrackerProcessor(Processor):
         super().__init__()
         self._parameters = parameters or MarkerTrackerParameters()
         self._camera: CameraModel | None = None
-        self._newest: tuple[Picture, MarkerResult, Pose | None, bytes] | None = None
+        self._newest: tuple[Image, MarkerResult, Pose | None, bytes] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
         self._refusal = ''
         self._remarks: list[str] = []
-        self._set_layout(self._parameters)
+        self._set_rig(self._parameters)
 
-    def _set_layout(self, parameters: MarkerTrackerParameters) -> None:
-        self._layout = _open_layout(parameters.layout)
-        self._marker_topics = [f'marker/{name}' for name in self._layout.names]
+    def _set_rig(self, parameters: MarkerTrackerParameters) -> None:
+        self._rig = _open_rig(parameters.layout)
+        self._marker_topics = [f'marker/{name}' for name in self._rig.names]
         topics: dict[str, type] = {
             'markers': PointCloud2,
             'rpy': Vector3Stamped,
@@ -72,8 +72,8 @@ class MarkerTrackerProcessor(Processor):
             topics[TF_TOPIC] = TF_TYPE
         # The layout is known from the start on, so this stands before anybody asks.
         self.topics = topics  # type: ignore[misc]
-        self._pipeline = MarkerPipeline(parameters, self._layout)
-        self._poses = PoseEstimator(self._layout)
+        self._pipeline = MarkerTracker(parameters, self._rig)
+        self._poses = PoseEstimator(self._rig)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """See `Processor.configure`.
@@ -83,7 +83,7 @@ class MarkerTrackerProcessor(Processor):
         """
         before, self._parameters = self._parameters, parameters
         if (parameters.layout, parameters.publish_tf) != (before.layout, before.publish_tf):
-            self._set_layout(parameters)
+            self._set_rig(parameters)
         else:
             self._pipeline.configure(parameters)
 
@@ -104,7 +104,7 @@ class MarkerTrackerProcessor(Processor):
         self._poses.reset()
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        result = self._pipeline.process(frame.picture, frame.stamp_ns)
+        result = self._pipeline.process(frame.image, frame.stamp_ns)
         pose = self._estimate(frame, result)
         self.status = '; '.join(filter(None, (result.status, *self._remarks)))
         numbered = self._parameters.mode == 'track_any'
@@ -120,20 +120,20 @@ class MarkerTrackerProcessor(Processor):
         ]
         if pose is not None and TF_TOPIC in self.topics:
             outputs.append(
-                Output(TF_TOPIC, partial(encode_transform, pose, header, self._layout.name))
+                Output(TF_TOPIC, partial(encode_transform, pose, header, self._rig.name))
             )
-        self._newest = (frame.picture, result, pose, header)
+        self._newest = (frame.image, result, pose, header)
         return outputs
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""
         if self._newest is None or 'debug_image' not in debug:
             return []
-        picture, result, pose, header = self._newest
-        image = draw_markers(picture, result)
+        image, result, pose, header = self._newest
+        canvas = draw_markers(image, result)
         if pose is not None and self._camera is not None:
-            draw_pose(image, pose, self._camera, self._layout)
-        return [Output('debug_image', partial(serialize_image, Picture(image, 'bgr8'), header))]
+            draw_pose(canvas, pose, self._camera, self._rig)
+        return [Output('debug_image', partial(serialize_image, Image(canvas, 'bgr8'), header))]
 
     def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
         self._remarks = []
@@ -142,7 +142,7 @@ class MarkerTrackerProcessor(Processor):
             self._remarks.append('no /tf: tf2_msgs is not installed')
         if self._camera is None or not parameters.pose:
             return None
-        self._check(self._camera, frame.picture)
+        self._check(self._camera, frame.image)
         if self._refusal:
             self._remarks.append(self._refusal)
             return None
@@ -160,29 +160,29 @@ class MarkerTrackerProcessor(Processor):
             self._remarks.append('no pose: none fits the markers')
         return pose
 
-    def _check(self, camera: CameraModel, picture: Picture) -> None:
-        """Find out whether the calibration is one of such pictures, if that is not known yet."""
-        checked = (camera, picture.width, picture.height)
+    def _check(self, camera: CameraModel, image: Image) -> None:
+        """Find out whether the calibration is one of such images, if that is not known yet."""
+        checked = (camera, image.width, image.height)
         if checked == self._checked:
             return
         self._checked = checked
         self._refusal = ''
         try:
-            camera.check(picture.width, picture.height)
+            camera.check(image.width, image.height)
         except CalibrationError as error:
             self._refusal = f'no pose: {error}'
 
 
-def _open_layout(path: str) -> BodyLayout:
+def _open_rig(path: str) -> MarkerRig:
     if not path:
         return TANKER_747
     try:
-        layout = load_layout(path)
-    except LayoutError as error:
+        rig = load_rig(path)
+    except RigError as error:
         raise ParameterError('layout', str(error)) from error
-    for name in layout.names:
+    for name in rig.names:
         if not _TOPIC_WORD.fullmatch(name):
             raise ParameterError('layout', f'{path}: {name!r} cannot be part of a topic')
-    if not 2 <= len(layout.names) <= Label.UNLABELLED:
+    if not 2 <= len(rig.names) <= Label.UNLABELLED:
         raise ParameterError('layout', f'{path}: tracking needs 2 to 255 markers')
-    return layout
+    return rig

@@ -114,7 +114,7 @@ class Processor(ABC):
 
         Raises:
             DuplicateStampError: the stamp is that of the last frame.
-            ImageError: the picture cannot be used.
+            ImageError: the image cannot be used.
         """
         last = self._last_stamp_ns
         if frame.stamp_ns == last:

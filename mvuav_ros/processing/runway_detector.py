@@ -23,12 +23,12 @@ from mvuav_ros.processing.messages.runway import (
 from mvuav_ros.processing.processor import Output, Processor
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.hough_image import draw_hough
 from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
@@ -62,8 +62,8 @@ class RunwayDetectorProcessor(Processor):
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         super().__init__()
         self._mode = (parameters or RunwayDetectorParameters()).mode
-        self._thesis = RunwayPipeline(parameters)
-        self._approach = ApproachPipeline(parameters)
+        self._thesis = RunwayDetector(parameters)
+        self._approach = ApproachDetector(parameters)
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
 
     @property
@@ -100,7 +100,7 @@ class RunwayDetectorProcessor(Processor):
         self._approach.reset()
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        pixels = _pixels(frame.picture)
+        pixels = _pixels(frame.image)
         result: RunwayResult | ApproachResult
         if self._mode == 'approach':
             result = self._approach.process(pixels, frame.stamp_ns)
@@ -126,19 +126,19 @@ class RunwayDetectorProcessor(Processor):
         if isinstance(result, ApproachResult):
             if 'debug/overlay' not in debug:
                 return []
-            drawn = Picture(draw_approach(result), 'bgr8')
+            drawn = Image(draw_approach(result), 'bgr8')
             return [Output('debug/overlay', partial(serialize_image, drawn, header))]
         outputs = []
         for topic in debug:
             paint, encoding = _PICTURES[topic]
-            picture = paint(result)
-            if picture.size:
+            image = paint(result)
+            if image.size:
                 outputs.append(
-                    Output(topic, partial(serialize_image, Picture(picture, encoding), header))
+                    Output(topic, partial(serialize_image, Image(image, encoding), header))
                 )
         return outputs
 
 
-def _pixels(picture: Picture) -> Any:
+def _pixels(image: Image) -> Any:
     """Colour as blue, green, red; grey as it is."""
-    return picture.pixels if picture.is_gray else picture.bgr()
+    return image.pixels if image.is_gray else image.bgr()

@@ -10,7 +10,7 @@ from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.rotation import Matrix
 from mvuav_ros.simulation.sky import draw_sky
 from mvuav_ros.simulation.texture import smooth_noise, to_bytes
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 MARGIN = 48
 """px around the frame, for a camera that shakes."""
@@ -22,7 +22,7 @@ CLOUDINESS = 0.6
 
 
 class Background:
-    """A picture at infinity, seen by a camera that turns a little."""
+    """A image at infinity, seen by a camera that turns a little."""
 
     def __init__(
         self,
@@ -33,13 +33,13 @@ class Background:
         rng: np.random.Generator,
     ) -> None:
         self._camera = camera
-        picture = _DRAWERS[kind](camera, detail, rng)
-        self._wide: Image = picture if color else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+        image = _DRAWERS[kind](camera, detail, rng)
+        self._wide: Pixels = image if color else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         inside = slice(MARGIN, -MARGIN)
-        self._middle: Image = np.ascontiguousarray(self._wide[inside, inside])
+        self._middle: Pixels = np.ascontiguousarray(self._wide[inside, inside])
 
-    def view(self, turned: Matrix | None) -> Image:
-        """A new picture of the background.
+    def view(self, turned: Matrix | None) -> Pixels:
+        """A new image of the background.
 
         Args:
             turned: the camera's rotation from its steady attitude; None for none.

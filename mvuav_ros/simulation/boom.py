@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.schedule import Interval
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 TRAVEL = 0.25
 """Seconds in which the boom extends and retracts; it turns while it is short."""
@@ -23,7 +23,7 @@ _SHIFT = 4
 
 @dataclass(frozen=True)
 class Boom:
-    """A straight bar in the picture: from the pivot to the tip, px.
+    """A straight bar in the image: from the pivot to the tip, px.
 
     Attributes:
         pivot: (2,).
@@ -47,8 +47,8 @@ class Boom:
         aside = abs(float(offset[0] * along[1] - offset[1] * along[0]))
         return max(forward - length, -forward, aside - self.half_width)
 
-    def paint(self, image: Image) -> None:
-        """Paint it into an 8-bit picture, in place."""
+    def paint(self, image: Pixels) -> None:
+        """Paint it into an 8-bit image, in place."""
         along = self.tip - self.pivot
         length = float(np.hypot(*along))
         if not math.isfinite(length) or length < 1.0:
@@ -86,7 +86,7 @@ def place_boom(
 
     Args:
         pivot: (2,), px.
-        down: (2,), direction of rest in the picture.
+        down: (2,), direction of rest in the image.
         lights: where each light is seen, (2,) px.
         schedule: entries that do not overlap.
         time: s.

@@ -42,7 +42,7 @@ class PinholeCamera:
         fov_deg: float,
         distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
     ) -> PinholeCamera:
-        """Square pixels, the axis in the middle of the picture.
+        """Square pixels, the axis in the middle of the image.
 
         Args:
             width: px.
@@ -51,7 +51,7 @@ class PinholeCamera:
             distortion: k1, k2, p1, p2, k3.
 
         Raises:
-            CameraError: the distortion folds the picture onto itself.
+            CameraError: the distortion folds the image onto itself.
         """
         focal = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
         camera = cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), distortion)
@@ -105,7 +105,7 @@ class PinholeCamera:
         corner = math.hypot(0.5 * self.width / self.fx, 0.5 * self.height / self.fy)
         r2 = np.linspace(0.0, corner, 200) ** 2
         if np.any(1.0 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0.0):
-            raise CameraError('folds the picture onto itself within the field of view')
+            raise CameraError('folds the image onto itself within the field of view')
 
 
 def parse_distortion(text: str) -> tuple[float, float, float, float, float]:

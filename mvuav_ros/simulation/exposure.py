@@ -1,4 +1,4 @@
-"""What the camera does to a picture: gain, motion blur, defocus, noise, hot pixels."""
+"""What the camera does to a image: gain, motion blur, defocus, noise, hot pixels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 _POOL_EXTRA = 1 << 17
 STEP_SECONDS = 2.5
@@ -18,7 +18,7 @@ STEP_SECONDS = 2.5
 class SensorNoise:
     """Gaussian noise of whole grey levels, cut from a pool at a random place per frame.
 
-    Drawing a million normal numbers would take longer than the picture itself.
+    Drawing a million normal numbers would take longer than the image itself.
     """
 
     def __init__(self, shape: tuple[int, ...], sigma: float, rng: np.random.Generator) -> None:
@@ -32,8 +32,8 @@ class SensorNoise:
         self._up: NDArray[np.uint8] = np.maximum(noise, 0).astype(np.uint8)
         self._down: NDArray[np.uint8] = np.maximum(-noise, 0).astype(np.uint8)
 
-    def add(self, image: Image, rng: np.random.Generator) -> None:
-        """Add noise to a contiguous 8-bit picture of the shape given, in place."""
+    def add(self, image: Pixels, rng: np.random.Generator) -> None:
+        """Add noise to a contiguous 8-bit image of the shape given, in place."""
         if not self._on:
             return
         start = int(rng.integers(_POOL_EXTRA))
@@ -73,20 +73,20 @@ class HotPixels:
         """(n, 2), px: x and y."""
         return np.column_stack((self._columns, self._rows))
 
-    def add(self, image: Image) -> None:
+    def add(self, image: Pixels) -> None:
         """Set them, in place."""
         image[self._rows, self._columns] = 255
 
 
-def apply_gain(image: Image, gain: float) -> Image:
+def apply_gain(image: Pixels, gain: float) -> Pixels:
     """Multiply and saturate; the image itself where the gain is 1."""
     if gain == 1.0:
         return image
     return cv2.convertScaleAbs(image, alpha=gain)
 
 
-def motion_blur(image: Image, dx: float, dy: float) -> Image:
-    """Smear a picture along a straight path of (dx, dy) px, centred; the image itself if short."""
+def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
+    """Smear a image along a straight path of (dx, dy) px, centred; the image itself if short."""
     length = math.hypot(dx, dy)
     if length < 0.5:
         return image
@@ -104,7 +104,7 @@ def motion_blur(image: Image, dx: float, dy: float) -> Image:
     return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
 
 
-def defocus(image: Image, sigma: float) -> Image:
+def defocus(image: Pixels, sigma: float) -> Pixels:
     """Gaussian blur; the image itself where sigma (px) is 0."""
     if sigma == 0.0:
         return image

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.settings import FlightSettings
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first frame; fixed, because a flight must not depend on the clock."""
@@ -38,10 +38,10 @@ class Stream(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedFrame(Generic[TruthT]):
-    """One picture, its time (ns) and what is true of it."""
+    """One image, its time (ns) and what is true of it."""
 
     stamp_ns: int
-    picture: Picture
+    image: Image
     truth: TruthT
 
 
@@ -52,7 +52,7 @@ class Flight(ABC, Generic[TruthT]):
     function of its index, so that `frame` may be called in any order.
 
     Attributes:
-        camera: that takes the pictures.
+        camera: that takes the images.
     """
 
     camera: PinholeCamera

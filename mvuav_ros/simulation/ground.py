@@ -14,13 +14,13 @@ from mvuav_ros.simulation.ground_textures import Ground
 from mvuav_ros.simulation.rotation import Matrix
 from mvuav_ros.simulation.runway_truth import CameraPose
 from mvuav_ros.simulation.sky import HORIZON
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 FARTHEST = 60_000.0
 """Depth at which the ground ends in haze, m."""
 NEAR = 1.0
 _BAND_ROWS = 48
-"""The picture is drawn in bands whose arrays fit into the processor's cache."""
+"""The image is drawn in bands whose arrays fit into the processor's cache."""
 _BIN_SHIFT = 22
 """Depth goes into bins of half an octave: a float's exponent and the first bit after it."""
 _HAZE_SHIFT = 18
@@ -31,7 +31,7 @@ Floats = NDArray[np.float32]
 
 
 class GroundPainter:
-    """Draws the ground below the horizon into pictures of one camera."""
+    """Draws the ground below the horizon into images of one camera."""
 
     def __init__(self, ground: Ground, camera: PinholeCamera, visibility: float) -> None:
         self._ground = ground
@@ -43,8 +43,8 @@ class GroundPainter:
         self._buffers = [np.empty(size, np.float32) for _ in range(6)]
         self._bins = np.empty(size, np.int32)
 
-    def paint(self, image: Image, pose: CameraPose) -> None:
-        """Paint the ground over a picture of the sky, in place.
+    def paint(self, image: Pixels, pose: CameraPose) -> None:
+        """Paint the ground over a image of the sky, in place.
 
         Args:
             image: (height, width, 3) uint8.
@@ -89,8 +89,8 @@ class GroundPainter:
         pose: CameraPose,
         first: int,
         table: _FootprintTable,
-        strip: Image,
-    ) -> Image:
+        strip: Pixels,
+    ) -> Pixels:
         shape = (fall.shape[0], fall.shape[1])
         rows = self._rows[first : first + shape[0]]
         depth, x, y = (self._buffer(number, shape) for number in (3, 1, 2))
@@ -126,7 +126,7 @@ class GroundPainter:
             cv2.multiply(band, grain, dst=band, scale=1.0 / 128.0)
         return band
 
-    def _strip_mask(self, pose: CameraPose) -> Image:
+    def _strip_mask(self, pose: CameraPose) -> Pixels:
         """255 where the texture of the runway is seen."""
         mask = np.zeros((self._camera.height, self._camera.width), np.uint8)
         polygon = (self._ground.corners - pose.position) @ pose.rotation
@@ -167,7 +167,7 @@ class _FootprintTable:
         """What a pixel covers along the view, m."""
         return self.height / (self.focal * fall * min(fall, 1.0))
 
-    def add_haze(self, band: Image, fall: Floats) -> Image:
+    def add_haze(self, band: Pixels, fall: Floats) -> Pixels:
         """The band with haze before it."""
         steps = np.right_shift(fall.view(np.int32), _HAZE_SHIFT)
         steps -= self._first_haze
@@ -208,7 +208,7 @@ def _cut(corners: NDArray[np.float64], inside: NDArray[np.float64]) -> NDArray[n
     return np.array(kept).reshape(-1, 3)
 
 
-def _haze_table() -> Image:
+def _haze_table() -> Pixels:
     clear = np.arange(256, dtype=np.float64)[:, None]
     return np.rint(HORIZON * (255.0 - clear) / 255.0).astype(np.uint8)[None]
 
@@ -217,7 +217,7 @@ _HAZE = _haze_table()
 
 
 def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
-    """Where the horizon is straight ahead (px), and its slope in the picture (rad)."""
+    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
     forward = pose.rotation[:, 2].copy()
     forward[2] = 0.0
     up = pose.rotation.T @ np.array((0.0, 0.0, 1.0))

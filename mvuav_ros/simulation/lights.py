@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.rotation import read_only
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 LARGEST_RADIUS = 6.4
 """px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
@@ -78,8 +78,8 @@ class Light:
     path: NDArray[np.float64]
 
 
-def add_lights(image: Image, lights: list[Light], gain: float = 1.0) -> None:
-    """Add lights to an 8-bit picture, in place.
+def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
+    """Add lights to an 8-bit image, in place.
 
     What lies right behind a light is evened out first, as by the glare in a real lens: a
     structure that came up to the light on one side would move its centroid.
@@ -100,15 +100,15 @@ def add_lights(image: Image, lights: list[Light], gain: float = 1.0) -> None:
 
 @dataclass(frozen=True)
 class _Window:
-    """The part of a picture that one light reaches, and distances from the light there."""
+    """The part of a image that one light reaches, and distances from the light there."""
 
-    part: Image
+    part: Pixels
     light: Light
     columns: NDArray[np.float32]
     rows: NDArray[np.float32]
 
     @classmethod
-    def around(cls, image: Image, light: Light) -> _Window | None:
+    def around(cls, image: Pixels, light: Light) -> _Window | None:
         if not np.all(np.isfinite(light.path)):
             return None
         reach = light.spot.reach + 1

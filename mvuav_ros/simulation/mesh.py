@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.rotation import Matrix, Vector, read_only
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 SUPERSAMPLING = 2
 """Faces are painted at twice the size and reduced: OpenCV's own smooth edges show the seams."""
@@ -62,7 +62,7 @@ class Lighting:
 
 
 def paint_mesh(
-    image: Image,
+    image: Pixels,
     mesh: Mesh,
     camera: PinholeCamera,
     rotation: Matrix,
@@ -71,12 +71,12 @@ def paint_mesh(
     lighting: Lighting,
     tint: tuple[float, float, float] = (1.06, 1.0, 0.95),
 ) -> None:
-    """Paint a mesh into an 8-bit picture, in place.
+    """Paint a mesh into an 8-bit image, in place.
 
     Args:
         image: (height, width) or (height, width, 3).
         mesh: in the body's frame.
-        camera: that took the picture.
+        camera: that took the image.
         rotation: of the body in the optical frame.
         translation: the same, m.
         light: direction to the light in the optical frame.

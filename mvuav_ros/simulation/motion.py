@@ -19,7 +19,7 @@ from mvuav_ros.simulation.rotation import (
 )
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.waves import random_wave
-from mvuav_ros.vision.rig import BodyLayout
+from mvuav_ros.vision.rig import MarkerRig
 
 LAB_DISTANCE = 3.3
 """From the camera to the body's origin in the lab view, in units of the body's reach: at 60
@@ -67,7 +67,7 @@ class TankerMotion:
     def __init__(
         self,
         settings: TankerSettings,
-        layout: BodyLayout,
+        layout: MarkerRig,
         duration: float,
         rng: np.random.Generator,
     ) -> None:

@@ -31,7 +31,7 @@ class Panorama:
         width = camera.width + round(2 * TURN * camera.fx)
         self._horizon_row = round(camera.height + RISE * camera.fx)
         self._middle = 0.5 * (width - 1)
-        picture = draw_sky(
+        sky = draw_sky(
             width,
             self._horizon_row + _BELOW,
             self._horizon_row,
@@ -41,14 +41,14 @@ class Panorama:
         )
         ridge = smooth_noise(2, width, 0.12 * camera.fx, rng, octaves=5)[0]
         top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
-        rows = np.arange(picture.shape[0], dtype=np.float32)[:, None]
+        rows = np.arange(sky.shape[0], dtype=np.float32)[:, None]
         cover = np.clip(rows - top + 0.5, 0.0, 1.0)[:, :, None]
         fade = np.clip((self._horizon_row - rows) / (HILLS * camera.fx), 0.0, 1.0)[:, :, None]
         hill = HORIZON + (0.35 + 0.65 * fade) * (_HILL - HORIZON)
-        self._picture = np.rint(picture + cover * (hill - picture)).astype(np.uint8)
+        self._sky = np.rint(sky + cover * (hill - sky)).astype(np.uint8)
 
     def view(self, pose: CameraPose) -> NDArray[np.uint8]:
-        """A new picture, (height, width, 3), of the sky; below the horizon there is haze."""
+        """A new sky, (height, width, 3), of the sky; below the horizon there is haze."""
         x, y, slope = horizon_anchor(self._camera, pose)
         c, s = math.cos(slope), math.sin(slope)
         centre = self._middle - self._camera.fx * pose.yaw
@@ -63,7 +63,7 @@ class Panorama:
         rows = min(max(math.ceil(lowest) + 2, 0), self._camera.height)
         if rows:
             image[:rows] = cv2.warpAffine(
-                self._picture,
+                self._sky,
                 level,
                 (self._camera.width, rows),
                 flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.rotation import read_only
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 _PAD = 1
 _SMALLEST = 4
@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 
 
 class Ripmap:
-    """All reductions of one ground texture by powers of two along x and along y, in one picture.
+    """All reductions of one ground texture by powers of two along x and along y, in one image.
 
     A pixel near the horizon covers metres across but a kilometre along: a mipmap, reduced alike
     in both directions, would either flicker along the runway or blur its edges across.
@@ -24,7 +24,7 @@ class Ripmap:
 
     def __init__(
         self,
-        texture: Image,
+        texture: Pixels,
         origin: tuple[float, float],
         step: tuple[float, float],
         *,
@@ -70,7 +70,7 @@ class Ripmap:
         along: NDArray[np.float64],
         across: NDArray[np.float64],
         scratch: tuple[Floats, Floats, Floats],
-    ) -> Image:
+    ) -> Pixels:
         """Sample the texture.
 
         Args:

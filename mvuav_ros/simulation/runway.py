@@ -30,11 +30,11 @@ from mvuav_ros.simulation.runway_truth import (
 )
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 
 class RunwayFlight(Flight[RunwayTruth]):
-    """Pictures (bgr8) of a runway ahead, with truth.
+    """Images (bgr8) of a runway ahead, with truth.
 
     Attributes:
         settings: what was asked for.
@@ -76,10 +76,10 @@ class RunwayFlight(Flight[RunwayTruth]):
         image = motion_blur(image, *self._smear(time))
         image = apply_gain(image, truth.gain)
         image = defocus(image, self.settings.blur)
-        # By the time shown, so that a camera that hangs repeats its picture bit for bit.
+        # By the time shown, so that a camera that hangs repeats its image bit for bit.
         self._noise.add(image, self._rng(Stream.NOISE, round(time * 1e6)))
         self._hot_pixels.add(image)
-        return SimulatedFrame(self.stamp_ns(index), Picture(image, 'bgr8'), truth)
+        return SimulatedFrame(self.stamp_ns(index), Image(image, 'bgr8'), truth)
 
     def _smear(self, time: float) -> tuple[float, float]:
         """How far the vanishing point moves during the exposure, px."""

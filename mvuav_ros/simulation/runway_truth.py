@@ -1,4 +1,4 @@
-"""What is true of a picture of the runway."""
+"""What is true of a image of the runway."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LineRole(IntEnum):
 
 
 class LineTruth(NamedTuple):
-    """A straight line in the picture: x cos theta + y sin theta = rho.
+    """A straight line in the image: x cos theta + y sin theta = rho.
 
     Attributes:
         role: which line of the runway; the edges are the pavement's.
@@ -74,7 +74,7 @@ class CameraPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunwayTruth:
-    """What a picture of the runway shows.
+    """What a image of the runway shows.
 
     Attributes:
         time: s since the start of the flight.
@@ -82,7 +82,7 @@ class RunwayTruth:
         vanishing_point: px, where the runway's lines meet; NaN when it is behind the camera.
         horizon: rho (px) and theta (rad) of the ground's horizon.
         pose: the camera in the runway's frame, shake included.
-        gain: by which the camera's picture is brighter than usual.
+        gain: by which the camera's image is brighter than usual.
         camera: with its matrix K.
     """
 

@@ -34,10 +34,10 @@ RUNWAY_FOV_DEG = 60.0
 
 @dataclass(frozen=True)
 class FlightSettings(ParameterSet):
-    """What every synthetic flight has: the camera's pictures and their faults."""
+    """What every synthetic flight has: the camera's images and their faults."""
 
-    width: int = parameter(640, 'Width of the pictures.', minimum=64, maximum=4096, unit='px')
-    height: int = parameter(480, 'Height of the pictures.', minimum=64, maximum=4096, unit='px')
+    width: int = parameter(640, 'Width of the images.', minimum=64, maximum=4096, unit='px')
+    height: int = parameter(480, 'Height of the images.', minimum=64, maximum=4096, unit='px')
     fps: float = parameter(30.0, 'Frames per second.', minimum=0.1, maximum=1000.0, unit='Hz')
     frames: int = parameter(
         300, 'Number of frames, dropped ones included.', minimum=1, maximum=10_000_000
@@ -88,7 +88,7 @@ class FlightSettings(ParameterSet):
     )
     camera_rate: float = parameter(
         0.0,
-        'The picture changes only this often and then jumps, as from a cheap camera behind a '
+        'The image changes only this often and then jumps, as from a cheap camera behind a '
         'faster converter; 0: every frame is new.',
         minimum=0.0,
         maximum=1000.0,
@@ -127,7 +127,7 @@ class TankerSettings(FlightSettings):
         'sky in the receiver view.',
         choices=BACKGROUNDS,
     )
-    encoding: str = parameter('mono8', 'Of the pictures.', choices=('mono8', 'bgr8'))
+    encoding: str = parameter('mono8', 'Of the images.', choices=('mono8', 'bgr8'))
     layout: str = parameter('', "A body's layout file; empty: the built-in tanker_747.")
     roll_deg: float = parameter(
         0.0, 'Constant roll added to the motion.', minimum=-360.0, maximum=360.0, unit='deg'
@@ -192,7 +192,7 @@ class TankerSettings(FlightSettings):
         return 'foam' if self.actual_view == 'lab' else 'sky'
 
     def camera(self) -> PinholeCamera:
-        """The camera that takes the pictures."""
+        """The camera that takes the images."""
         fov = self.fov_deg or VIEW_FOV_DEG[self.actual_view]
         return PinholeCamera.with_field_of_view(
             self.width, self.height, fov, parse_distortion(self.distortion)
@@ -230,7 +230,7 @@ class RunwaySettings(FlightSettings):
     )
 
     def camera(self) -> PinholeCamera:
-        """The camera that takes the pictures."""
+        """The camera that takes the images."""
         return PinholeCamera.with_field_of_view(
             self.width, self.height, self.fov_deg or RUNWAY_FOV_DEG
         )

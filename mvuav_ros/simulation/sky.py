@@ -30,7 +30,7 @@ def draw_sky(
     Args:
         width: px.
         height: px.
-        horizon_row: of the picture, px; below it the haze of the horizon goes on.
+        horizon_row: of the image, px; below it the haze of the horizon goes on.
         focal: focal length, px, which says how high above the horizon a row is.
         rng: the source of randomness.
         brightness: factor of all colours.

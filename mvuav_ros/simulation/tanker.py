@@ -35,9 +35,9 @@ from mvuav_ros.simulation.schedule import (
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, roll_between
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.point_operations import Image
-from mvuav_ros.vision.rig import TANKER_747, BodyLayout, LayoutError, load_layout
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 
 BOOM_WIDTH = 0.9
 """m."""
@@ -48,13 +48,13 @@ _LONG_PATH = 0.25
 
 
 class TankerFlight(Flight[TankerTruth]):
-    """Pictures of a tanker's lights, with truth.
+    """Images of a tanker's lights, with truth.
 
     The airframe never hides a light: all of them are drawn on top of it.
 
     Attributes:
         settings: what was asked for.
-        layout: the body's lights.
+        rig: the body's lights.
     """
 
     def __init__(self, settings: TankerSettings | None = None) -> None:
@@ -69,19 +69,19 @@ class TankerFlight(Flight[TankerTruth]):
         self.settings = settings or TankerSettings()
         super().__init__(self.settings)
         self.camera = self.settings.camera()
-        self.layout = _open_layout(self.settings)
+        self.rig = _open_rig(self.settings)
         self._failures = parse_schedule(self.settings.failures)
         self._occlusions = parse_schedule(self.settings.occlusions)
         for name, schedule in (('failures', self._failures), ('occlusions', self._occlusions)):
             try:
-                refuse_unknown(schedule, (*self.layout.names, ALL))
+                refuse_unknown(schedule, (*self.rig.names, ALL))
             except ScheduleError as error:
                 raise ParameterError(name, str(error)) from error
         self._shake = Shake(
             VIBRATIONS[self.settings.shake], self.settings.shake_gain, self._rng(Stream.SHAKE)
         )
         self._motion = TankerMotion(
-            self.settings, self.layout, self.duration, self._rng(Stream.MOTION)
+            self.settings, self.rig, self.duration, self._rng(Stream.MOTION)
         )
         self._gain = GainSteps(self.settings.gain_steps, self.duration, self._rng(Stream.GAIN))
 
@@ -105,10 +105,10 @@ class TankerFlight(Flight[TankerTruth]):
                 self._shows(name, place, radius + 1.0, boom, time),
             )
             for name, place, velocity, radius in zip(
-                self.layout.names, places, velocities, radii, strict=True
+                self.rig.names, places, velocities, radii, strict=True
             )
         )
-        dock = pose.rotation @ np.array(self.layout.dock) + pose.translation
+        dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
         return TankerTruth(
             time,
             markers,
@@ -132,20 +132,20 @@ class TankerFlight(Flight[TankerTruth]):
         """Draw frame ``index``, dropped or not."""
         time = self.seen_at(index)
         truth = self.truth_at(time)
-        image = self._draw(truth, time)
-        image = defocus(image, self.settings.blur)
-        # By the time shown, so that a camera that hangs repeats its picture bit for bit.
-        self._noise.add(image, self._rng(Stream.NOISE, round(time * 1e6)))
-        self._hot_pixels.add(image)
-        picture = Picture(image, self.settings.encoding)
-        return SimulatedFrame(self.stamp_ns(index), picture, truth)
+        pixels = self._draw(truth, time)
+        pixels = defocus(pixels, self.settings.blur)
+        # By the time shown, so that a camera that hangs repeats its image bit for bit.
+        self._noise.add(pixels, self._rng(Stream.NOISE, round(time * 1e6)))
+        self._hot_pixels.add(pixels)
+        image = Image(pixels, self.settings.encoding)
+        return SimulatedFrame(self.stamp_ns(index), image, truth)
 
-    def _draw(self, truth: TankerTruth, time: float) -> Image:
+    def _draw(self, truth: TankerTruth, time: float) -> Pixels:
         pose = BodyPose(truth.rotation, truth.translation)
         places = np.array([(m.x, m.y) for m in truth.markers])
         image = self._background.view(None if self._shake.still else self._shake.rotation(time))
         lab = self.settings.actual_background != 'sky'
-        if self.settings.airframe and self.layout.name == TANKER_747.name:
+        if self.settings.airframe and self.rig.name == TANKER_747.name:
             lighting = IN_LAB if lab else IN_SKY
             # The light stands still while the body turns under it.
             light = self._motion.steady_frame() @ np.array(lighting.towards)
@@ -175,7 +175,7 @@ class TankerFlight(Flight[TankerTruth]):
         lights = [
             Light(spot, paths[:, number])
             for number, (name, spot) in enumerate(
-                zip(self.layout.names, self._spots(pose), strict=True)
+                zip(self.rig.names, self._spots(pose), strict=True)
             )
             if not affected(self._failures, name, time)
         ]
@@ -184,7 +184,7 @@ class TankerFlight(Flight[TankerTruth]):
 
     def _spots(self, pose: BodyPose) -> list[Spot]:
         """Larger when closer, though by the root only: the glow is the lens's."""
-        depths = (self.layout.positions @ pose.rotation.T + pose.translation)[:, 2]
+        depths = (self.rig.positions @ pose.rotation.T + pose.translation)[:, 2]
         usual = self._usual_depth
         radius = self.settings.light_radius
         largest = max(radius, LARGEST_RADIUS)
@@ -194,13 +194,13 @@ class TankerFlight(Flight[TankerTruth]):
         ]
 
     def _project(self, pose: BodyPose) -> NDArray[np.float64]:
-        return self.camera.project(self.layout.positions @ pose.rotation.T + pose.translation)
+        return self.camera.project(self.rig.positions @ pose.rotation.T + pose.translation)
 
     def _boom(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> Boom | None:
         if not self._occlusions and self.settings.actual_view == 'lab':
             return None
-        boom = np.array(self.layout.boom)
-        below = boom + self.layout.reach * np.array((-0.1, 0.0, -0.2))
+        boom = np.array(self.rig.boom)
+        below = boom + self.rig.reach * np.array((-0.1, 0.0, -0.2))
         points = np.stack((boom, below)) @ pose.rotation.T + pose.translation
         pivot, end = self.camera.project(points)
         if not np.all(np.isfinite((pivot, end))) or not np.all(np.isfinite(places)):
@@ -208,7 +208,7 @@ class TankerFlight(Flight[TankerTruth]):
         half = 0.5 * BOOM_WIDTH * self.camera.fx / float(points[0, 2])
         if self._occlusions:
             half = max(half, max(spot.core for spot in self._spots(pose)) + 1.5)
-        lights = dict(zip(self.layout.names, places, strict=True))
+        lights = dict(zip(self.rig.names, places, strict=True))
         return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
 
     def _shows(
@@ -229,7 +229,7 @@ class TankerFlight(Flight[TankerTruth]):
     @cached_property
     def _usual_depth(self) -> float:
         pose = self._motion.pose(0.0)
-        depths = (self.layout.positions @ pose.rotation.T + pose.translation)[:, 2]
+        depths = (self.rig.positions @ pose.rotation.T + pose.translation)[:, 2]
         return float(np.median(depths))
 
     @cached_property
@@ -264,10 +264,10 @@ class TankerFlight(Flight[TankerTruth]):
         return Glares(self.settings.glares, self.camera, paths, self._rng(Stream.GLARES))
 
 
-def _open_layout(settings: TankerSettings) -> BodyLayout:
+def _open_rig(settings: TankerSettings) -> MarkerRig:
     if not settings.layout:
         return TANKER_747
     try:
-        return load_layout(settings.layout)
-    except LayoutError as error:
+        return load_rig(settings.layout)
+    except RigError as error:
         raise ParameterError('layout', str(error)) from error

@@ -1,4 +1,4 @@
-"""What is true of a picture of the tanker."""
+"""What is true of a image of the tanker."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class MarkerTruth(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TankerTruth:
-    """What a picture of the tanker shows.
+    """What a image of the tanker shows.
 
     Attributes:
         time: s since the start of the flight.
@@ -44,7 +44,7 @@ class TankerTruth:
         rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.
         translation: (3,), m, of the body's origin in the optical frame.
         distance: from the camera to the body's dock point, m.
-        gain: by which the camera's picture is brighter than usual.
+        gain: by which the camera's image is brighter than usual.
         camera: with its matrix K and distortion.
     """
 

@@ -45,7 +45,7 @@ class CameraModel:
         return np.array(self.d or (0.0,) * 5, np.float64)
 
     def check(self, width: int, height: int) -> None:
-        """Make sure that pictures of that size (px) can be measured with this calibration.
+        """Make sure that images of that size (px) can be measured with this calibration.
 
         Raises:
             CalibrationError: it is all zeros (uncalibrated), of another size, or not a pinhole

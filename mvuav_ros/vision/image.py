@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 
 class ImageError(ValueError):
@@ -68,14 +68,14 @@ ENCODINGS = {
 
 
 @dataclass(frozen=True)
-class Picture:
+class Image:
     """Pixels and their sensor_msgs encoding.
 
     ``pixels`` is (height, width) or (height, width, channels), of the encoding's dtype; rows may
     be padded (strided views are welcome). Nothing here writes to it.
     """
 
-    pixels: Image
+    pixels: Pixels
     encoding: str
 
     def __post_init__(self) -> None:
@@ -111,11 +111,11 @@ class Picture:
         layout = ENCODINGS[self.encoding]
         return layout.channels == 1 and layout.to_gray is None
 
-    def gray(self) -> Image:
+    def gray(self) -> Pixels:
         """The intensity (eq. 3.3), (height, width) uint8 or uint16; a view where it can be."""
         return self._gray(self.pixels)
 
-    def gray_window(self, rows: slice, columns: slice) -> Image:
+    def gray_window(self, rows: slice, columns: slice) -> Pixels:
         """The intensity of a part of the frame at the cost of that part alone."""
         layout = ENCODINGS[self.encoding]
         if layout.channels == 1 and layout.to_gray is not None:
@@ -124,7 +124,7 @@ class Picture:
         return self._gray(self.pixels[rows, columns])
 
     def bgr(self) -> NDArray[np.uint8]:
-        """The picture in colour, (height, width, 3) uint8, blue first.
+        """The image in colour, (height, width, 3) uint8, blue first.
 
         A view where it can be; 16 bits are cut to the upper 8.
         """
@@ -136,7 +136,7 @@ class Picture:
             return pixels
         return self._convert(pixels, layout.to_bgr)
 
-    def _gray(self, pixels: Image) -> Image:
+    def _gray(self, pixels: Pixels) -> Pixels:
         layout = ENCODINGS[self.encoding]
         if layout.luma is not None:
             return pixels[:, :, layout.luma]
@@ -144,7 +144,7 @@ class Picture:
             return pixels if pixels.ndim == 2 else pixels[:, :, 0]
         return self._convert(pixels, layout.to_gray)
 
-    def _convert(self, pixels: Image, code: int) -> Image:
+    def _convert(self, pixels: Pixels, code: int) -> Pixels:
         try:
             return cv2.cvtColor(pixels, code)
         except cv2.error as error:

@@ -9,18 +9,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[Any]
+Pixels = NDArray[Any]
 """uint8 or uint16, (height, width) or (height, width, channels)."""
 Mask = NDArray[Any]
 """uint8, (height, width), 255 or 0."""
 
 
-def full_scale(image: Image) -> int:
+def full_scale(image: Pixels) -> int:
     """The greatest value that a pixel of ``image`` can have: 255 or 65535."""
     return 255 if image.itemsize == 1 else 65535
 
 
-def gamma_correct(image: Image, gamma: float) -> Image:
+def gamma_correct(image: Pixels, gamma: float) -> Pixels:
     """Apply out = in ** gamma on the range 0 to 1 (eq. 3.2); gamma above 1 darkens.
 
     Args:
@@ -40,7 +40,7 @@ def gamma_correct(image: Image, gamma: float) -> Image:
     return table[image]
 
 
-def intensity(bgr: Image) -> Image:
+def intensity(bgr: Pixels) -> Pixels:
     """Weigh the colours to grey: I = 0.299 R + 0.587 G + 0.114 B (eq. 3.3), rounded.
 
     Args:
@@ -51,7 +51,7 @@ def intensity(bgr: Image) -> Image:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
 
 
-def threshold(gray: Image, level: float, *, strict: bool = True) -> Mask:
+def threshold(gray: Pixels, level: float, *, strict: bool = True) -> Mask:
     """Separate bright pixels (255) from the rest (0).
 
     Args:

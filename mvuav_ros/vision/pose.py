@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.rig import BodyLayout
+from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Pose:
         translation: (3,), m, of the body's origin.
         covariance: (6, 6), of x, y, z (m) and of small turns about the optical frame's x, y and
             z axes (rad), in geometry_msgs/PoseWithCovariance's order.
-        reprojections: (n, 2), px, where all of the layout's lights should be seen.
+        reprojections: (n, 2), px, where all of the rig's lights should be seen.
         misfit: root mean square of the residuals per axis, px.
     """
 
@@ -86,8 +86,8 @@ class PoseEstimator:
     to within the noise.
     """
 
-    def __init__(self, layout: BodyLayout) -> None:
-        self._points = np.ascontiguousarray(layout.positions)
+    def __init__(self, rig: MarkerRig) -> None:
+        self._points = np.ascontiguousarray(rig.positions)
         self.reset()
 
     def reset(self) -> None:
@@ -110,7 +110,7 @@ class PoseEstimator:
 
         Args:
             camera: calibrated (see `CameraModel.check`).
-            lights: which of the layout's lights are seen.
+            lights: which of the rig's lights are seen.
             pixels: (n, 2), where, px.
             time: s, later than the last frame's.
 
@@ -185,7 +185,7 @@ _Solution = tuple[Array, Array, float]
 
 
 class _Lens:
-    """Some lights of a body in one picture."""
+    """Some lights of a body in one image."""
 
     def __init__(self, camera: CameraModel, points: Array, image: Array) -> None:
         self.image = image

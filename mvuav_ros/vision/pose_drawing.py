@@ -1,4 +1,4 @@
-"""A body's axes and where its lights should be, drawn into a picture."""
+"""A body's axes and where its lights should be, drawn into a canvas."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.pose import Pose
-from mvuav_ros.vision.rig import BodyLayout
+from mvuav_ros.vision.rig import MarkerRig
 
 _AXES = ((60, 60, 255), (80, 220, 80), (255, 140, 60))
 """Red x forward, green y left, blue z up; blue first, as OpenCV has them."""
@@ -19,19 +19,17 @@ _NEAREST = 0.1
 _SHIFT = 4
 
 
-def draw_pose(
-    image: NDArray[np.uint8], pose: Pose, camera: CameraModel, layout: BodyLayout
-) -> None:
+def draw_pose(image: NDArray[np.uint8], pose: Pose, camera: CameraModel, rig: MarkerRig) -> None:
     """Draw the axes at the body's dock point, and a cross at each light's reprojection.
 
     Args:
         image: (height, width, 3), blue first; is drawn on.
         pose: of the body.
         camera: calibrated.
-        layout: of the body.
+        rig: of the body.
     """
-    origin = np.array(layout.dock)
-    length = _AXIS_PART * layout.reach
+    origin = np.array(rig.dock)
+    length = _AXIS_PART * rig.reach
     tips = origin + length * np.eye(3)
     points = np.vstack((origin, tips)) @ pose.rotation.T + pose.translation
     if points[:, 2].min() > _NEAREST:

@@ -1,4 +1,4 @@
-"""Where a body carries its lights: the layout files, and the built-in tanker."""
+"""Where a body carries its lights: the rig files, and the built-in tanker."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 Point = tuple[float, float, float]
 
 
-class LayoutError(ValueError):
-    """A layout file that cannot be used, with the reason."""
+class RigError(ValueError):
+    """A rig file that cannot be used, with the reason."""
 
 
 @dataclass(frozen=True)
-class BodyLayout:
+class MarkerRig:
     """Named lights on a rigid body.
 
     Positions are metres in the body's frame, REP-103: x forward, y left, z up.
@@ -55,7 +55,7 @@ class BodyLayout:
         return max(math.hypot(y, z) for _, (_, y, z) in self.markers)
 
 
-TANKER_747 = BodyLayout(
+TANKER_747 = MarkerRig(
     name='tanker_747',
     markers=(
         ('left_wing', (-12.0, 29.8, 1.0)),
@@ -70,51 +70,51 @@ TANKER_747 = BodyLayout(
 """``config/tanker_747.yaml``, for where no share folder is installed."""
 
 
-def load_layout(path: str | Path) -> BodyLayout:
-    """Read a layout file (see ``config/tanker_747.yaml``).
+def load_rig(path: str | Path) -> MarkerRig:
+    """Read a rig file (see ``config/tanker_747.yaml``).
 
     Raises:
-        LayoutError: there is no such file, or it says something else than a layout.
+        RigError: there is no such file, or it says something else than a rig.
     """
     try:
         text = Path(path).expanduser().read_text(encoding='utf-8')
         content = yaml.safe_load(text)
     except OSError as error:
-        raise LayoutError(f'{path}: {error.strerror}') from error
+        raise RigError(f'{path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = ' '.join(str(error).split())
-        raise LayoutError(f'{path} is not YAML: {reason}') from error
+        raise RigError(f'{path} is not YAML: {reason}') from error
     try:
-        return parse_layout(content, Path(path).stem)
-    except LayoutError as error:
-        raise LayoutError(f'{path}: {error}') from error
+        return parse_rig(content, Path(path).stem)
+    except RigError as error:
+        raise RigError(f'{path}: {error}') from error
 
 
-def parse_layout(content: object, name: str = 'body') -> BodyLayout:
-    """The layout in a YAML file's content; ``name`` is for a file that gives none.
+def parse_rig(content: object, name: str = 'body') -> MarkerRig:
+    """The rig in a YAML file's content; ``name`` is for a file that gives none.
 
     Raises:
-        LayoutError: something is missing, unknown, or not a position.
+        RigError: something is missing, unknown, or not a position.
     """
     if not isinstance(content, Mapping):
-        raise LayoutError('there must be a mapping with "markers"')
+        raise RigError('there must be a mapping with "markers"')
     unknown = sorted(str(key) for key in set(content) - {'name', 'markers', 'dock', 'boom'})
     if unknown:
-        raise LayoutError(f'{", ".join(unknown)}: not known here; name, markers, dock and boom are')
+        raise RigError(f'{", ".join(unknown)}: not known here; name, markers, dock and boom are')
     markers = content.get('markers')
     if not isinstance(markers, Mapping) or not markers:
-        raise LayoutError('"markers" must map at least one name to [x, y, z] in metres')
+        raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
     if len({name for name, _ in lights}) < len(lights):
-        raise LayoutError('two markers have one name')
+        raise RigError('two markers have one name')
     mean = np.mean([position for _, position in lights], axis=0)
     middle = (float(mean[0]), float(mean[1]), float(mean[2]))
     dock = _point('dock', content['dock']) if 'dock' in content else middle
     boom = _point('boom', content['boom']) if 'boom' in content else dock
-    layout = BodyLayout(str(content.get('name', name)), lights, dock, boom)
-    if layout.reach == 0.0:
-        raise LayoutError('all markers lie on the x axis, where no roll shows')
-    return layout
+    rig = MarkerRig(str(content.get('name', name)), lights, dock, boom)
+    if rig.reach == 0.0:
+        raise RigError('all markers lie on the x axis, where no roll shows')
+    return rig
 
 
 def _point(name: str, value: object) -> Point:
@@ -122,4 +122,4 @@ def _point(name: str, value: object) -> Point:
         numbers = [v for v in value if isinstance(v, (int, float)) and not isinstance(v, bool)]
         if len(numbers) == 3 and all(map(math.isfinite, numbers)):
             return float(numbers[0]), float(numbers[1]), float(numbers[2])
-    raise LayoutError(f'{name} must be [x, y, z] in metres, not {value!r}')
+    raise RigError(f'{name} must be [x, y, z] in metres, not {value!r}')

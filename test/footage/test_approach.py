@@ -9,8 +9,8 @@ import pytest
 from mvuav_ros.offline.evaluation.corners import read_corners
 from mvuav_ros.offline.evaluation.corners_run import run_detector
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.detector import ApproachPipeline
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineRole
 
 APPROACH = RunwayDetectorParameters(mode='approach')
@@ -29,7 +29,7 @@ def frames_of(path):
 
 
 def results(path, parameters, most=None):
-    pipeline = ApproachPipeline(parameters)
+    pipeline = ApproachDetector(parameters)
     frames = islice(frames_of(path), most)
     return [pipeline.process(frame, index) for index, frame in enumerate(frames)]
 
@@ -64,7 +64,7 @@ def test_a_flight_may_begin_anywhere(footage, start):
 )
 def test_other_light_and_the_other_side(footage, change):
     """The runway still is reported in nine frames of ten, and where it is."""
-    pipeline = ApproachPipeline(APPROACH)
+    pipeline = ApproachDetector(APPROACH)
     labels = footage / 'runway' / 'approach_run3' / 'corners.csv'
     found = []
     for index, frame in enumerate(read_corners(labels)[100:250]):
@@ -104,7 +104,7 @@ def test_road_edges_are_steady(footage, road):
         if line.found and line.role in (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE)
     ]
     assert len(road_lines) > 2 * 0.8 * ROADS[road]
-    thesis = RunwayPipeline(RunwayDetectorParameters(start_row=0, end_row=0))
+    thesis = RunwayDetector(RunwayDetectorParameters(start_row=0, end_row=0))
     for index, frame in enumerate(islice(frames_of(footage / road), ROADS[road])):
         thesis.process(frame, index)
     summary = thesis.statistics()
@@ -113,9 +113,9 @@ def test_road_edges_are_steady(footage, road):
 
 
 def test_the_white_line_is_the_right_edge_of_the_lane(footage):
-    """Its place at row 500 of 540, found by its own colour in the right half of the picture."""
+    """Its place at row 500 of 540, found by its own colour in the right half of the image."""
     road = footage / 'road/udacity_solidWhiteRight.mp4'
-    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', target='road'))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', target='road'))
     errors = []
     for index, frame in enumerate(frames_of(road)):
         result = pipeline.process(frame, index)

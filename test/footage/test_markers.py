@@ -4,9 +4,9 @@ import cv2
 import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 STILLS = (
     'CargoStraightDark24in.jpg',
@@ -28,9 +28,9 @@ def reports(result):
 @pytest.mark.parametrize('name', STILLS)
 def test_no_tanker_among_distractors(footage, name, threshold):
     image = cv2.imread(str(footage / 'led' / 'distractors' / name))
-    pipeline = MarkerPipeline(MarkerTrackerParameters(threshold=threshold))
+    pipeline = MarkerTracker(MarkerTrackerParameters(threshold=threshold))
     for index in range(6):
-        result = pipeline.process(Picture(image, 'bgr8'), index * 33_000_000)
+        result = pipeline.process(Image(image, 'bgr8'), index * 33_000_000)
         assert not reports(result)
         assert result.status
 
@@ -38,13 +38,13 @@ def test_no_tanker_among_distractors(footage, name, threshold):
 @pytest.mark.parametrize('name', VIDEOS)
 def test_no_tanker_in_videos(footage, name):
     capture = cv2.VideoCapture(str(footage / name))
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     index = 0
     while True:
         grabbed, image = capture.read()
         if not grabbed:
             break
-        result = pipeline.process(Picture(image, 'bgr8'), index * 33_000_000)
+        result = pipeline.process(Image(image, 'bgr8'), index * 33_000_000)
         assert not reports(result), index
         index += 1
     assert index > 200

@@ -1,4 +1,4 @@
-"""Real footage: every frame gives its rows and its pictures, whatever is on it."""
+"""Real footage: every frame gives its rows and its images, whatever is on it."""
 
 import math
 
@@ -6,7 +6,7 @@ import cv2
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.hough_image import draw_hough
 from mvuav_ros.vision.runway.overlay import draw_overlay
 
@@ -34,7 +34,7 @@ def frames_of(path):
 
 @pytest.mark.parametrize('clip', CLIPS)
 def test_footage_runs_clean_to_the_end(footage, clip):
-    pipeline = RunwayPipeline(RunwayDetectorParameters())
+    pipeline = RunwayDetector(RunwayDetectorParameters())
     for number, frame in enumerate(frames_of(footage / clip)):
         result = pipeline.process(frame, number)
         assert len(result.lines) == 3

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 
 # Of the outputs of commit dc6fe73, which had no mode.
 BEFORE = '6a803674564f85efb76f6b7967d41932d0df2045ebe360c9fd2ed56c15b2cb90'
@@ -38,9 +38,9 @@ def fingerprint(pipeline) -> str:
 
 
 def test_thesis_mode_is_unchanged():
-    assert fingerprint(RunwayPipeline(RunwayDetectorParameters(mode='thesis'))) == BEFORE
+    assert fingerprint(RunwayDetector(RunwayDetectorParameters(mode='thesis'))) == BEFORE
 
 
 def test_another_result_has_another_fingerprint():
     other = RunwayDetectorParameters(rho_error_threshold=29.0, theta_error_threshold_deg=1.0)
-    assert fingerprint(RunwayPipeline(other)) != BEFORE
+    assert fingerprint(RunwayDetector(other)) != BEFORE

@@ -7,12 +7,12 @@ import pytest
 from support.live_stream import KEEP_EVERYTHING, Stream
 
 from mvuav_ros.nodes.image_input import Backlog, InputEvents
-from mvuav_ros.nodes.input_monitor import InputWatch, StampWatch, silence
-from mvuav_ros.nodes.intra_process import FrameHandover
+from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, silence
+from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 
 def test_where_the_time_goes(graph):
@@ -51,7 +51,7 @@ def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(grap
     sent = 200
     for _ in range(sent):
         stamp_ns = stream.next_stamp(100.0)
-        image = serialize_image(Picture(noise, 'mono8'), cdr_header(stamp_ns, 'nose'))
+        image = serialize_image(Image(noise, 'mono8'), cdr_header(stamp_ns, 'nose'))
         stream.publisher.publish(image)
         graph.spin(0.01)
     graph.spin(1.5)
@@ -97,7 +97,7 @@ def test_a_hiccup_is_worked_off_and_a_slow_node_skips():
 
 
 def test_stamps():
-    watch = StampWatch()
+    watch = StampMonitor()
     stamps = [i * 33_333_333 for i in range(40)]
     for stamp in stamps[:20] + stamps[22:] + stamps:
         watch.follow(stamp)
@@ -108,7 +108,7 @@ def test_stamps():
 
 
 def test_irregular_stamps_are_no_gaps():
-    watch = StampWatch()
+    watch = StampMonitor()
     stamp = 0
     for index in range(200):
         stamp += 33_000_000 + (index % 3) * 5_000_000
@@ -117,7 +117,7 @@ def test_irregular_stamps_are_no_gaps():
 
 
 def test_problems_are_those_of_the_last_seconds():
-    watch, stamps, events = InputWatch(), StampWatch(), InputEvents()
+    watch, stamps, events = InputMonitor(), StampMonitor(), InputEvents()
     assert watch.problems(events, stamps) == []
     events.lost = events.missing = 7
     (problem,) = watch.problems(events, stamps)
@@ -147,7 +147,7 @@ def test_a_handover_never_holds_up_the_source():
         free.wait(5.0)
         taken.append(received.data)
 
-    handover = FrameHandover('/image_raw', slow)
+    handover = IntraProcessInput('/image_raw', slow)
     handover.start()
     handover.put(0)
     assert begun.wait(5.0)

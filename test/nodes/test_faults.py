@@ -14,7 +14,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import Image as RosImage
 from support.graph import CLEAN, ROOT
 from support.live_stream import KEEP_EVERYTHING, START_NS, Stream
 from support.marker_scenes import draw, tanker_at
@@ -22,18 +23,18 @@ from support.marker_scenes import draw, tanker_at
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.vision.image import ENCODINGS, Picture
+from mvuav_ros.vision.image import ENCODINGS, Image
 
 BOTH = ('marker_tracker', 'runway_detector')
 KILLS = int(os.environ.get('MVUAV_KILLS', '4'))
 
 
-def any_picture(encoding: str, width: int, height: int) -> Picture:
+def any_image(encoding: str, width: int, height: int) -> Image:
     layout = ENCODINGS[encoding]
     shape = (height, width) if layout.channels == 1 else (height, width, layout.channels)
     high = np.iinfo(layout.dtype).max + 1
     pixels = np.random.default_rng(width * height).integers(0, high, shape).astype(layout.dtype)
-    return Picture(pixels, encoding)
+    return Image(pixels, encoding)
 
 
 def test_sizes_and_encodings_that_change_with_every_frame(graph):
@@ -44,9 +45,9 @@ def test_sizes_and_encodings_that_change_with_every_frame(graph):
         for width, height in sizes:
             if 'yuv' in encoding or 'uyvy' in encoding or 'yuyv' in encoding:
                 width += width % 2
-            picture = any_picture(encoding, width, height)
+            image = any_image(encoding, width, height)
             header = cdr_header(stream.next_stamp(), 'nose')
-            stream.publisher.publish(serialize_image(picture, header))
+            stream.publisher.publish(serialize_image(image, header))
             sent += 1
             graph.spin(0.002)
     graph.until(
@@ -78,7 +79,7 @@ def test_stamps_that_repeat_stand_still_and_jump(graph):
     ancient = [-(2**31) * second, 0, second, (2**31 - 1) * second + 999_999_999]
     stamps = first[:10] + repeated + still + forward + back + ancient
     for stamp_ns in stamps:
-        message = serialize_image(Picture(draw(tanker_at()), 'mono8'), cdr_header(stamp_ns, ''))
+        message = serialize_image(Image(draw(tanker_at()), 'mono8'), cdr_header(stamp_ns, ''))
         stream.publisher.publish(message)
         graph.spin(0.005)
     answered = sum(a != b for a, b in zip(stamps, [None, *stamps], strict=False))
@@ -162,13 +163,13 @@ def test_a_storm_of_parameters(graph):
 
 def test_two_publishers_and_their_end(graph):
     stream = Stream(graph, 'marker_tracker', **KEEP_EVERYTHING)
-    other = graph.probe.create_publisher(Image, '/image_raw', QoSProfile(depth=100))
+    other = graph.probe.create_publisher(RosImage, '/image_raw', QoSProfile(depth=100))
     graph.until(lambda: other.get_subscription_count() == 1, 'the node')
 
     def beside() -> None:
         pixels = draw(tanker_at(300, 200))
         header = cdr_header(stream.next_stamp(), 'b')
-        other.publish(serialize_image(Picture(pixels, 'mono8'), header))
+        other.publish(serialize_image(Image(pixels, 'mono8'), header))
 
     sent = 2 * stream.play(1.5, beside=beside)
     stream.until_answered(sent)
@@ -184,9 +185,9 @@ def test_subscribers_come_and_go(graph):
     stream = Stream(graph, *BOTH, **KEEP_EVERYTHING)
     topics = [
         ('/marker_tracker/markers', PointCloud2),
-        ('/marker_tracker/debug_image', Image),
-        ('/runway_detector/debug/overlay', Image),
-        ('/runway_detector/debug/hough', Image),
+        ('/marker_tracker/debug_image', RosImage),
+        ('/runway_detector/debug/overlay', RosImage),
+        ('/runway_detector/debug/hough', RosImage),
         ('/runway_detector/corrections', DiagnosticArray),
     ]
     taken, current = [], []
@@ -235,22 +236,22 @@ CAMERA = """
 import os, signal, struct, sys, time
 import rclpy
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image as RosImage
 sys.path.insert(0, 'test')
 from support.marker_scenes import draw, tanker_at
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.nodes.transport import prepare_transport
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 def publish():
     prepare_transport()
     rclpy.init()
     node = rclpy.create_node('camera')
-    publisher = node.create_publisher(Image, 'image_raw', QoSProfile(depth=10))
-    picture = Picture(draw(tanker_at()), 'mono8')
+    publisher = node.create_publisher(RosImage, 'image_raw', QoSProfile(depth=10))
+    image = Image(draw(tanker_at()), 'mono8')
     while True:
-        publisher.publish(serialize_image(picture, cdr_header(time.time_ns(), 'nose')))
+        publisher.publish(serialize_image(image, cdr_header(time.time_ns(), 'nose')))
         time.sleep(1 / 60)
 
 # Everything is imported once; each camera is a copy of this process.

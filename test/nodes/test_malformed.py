@@ -20,12 +20,12 @@ from mvuav_ros.recordings.serialization.serialized_image import (
     view_compressed_image,
     view_image,
 )
-from mvuav_ros.vision.image import ENCODINGS, ImageError, Picture
+from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 COUNT = int(os.environ.get('MVUAV_MALFORMED', '10000'))
 GROUP = 20
 SMALL = np.random.default_rng(0).integers(0, 255, (24, 32), np.uint8)
-VALID = serialize_image(Picture(SMALL, 'mono8'), cdr_header(5_000_000_007, 'nose'))
+VALID = serialize_image(Image(SMALL, 'mono8'), cdr_header(5_000_000_007, 'nose'))
 HEADER_BYTES = len(VALID) - SMALL.nbytes
 EXTREMES = st.sampled_from([0, 1, 2, 31, 32, 33, 2**16, 2**31 - 1, 2**31, 2**32 - 1])
 

@@ -65,7 +65,7 @@ def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
     graph.until(lambda: infos.get_subscription_count() > 0, 'a subscriber of camera_info')
     graph.spin(0.3)
     for index, frame in enumerate(flown):
-        image = image_message(frame.picture.pixels, index)
+        image = image_message(frame.image.pixels, index)
         graph.publish_images([image], hz=1e6)
         infos.publish(encode_camera_info(camera_model(flown.camera), image.header))
         graph.spin(0.02)
@@ -222,17 +222,17 @@ def test_debug_image_appears_when_asked_for(graph):
     markers = graph.listen(f'/{NODE}/markers', PointCloud2)
     graph.publish_images(flight(0, 5))
     graph.until(lambda: len(markers) == 5, '5 answers')
-    pictures = graph.listen(f'/{NODE}/debug_image', Image)
+    images = graph.listen(f'/{NODE}/debug_image', Image)
     for index in range(5, 200):
         # Until the node has seen the subscription.
         graph.publish_images(flight(index, 1))
-        if pictures:
+        if images:
             break
     graph.publish_images(flight(index + 1, 4))
-    graph.until(lambda: len(pictures) >= 5, '5 debug images')
-    assert pictures[0].encoding == 'bgr8'
-    assert (pictures[0].width, pictures[0].height) == (640, 480)
-    assert pictures[0].header in [message.header for message in markers[5:]]
+    graph.until(lambda: len(images) >= 5, '5 debug images')
+    assert images[0].encoding == 'bgr8'
+    assert (images[0].width, images[0].height) == (640, 480)
+    assert images[0].header in [message.header for message in markers[5:]]
 
 
 def test_compressed_images_in_a_namespace_under_another_name(graph):

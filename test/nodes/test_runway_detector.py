@@ -110,7 +110,7 @@ def test_every_gui_input_takes_effect_on_the_next_frame(frames):
 
     assert found(frames.show(image)) == 3
     assert len(rows(change(num_peaks=5))) == 5
-    # The lines are red on grey; a grey picture of the frame's blue has none of their votes.
+    # The lines are red on grey; a grey image of the frame's blue has none of their votes.
     blue = rows(change(channel='blue'))
     red = rows(change(channel='red'))
     assert not np.array_equal(blue['votes'], red['votes'])
@@ -243,33 +243,33 @@ def test_statistics_and_their_reset(frames):
     newest(2)
 
 
-def test_debug_pictures_only_while_somebody_looks(frames):
+def test_debug_images_only_while_somebody_looks(frames):
     graph = frames.graph
     frames.show(runway(), 2)
-    pictures = {
+    images = {
         name: graph.listen(f'/{NODE}/debug/{name}', Image)
         for name in ('confined', 'edges', 'hough', 'overlay')
     }
     for _ in range(200):
         # Until the node has seen all subscriptions.
         frames.show(runway())
-        if all(pictures.values()):
+        if all(images.values()):
             break
-    assert all(pictures.values())
+    assert all(images.values())
     header = frames.show(runway()).header
 
     def counts():
-        return [sum(picture.header == header for picture in p) for p in pictures.values()]
+        return [sum(image.header == header for image in p) for p in images.values()]
 
-    graph.until(lambda: all(counts()), 'four pictures of one frame')
+    graph.until(lambda: all(counts()), 'four images of one frame')
     graph.spin(0.2)
     assert counts() == [1, 1, 1, 1]
-    confined = decode_image(pictures['confined'][0])
+    confined = decode_image(images['confined'][0])
     np.testing.assert_array_equal(confined.pixels, runway()[50:130, :, 2])
-    edges = decode_image(pictures['edges'][0]).pixels
+    edges = decode_image(images['edges'][0]).pixels
     assert edges.shape == (80, 320) and set(np.unique(edges)) == {0, 255}
-    assert decode_image(pictures['overlay'][0]).pixels.shape == (240, 320, 3)
-    hough = decode_image(pictures['hough'][0]).pixels
+    assert decode_image(images['overlay'][0]).pixels.shape == (240, 320, 3)
+    hough = decode_image(images['hough'][0]).pixels
     assert hough.max() > 200
 
 

@@ -59,7 +59,7 @@ def test_every_position_of_a_slider_is_a_value_that_the_node_takes(spec):
     assert scale.value(scale.position(spec.default)) == pytest.approx(spec.default, rel=0.01)
 
 
-def test_a_wide_range_is_fine_at_its_lower_end_and_ends_at_the_picture():
+def test_a_wide_range_is_fine_at_its_lower_end_and_ends_at_the_image():
     scale = Scale(0, 100_000, whole=True)
     assert sum(scale.value(step / 1000) < 1000 for step in range(1001)) > 400
     rows = scale.within(240)

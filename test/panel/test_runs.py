@@ -18,7 +18,7 @@ from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.run_process import RunFailedError, RunProcess
 from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table
-from mvuav_ros.panel.trend_figures import picture_of
+from mvuav_ros.panel.trend_figures import image_of
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
 
@@ -117,9 +117,9 @@ def test_trends_as_csv_and_png(made):
     assert [row['run'] for row in rows] == ['first', 'second']
     assert rows[0]['num_peaks'] == '2' and float(rows[0]['rho flags']) >= 0
     for arrangement in ('single', 'subplots', 'grouped'):
-        png = picture_of(runs, arrangement, 'flag counts').png
-        picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-        assert np.ptp(picture) > 100
+        png = image_of(runs, arrangement, 'flag counts').png
+        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+        assert np.ptp(image) > 100
 
 
 def test_numbers_that_are_missing_survive_json(made):

@@ -159,7 +159,7 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'empty.mcap').write_bytes(b'')
     (tmp_path / 'text.mcap').write_bytes(b'hello')
-    (tmp_path / 'picture.png').write_bytes(b'\x89PNG\r\n\x1a\n' + bytes(100))
+    (tmp_path / 'image.png').write_bytes(b'\x89PNG\r\n\x1a\n' + bytes(100))
     (tmp_path / 'old.bag').write_bytes(b'#ROSBAG V1.2\n' + bytes(100))
     (tmp_path / 'other.db3').write_bytes(b'SQLite format 3\0' + bytes(2000))
     (tmp_path / 'two').mkdir()
@@ -171,7 +171,7 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
         'empty': 'holds no recording',
         'empty.mcap': 'is empty',
         'text.mcap': 'is not a recording',
-        'picture.png': 'is not a recording',
+        'image.png': 'is not a recording',
         'old.bag': 'version 1.2',
         'other.db3': 'no readable topic',
         'two': 'give one of them: a.mcap, b.mcap',

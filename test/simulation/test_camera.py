@@ -10,7 +10,7 @@ from mvuav_ros.simulation.rotation import from_rpy
 from mvuav_ros.simulation.runway_truth import clip_segment, normal_form
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.rig import TANKER_747, LayoutError, load_layout, parse_layout
+from mvuav_ros.vision.rig import TANKER_747, RigError, load_rig, parse_rig
 
 CONFIG = ROOT / 'config' / 'tanker_747.yaml'
 
@@ -64,7 +64,7 @@ def test_roll_turns_the_right_wing_down():
 
 
 def test_the_shipped_layout_is_the_built_in_one():
-    assert load_layout(CONFIG) == TANKER_747
+    assert load_rig(CONFIG) == TANKER_747
 
 
 def test_the_tanker_has_a_747s_proportions():
@@ -83,7 +83,7 @@ def test_another_body_flies_too(tmp_path):
     frame = sim.frame(1)
     assert [m.name for m in frame.truth.markers] == ['a', 'b', 'c']
     assert math.isnan(frame.truth.roll)
-    gray = frame.picture.gray()
+    gray = frame.image.gray()
     assert all(gray[round(m.y), round(m.x)] > 240 for m in frame.truth.markers)
 
 
@@ -101,15 +101,15 @@ def test_another_body_flies_too(tmp_path):
     ],
 )
 def test_layouts_that_cannot_be_are_refused(content):
-    with pytest.raises(LayoutError):
-        parse_layout(content)
+    with pytest.raises(RigError):
+        parse_rig(content)
 
 
 def test_a_layout_file_that_is_not_yaml_is_refused(tmp_path):
     path = tmp_path / 'bad.yaml'
     path.write_text('markers: [')
-    with pytest.raises(LayoutError, match='not YAML'):
-        load_layout(path)
+    with pytest.raises(RigError, match='not YAML'):
+        load_rig(path)
 
 
 def test_normal_form_covers_every_direction():

@@ -36,7 +36,7 @@ def test_edges_are_drawn_where_the_truth_says(motion, detail):
             if line.visible and width > 30:
                 half_way = middle(line)
                 near = line._replace(x2=half_way[0], y2=half_way[1])
-                measured.append(edge_offsets(frame.picture.gray(), near, inside))
+                measured.append(edge_offsets(frame.image.gray(), near, inside))
     assert len(measured) >= 4
     for offsets in measured:
         assert len(offsets) > 10
@@ -49,7 +49,7 @@ def test_the_near_end_is_drawn_where_the_truth_says():
     frame = flight(noise=0.0, start_distance=150.0, lateral_offset=0.0, fov_deg=40.0).frame(0)
     line = frame.truth.line(LineRole.NEAR_END)
     inside = middle(frame.truth.line(LineRole.CENTRELINE))
-    offsets = edge_offsets(frame.picture.gray(), line, inside, reach=2.0)
+    offsets = edge_offsets(frame.image.gray(), line, inside, reach=2.0)
     assert len(offsets) > 20
     assert abs(np.median(offsets)) < 0.5
 
@@ -112,7 +112,7 @@ def test_signs_of_heading_offset_and_roll():
 def test_the_horizon_divides_sky_from_ground():
     frame = flight(noise=0.0, motion='s_turn').frame(100)
     rho, theta = frame.truth.horizon
-    image = frame.picture.pixels.astype(int)
+    image = frame.image.pixels.astype(int)
     y, x = np.mgrid[0:480, 0:640]
     below = x * math.cos(theta) + y * math.sin(theta) - rho
     green = image[:, :, 1] - image[:, :, 0]
@@ -126,7 +126,7 @@ def test_the_same_settings_give_the_same_frames_and_another_seed_others():
     frames = list(first)
     for again in (list(first), list(flight(**values))):
         assert all(
-            np.array_equal(a.picture.pixels, b.picture.pixels)
+            np.array_equal(a.image.pixels, b.image.pixels)
             for a, b in zip(frames, again, strict=True)
         )
         assert [f.truth.lines for f in frames] == [f.truth.lines for f in again]
@@ -141,13 +141,11 @@ def test_gain_steps_and_a_slow_camera():
     assert 5 < len(changes) < 30
     assert 0.7 <= gains.min() < gains.max() <= 1.3
     step = max(changes, key=lambda i: abs(gains[i + 1] - gains[i]))
-    before, after = (sim.frame(int(i)).picture.pixels[70:].mean() for i in (step, step + 1))
+    before, after = (sim.frame(int(i)).image.pixels[70:].mean() for i in (step, step + 1))
     assert after / before == pytest.approx(gains[step + 1] / gains[step], abs=0.03)
     slow = flight(camera_rate=10.0, frames=6, width=160, height=120, detail=0.0)
     frames = list(slow)
-    same = [
-        np.array_equal(a.picture.pixels, b.picture.pixels) for a, b in itertools.pairwise(frames)
-    ]
+    same = [np.array_equal(a.image.pixels, b.image.pixels) for a, b in itertools.pairwise(frames)]
     assert same == [True, True, False, True, True]
 
 

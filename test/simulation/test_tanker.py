@@ -9,7 +9,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.settings import BACKGROUNDS, TANKER_MOTIONS, TRIALS, TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
 def flight(**values) -> TankerFlight:
@@ -32,13 +32,13 @@ def test_the_same_settings_give_the_same_frames_and_another_seed_others():
     for again in (list(first), list(flight(**values, seed=5))):
         assert [f.stamp_ns for f in frames] == [f.stamp_ns for f in again]
         assert all(
-            np.array_equal(a.picture.pixels, b.picture.pixels)
+            np.array_equal(a.image.pixels, b.image.pixels)
             for a, b in zip(frames, again, strict=True)
         )
         assert [f.truth.markers for f in frames] == [f.truth.markers for f in again]
     other = flight(**values, seed=6)
     assert other.truth(0).markers != first.truth(0).markers
-    assert not np.array_equal(other.frame(0).picture.pixels, first.frame(0).picture.pixels)
+    assert not np.array_equal(other.frame(0).image.pixels, first.frame(0).image.pixels)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_lights_lie_where_the_truth_says(values):
     errors, rolls = [], []
     for index in range(0, 300, 17):
         frame = sim.frame(index)
-        gray = frame.picture.gray()
+        gray = frame.image.gray()
         found = {m.name: weighted_centroid(gray, m.x, m.y) for m in frame.truth.markers if m.whole}
         assert len(found) == 5
         errors += [np.subtract(found[m.name], (m.x, m.y)) for m in frame.truth.markers]
@@ -97,9 +97,9 @@ def test_trials_keep_the_markers_in_view_and_apart(trial):
 
 @pytest.mark.parametrize('trial', TRIALS)
 def test_trials_are_tracked_without_loss(trial):
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for frame in flight(motion=trial, frames=300):
-        result = pipeline.process(frame.picture, frame.stamp_ns)
+        result = pipeline.process(frame.image, frame.stamp_ns)
         assert all(m.state is MarkerState.DETECTED for m in result.markers), frame.truth.time
         for found, true in zip(result.markers, frame.truth.markers, strict=True):
             assert found.label.name.lower() == true.name
@@ -114,7 +114,7 @@ def test_every_motion_and_view_runs(motion, view):
     for index in (0, 59):
         frame = sim.frame(index)
         lit = [m for m in frame.truth.markers if m.whole]
-        assert all(frame.picture.gray()[round(m.y), round(m.x)] > 240 for m in lit)
+        assert all(frame.image.gray()[round(m.y), round(m.x)] > 240 for m in lit)
     assert sum(m.visible for m in sim.truth(0).markers) == 5
 
 
@@ -122,8 +122,8 @@ def test_every_motion_and_view_runs(motion, view):
 @pytest.mark.parametrize('background', BACKGROUNDS)
 def test_no_background_is_bright_enough_for_a_marker(background, encoding):
     sim = flight(background=background, encoding=encoding, frames=2, failures='all@0-9', shake=1)
-    gray = sim.frame(1).picture.gray()
-    assert sim.frame(1).picture.encoding == encoding
+    gray = sim.frame(1).image.gray()
+    assert sim.frame(1).image.encoding == encoding
     assert gray.shape == (480, 640)
     assert 30 < np.median(gray) < 150
     assert gray.max() < 178
@@ -136,7 +136,7 @@ def test_a_failed_light_is_dark_and_not_visible():
         frame = sim.frame(index)
         rudder = frame.truth.marker('rudder')
         assert rudder.visible is lit
-        bright = frame.picture.gray()[round(rudder.y), round(rudder.x)] > 178
+        bright = frame.image.gray()[round(rudder.y), round(rudder.x)] > 178
         assert bright == lit
 
 
@@ -146,7 +146,7 @@ def test_the_boom_hides_its_light_and_the_truth_knows(name, view):
     sim = flight(motion='roll', view=view, occlusions=f'{name}@2-3', frames=180)
     for index in range(0, 180, 6):
         frame = sim.frame(index)
-        gray = frame.picture.gray()
+        gray = frame.image.gray()
         for marker in frame.truth.markers:
             value = gray[round(marker.y), round(marker.x)]
             if marker.whole:
@@ -193,10 +193,10 @@ def test_hot_pixels_and_glares_are_there_and_stay():
     plain = flight(motion='still', noise=0.0, frames=60)
     spoilt = flight(motion='still', noise=0.0, frames=60, hot_pixels=5, glares=3)
     for index in (0, 50):
-        before, after = (s.frame(index).picture.pixels for s in (plain, spoilt))
+        before, after = (s.frame(index).image.pixels for s in (plain, spoilt))
         added = (after > 178) & (before <= 178)
         assert np.count_nonzero(added) > 5 + 3 * 30
-    places = [np.argwhere(spoilt.frame(i).picture.pixels == 255) for i in (0, 50)]
+    places = [np.argwhere(spoilt.frame(i).image.pixels == 255) for i in (0, 50)]
     common = set(map(tuple, places[0])) & set(map(tuple, places[1]))
     assert len(common) >= 5
 
@@ -216,10 +216,10 @@ def test_noise_has_the_sigma_asked_for():
         flight(motion='still', background='plain', airframe=False, frames=2, noise=s)
         for s in (0.0, 3.0)
     )
-    difference = noisy.frame(1).picture.pixels.astype(int) - quiet.frame(1).picture.pixels
+    difference = noisy.frame(1).image.pixels.astype(int) - quiet.frame(1).image.pixels
     assert difference[:50].std() == pytest.approx(3.0, abs=0.1)
     assert difference[:50].mean() == pytest.approx(0.0, abs=0.1)
-    assert not np.array_equal(noisy.frame(0).picture.pixels, noisy.frame(1).picture.pixels)
+    assert not np.array_equal(noisy.frame(0).image.pixels, noisy.frame(1).image.pixels)
 
 
 def test_dropped_frames_leave_gaps_in_the_stamps():
@@ -232,13 +232,11 @@ def test_dropped_frames_leave_gaps_in_the_stamps():
     assert steps.max() > 2.5
 
 
-def test_a_slow_camera_repeats_its_picture():
+def test_a_slow_camera_repeats_its_image():
     sim = flight(motion='roll', camera_rate=10.0, frames=9)
     frames = list(sim)
     assert len({f.stamp_ns for f in frames}) == 9
-    same = [
-        np.array_equal(a.picture.pixels, b.picture.pixels) for a, b in itertools.pairwise(frames)
-    ]
+    same = [np.array_equal(a.image.pixels, b.image.pixels) for a, b in itertools.pairwise(frames)]
     assert same == [True, True, False, True, True, False, True, True]
     assert frames[5].truth.time == pytest.approx(0.1)
 

@@ -94,7 +94,7 @@ def stamp(number: int) -> int:
 
 
 def write_flight(path: Path, frames: int, width: int = 64, height: int = 48) -> Path:
-    """An even picture in every frame: quick to make, to compress and to process."""
+    """An even image in every frame: quick to make, to compress and to process."""
     message = image(0, width, height, noisy=False)
     with RecordingWriter(path) as writer:
         for number in range(frames):

@@ -21,10 +21,11 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.nodes.transport import prepare_transport
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from support.node_outputs import image_of
 from support.places import ROOT
 
@@ -129,7 +130,9 @@ class Graph:
         self.spin(0.3)
         return messages
 
-    def publish_images(self, messages: list[Image | CompressedImage], topic='/image_raw', hz=50.0):
+    def publish_images(
+        self, messages: list[RosImage | CompressedImage], topic='/image_raw', hz=50.0
+    ):
         """Publish to a node that is already there, reliably."""
         if self._image_publisher is None:
             self._image_publisher = self.probe.create_publisher(
@@ -204,8 +207,8 @@ class Graph:
         return {**values, 'level': status.level[0], 'message': status.message}
 
 
-def image_message(pixels, index: int, *, hz: float = 30.0, frame_id: str = 'nose') -> Image:
+def image_message(pixels, index: int, *, hz: float = 30.0, frame_id: str = 'nose') -> RosImage:
     """Frame ``index`` of a flight, mono8 or bgr8."""
     encoding = 'mono8' if pixels.ndim == 2 else 'bgr8'
     stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / hz)
-    return image_of(Picture(pixels, encoding), stamp_ns, frame_id)
+    return image_of(Image(pixels, encoding), stamp_ns, frame_id)

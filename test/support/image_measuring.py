@@ -1,4 +1,4 @@
-"""Measures pictures independently of the code that drew them."""
+"""Measures images independently of the code that drew them."""
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -16,7 +16,7 @@ def weighted_centroid(gray, x, y, radius=12):
 
 
 def edge_offsets(gray, line, inside, samples=40, reach=2.5):
-    """How far the picture's steepest rise lies from a line, px, at places along the line.
+    """How far the image's steepest rise lies from a line, px, at places along the line.
 
     ``inside`` is a point on the bright side; only places well within the frame count.
     """

@@ -7,12 +7,13 @@ import time
 from typing import Any
 
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import CompressedImage, PointCloud2
+from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from support.graph import EVERYTHING, Graph
 from support.marker_scenes import draw, tanker_at
 
@@ -43,7 +44,7 @@ class Stream:
             name: graph.listen(f'/{name}/{RESULTS[name]}', PointCloud2) for name in nodes
         }
         kind, topic = (
-            (CompressedImage, '/image_raw/compressed') if compressed else (Image, '/image_raw')
+            (CompressedImage, '/image_raw/compressed') if compressed else (RosImage, '/image_raw')
         )
         qos = EVERYTHING if 'keep_all' in parameters.values() else QoSProfile(depth=10)
         self.publisher = graph.probe.create_publisher(kind, topic, qos)
@@ -57,7 +58,7 @@ class Stream:
     def good(self, hz: float = 60.0) -> bytes:
         """The next frame of a tanker's flight, serialized."""
         pixels = draw(tanker_at(320 + 25 * math.sin(self.index / 15), 240))
-        return serialize_image(Picture(pixels, 'mono8'), cdr_header(self.next_stamp(hz), 'nose'))
+        return serialize_image(Image(pixels, 'mono8'), cdr_header(self.next_stamp(hz), 'nose'))
 
     def play(self, seconds: float, hz: float = 60.0, beside: Any = None) -> int:
         """Publish good frames at a pace; ``beside`` is called after each. Returns their number."""

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 # Left wing, left stabilizer, rudder, right stabilizer, right wing; px from the tanker's centre.
 TANKER = np.array([(-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0)], float)
@@ -23,5 +23,5 @@ def draw(places, size=(640, 480), radius=4) -> np.ndarray:
     return image
 
 
-def picture(places, **keywords) -> Picture:
-    return Picture(draw(places, **keywords), 'mono8')
+def image(places, **keywords) -> Image:
+    return Image(draw(places, **keywords), 'mono8')

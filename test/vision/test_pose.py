@@ -10,9 +10,9 @@ from mvuav_ros.simulation.rotation import from_rpy
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
-from mvuav_ros.vision.rig import TANKER_747, parse_layout
+from mvuav_ros.vision.rig import TANKER_747, parse_rig
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
 
@@ -37,7 +37,7 @@ def deviations(pose, truth):
 def docking(seed, frames=1000, noise=0.3, **settings):
     """Poses and truth of a docking approach, the lights seen with noise."""
     flight = TankerFlight(TankerSettings(motion='docking', frames=frames, seed=seed, **settings))
-    estimator = PoseEstimator(flight.layout)
+    estimator = PoseEstimator(flight.rig)
     rng = np.random.default_rng(seed)
     camera = camera_of(flight)
     for index in range(frames):
@@ -76,12 +76,12 @@ def test_normalised_error_squared_lies_in_its_band(seed):
     assert np.mean(np.array(squares) < 12.59) == pytest.approx(0.95, abs=0.02)
 
 
-def test_poses_from_pictures():
+def test_poses_from_images():
     flight = TankerFlight(TankerSettings(motion='docking', frames=60, fps=6.0, seed=2))
     camera = camera_of(flight)
-    pipeline, estimator = MarkerPipeline(), PoseEstimator(flight.layout)
+    pipeline, estimator = MarkerTracker(), PoseEstimator(flight.rig)
     for index, frame in enumerate(flight):
-        markers = pipeline.process(frame.picture, frame.stamp_ns).markers
+        markers = pipeline.process(frame.image, frame.stamp_ns).markers
         pixels = np.array([(m.x, m.y) for m in markers])
         pose = estimator.estimate(camera, range(5), pixels, flight.time(index))
         error = deviations(pose, frame.truth)
@@ -132,7 +132,7 @@ def test_three_lights_have_several_solutions_and_the_last_pose_decides():
     assert worst < math.radians(2.0)
 
 
-FLAT = parse_layout(
+FLAT = parse_rig(
     {'markers': {'a': [0, 1, 1], 'b': [0, -1, 1], 'c': [0, -1, -1], 'd': [0, 1, -1]}}, 'flat'
 )
 

@@ -16,8 +16,8 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
-from mvuav_ros.vision.rig import load_layout
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.rig import load_rig
 
 DRONE = """
 name: drone
@@ -52,18 +52,18 @@ def test_its_markers_get_their_names(layout):
             layout=str(layout), motion='erratic', frames=90, view='lab', background='plain', seed=2
         )
     )
-    pipeline = MarkerPipeline(layout=load_layout(layout))
+    pipeline = MarkerTracker(rig=load_rig(layout))
     seen = 0
     for frame in flight:
-        result = pipeline.process(frame.picture, frame.stamp_ns)
-        assert len(result.markers) == len(flight.layout.names)
+        result = pipeline.process(frame.image, frame.stamp_ns)
+        assert len(result.markers) == len(flight.rig.names)
         assert [m.label for m in result.markers] == list(range(len(result.markers)))
         for marker, true in zip(result.markers, frame.truth.markers, strict=True):
             if marker.state is MarkerState.DETECTED:
                 seen += 1
                 assert math.hypot(marker.x - true.x, marker.y - true.y) < 2.0
         assert math.isnan(result.roll)
-    assert seen > 0.95 * 90 * len(flight.layout.names)
+    assert seen > 0.95 * 90 * len(flight.rig.names)
 
 
 def test_hidden_markers_of_a_larger_body(tmp_path):
@@ -79,9 +79,9 @@ def test_hidden_markers_of_a_larger_body(tmp_path):
             failures='a@1-3, d@1-3, all@4-5',
         )
     )
-    pipeline = MarkerPipeline(layout=load_layout(path))
+    pipeline = MarkerTracker(rig=load_rig(path))
     for frame in flight:
-        result = pipeline.process(frame.picture, frame.stamp_ns)
+        result = pipeline.process(frame.image, frame.stamp_ns)
         for marker, true in zip(result.markers, frame.truth.markers, strict=True):
             if marker.state is MarkerState.DETECTED:
                 assert math.hypot(marker.x - true.x, marker.y - true.y) < 4.0
@@ -97,14 +97,14 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
             layout=str(layout), motion='still', frames=6, view='lab', background='plain', noise=0.0
         )
     )
-    names = flight.layout.names
+    names = flight.rig.names
     topics = {f'marker/{name}' for name in names}
     assert topics <= set(processor.topics)
     assert 'marker/left_wing' not in processor.topics
     camera = flight.camera
     processor.set_camera(CameraModel(640, 480, tuple(camera.matrix.ravel())))
     for frame in flight:
-        given = Frame(frame.stamp_ns, 'cam', frame.picture)
+        given = Frame(frame.stamp_ns, 'cam', frame.image)
         outputs = messages_of(processor, processor.process(given))
     assert topics <= set(outputs)
     rows = decode_points(outputs['markers'])
@@ -142,6 +142,6 @@ def test_the_shipped_layout_is_the_built_in_one():
     from mvuav_ros.vision.rig import TANKER_747
 
     config = ROOT / 'config'
-    shipped = load_layout(config / 'tanker_747.yaml')
+    shipped = load_rig(config / 'tanker_747.yaml')
     assert shipped.names == TANKER_747.names
     np.testing.assert_array_equal(shipped.positions, TANKER_747.positions)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Action, Case
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.detector import ApproachDetector
 
 _FRAMES = 40
 _LIMITS = {(320, 240): 1e3 / 200, (1280, 720): 1e3 / 60}
@@ -30,7 +30,7 @@ def approach_cases() -> list[Case]:
 
 
 def _pipeline(frames: list[NDArray[np.uint8]]) -> Action:
-    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach'))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach'))
     # There and back, so that nothing jumps.
     endless = itertools.cycle([*frames, *reversed(frames)])
     return lambda: pipeline.process(next(endless), 0)
@@ -41,4 +41,4 @@ def _flight(width: int, height: int) -> list[NDArray[np.uint8]]:
     from mvuav_ros.simulation.settings import RunwaySettings
 
     flight = RunwayFlight(RunwaySettings(width=width, height=height, frames=_FRAMES))
-    return [flight.frame(index).picture.pixels for index in range(_FRAMES)]
+    return [flight.frame(index).image.pixels for index in range(_FRAMES)]

@@ -16,7 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import CompressedImage, PointCloud2
+from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.nodes.process_tuning import tune_process
 from mvuav_ros.nodes.transport import prepare_transport
@@ -25,7 +26,7 @@ from mvuav_ros.recordings.serialization.serialized_image import (
     serialize_compressed_image,
     serialize_image,
 )
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params'}
 PLACES = ((-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0))
@@ -34,7 +35,7 @@ WARM_UP = 1.0
 _STAMP_AT = 4
 
 
-def scene(width: int, height: int, encoding: str, index: int) -> Picture:
+def scene(width: int, height: int, encoding: str, index: int) -> Image:
     """Five marker lights on a circle above runway lines; thesis's layouts, any size."""
     image = np.full((height, width), 40, np.uint8)
     apex, foot = (width // 2, 20), height - 1
@@ -46,30 +47,30 @@ def scene(width: int, height: int, encoding: str, index: int) -> Picture:
         place = round((x + centre[0]) * 16), round((y + centre[1]) * 16)
         cv2.circle(image, place, 4 * 16, 255, -1, cv2.LINE_8, 4)
     if encoding == 'bgr8':
-        return Picture(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), encoding)
-    return Picture(image, encoding)
+        return Image(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), encoding)
+    return Image(image, encoding)
 
 
 class _Camera:
     """Serialized images, ready to be stamped."""
 
     def __init__(self, width: int, height: int, encoding: str, compressed: bool) -> None:
-        pictures = [scene(width, height, encoding, index) for index in range(60)]
+        images = [scene(width, height, encoding, index) for index in range(60)]
         make = self._jpeg if compressed else (lambda p: serialize_image(p, cdr_header(0, 'nose')))
-        self._images = [make(picture) for picture in pictures]
+        self._messages = [make(image) for image in images]
         self._count = 0
 
     @staticmethod
-    def _jpeg(picture: Picture) -> bytes:
-        pixels: NDArray[Any] = cv2.imencode('.jpg', picture.pixels)[1]
+    def _jpeg(image: Image) -> bytes:
+        pixels: NDArray[Any] = cv2.imencode('.jpg', image.pixels)[1]
         return serialize_compressed_image('jpeg', pixels.tobytes(), cdr_header(0, 'nose'))
 
     def shoot(self, stamp_ns: int) -> bytes:
         """The next image with that stamp."""
-        image = self._images[self._count % len(self._images)]
+        message = self._messages[self._count % len(self._messages)]
         self._count += 1
         stamp = struct.pack('<iI', *divmod(stamp_ns, 1_000_000_000))
-        return b''.join((image[:_STAMP_AT], stamp, memoryview(image)[_STAMP_AT + 8 :]))
+        return b''.join((message[:_STAMP_AT], stamp, memoryview(message)[_STAMP_AT + 8 :]))
 
 
 def main() -> None:
@@ -109,7 +110,9 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     """Returns the stamps of the images that count, ns."""
     compressed = given['transport'] == 'compressed'
     camera = _Camera(given['width'], given['height'], given['encoding'], compressed)
-    kind, topic = (CompressedImage, 'image_raw/compressed') if compressed else (Image, 'image_raw')
+    kind, topic = (
+        (CompressedImage, 'image_raw/compressed') if compressed else (RosImage, 'image_raw')
+    )
     publisher = node.create_publisher(kind, topic, QoSProfile(depth=10))
     end = time.monotonic() + 20.0
     while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:

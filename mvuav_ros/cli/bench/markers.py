@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from mvuav_ros.cli.bench.case import Case
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState, Window
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
 
@@ -107,7 +107,7 @@ def _whole_frame(mode: str, image: NDArray[np.uint8]) -> Callable[[], object]:
     parameters = MarkerTrackerParameters(mode=mode)
 
     def run() -> object:
-        return MarkerPipeline(parameters).process(Picture(image, 'mono8'), 0)
+        return MarkerTracker(parameters).process(Image(image, 'mono8'), 0)
 
     return run
 
@@ -116,16 +116,16 @@ def _tracked_frame(
     width: int, height: int, prediction: str = 'acceleration'
 ) -> tuple[Callable[[], object], tuple[Window, ...]]:
     """A call that tracks the next frame, and the windows of the one that came first."""
-    pipeline = MarkerPipeline(MarkerTrackerParameters(mode='track', prediction=prediction))
+    pipeline = MarkerTracker(MarkerTrackerParameters(mode='track', prediction=prediction))
     frames = itertools.cycle(_flight(width, height))
     stamps = itertools.count(0, 33_333_333)
 
     def run() -> object:
-        return pipeline.process(Picture(next(frames), 'mono8'), next(stamps))
+        return pipeline.process(Image(next(frames), 'mono8'), next(stamps))
 
     for _ in range(4):
         run()
-    result = pipeline.process(Picture(next(frames), 'mono8'), next(stamps))
+    result = pipeline.process(Image(next(frames), 'mono8'), next(stamps))
     assert all(marker.state is MarkerState.DETECTED for marker in result.markers)
     return run, result.windows
 
@@ -133,13 +133,13 @@ def _tracked_frame(
 def _posed_frame() -> Callable[[], object]:
     """A call that tracks the tanker of the built-in layout and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
-    pipeline, poses = MarkerPipeline(), PoseEstimator(TANKER_747)
+    pipeline, poses = MarkerTracker(), PoseEstimator(TANKER_747)
     behind = TANKER_747.positions @ FROM_BEHIND.T + (0.0, 5.0, 100.0)
     frames = []
     for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
         points = np.add(behind, (4.0 * np.cos(angle), 4.0 * np.sin(angle), 0.0))
         places = (points @ camera.matrix.T)[:, :2] / points[:, 2:]
-        frames.append(Picture(_lights(640, 480, places), 'mono8'))
+        frames.append(Image(_lights(640, 480, places), 'mono8'))
     endless = itertools.cycle(frames)
     stamps = itertools.count(0, 33_333_333)
 

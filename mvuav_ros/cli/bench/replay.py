@@ -103,8 +103,8 @@ def _job(bag: Path, core: int) -> ReplayJob:
 def _shares(bag: Path, core: int) -> str:
     """Where the processor's time goes, in words."""
     from mvuav_ros.offline.replay.inputs import open_input
-    from mvuav_ros.vision.markers.tracker import MarkerPipeline
-    from mvuav_ros.vision.runway.detector import RunwayPipeline
+    from mvuav_ros.vision.markers.tracker import MarkerTracker
+    from mvuav_ros.vision.runway.detector import RunwayDetector
 
     settings = _job(bag, core).settings
     start = time.thread_time()
@@ -113,8 +113,8 @@ def _shares(bag: Path, core: int) -> str:
     reading = time.thread_time() - start
     spent = [0.0]
     with (
-        patch.object(MarkerPipeline, 'process', _timed(MarkerPipeline.process, spent)),
-        patch.object(RunwayPipeline, 'process', _timed(RunwayPipeline.process, spent)),
+        patch.object(MarkerTracker, 'process', _timed(MarkerTracker.process, spent)),
+        patch.object(RunwayDetector, 'process', _timed(RunwayDetector.process, spent)),
     ):
         start = time.process_time()
         _replay(bag, core)
@@ -142,14 +142,14 @@ def _write_bag(path: Path, frames: int, seed: int) -> None:
     from mvuav_ros.recordings.serialization.cdr import cdr_header
     from mvuav_ros.recordings.serialization.serialized_image import serialize_image
     from mvuav_ros.recordings.writing import RecordingWriter
-    from mvuav_ros.vision.image import Picture
+    from mvuav_ros.vision.image import Image
 
     random = np.random.default_rng(seed)
     with RecordingWriter(path) as writer:
         for index in range(frames):
             stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / _RATE)
-            picture = Picture(_scene(index, random), 'mono8')
-            message = serialize_image(picture, cdr_header(stamp_ns, 'camera'))
+            image = Image(_scene(index, random), 'mono8')
+            message = serialize_image(image, cdr_header(stamp_ns, 'camera'))
             writer.write('/image_raw', IMAGE, stamp_ns, message)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Action, Case
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 
 Frame = NDArray[np.uint8]
@@ -66,7 +66,7 @@ def runway_cases() -> list[Case]:
 
 
 def _pipeline(frames: list[Frame], parameters: RunwayDetectorParameters) -> Action:
-    pipeline = RunwayPipeline(parameters)
+    pipeline = RunwayDetector(parameters)
     endless = itertools.cycle(frames)
     return lambda: pipeline.process(next(endless), 0)
 

@@ -1,4 +1,4 @@
-"""The simulator's pictures with their truth, held against the rate that it must keep."""
+"""The simulator's images with their truth, held against the rate that it must keep."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def corners(
     as_json: Annotated[
         Path | None, typer.Option('--json', help='Write the figures of every frame there.')
     ] = None,
-    pictures: Annotated[
+    images: Annotated[
         Path | None, typer.Option(help='Folder for overlays: best, median, worst, each failure.')
     ] = None,
     minimum: Annotated[
@@ -46,7 +46,7 @@ def corners(
     another one is given.
     """
     from mvuav_ros.offline.evaluation.corners import WARM_UP, CornersError, read_corners
-    from mvuav_ros.offline.evaluation.corners_run import run_detector, write_pictures
+    from mvuav_ros.offline.evaluation.corners_run import run_detector, write_images
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
     values: dict[str, Any] = {'mode': 'approach'}
@@ -62,8 +62,8 @@ def corners(
         with frame_progress() as progress:
             task = progress.add_task('frames', total=len(frames))
             score = run_detector(labels, frames, parameters, lambda: progress.advance(task))
-        if pictures is not None:
-            write_pictures(labels, frames, parameters, score, pictures)
+        if images is not None:
+            write_images(labels, frames, parameters, score, images)
     except CornersError as error:
         raise SourceError(str(error)) from error
     errors = [frame.error for frame in score.counted if math.isfinite(frame.error)]

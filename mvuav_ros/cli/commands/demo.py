@@ -26,7 +26,7 @@ def demo(
 ) -> None:
     """Play the sample bags through real nodes in separate processes; takes half a minute.
 
-    Leaves demo.mcap, annotated pictures and a plot of the roll.
+    Leaves demo.mcap, annotated images and a plot of the roll.
     """
     try:
         from mvuav_ros.cli.demo.panel import run_panel

@@ -20,7 +20,7 @@ from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summari
 
 
 @dataclass
-class PictureSummary:
+class ImageSummary:
     """What a video file or a folder of images holds."""
 
     path: str
@@ -41,7 +41,7 @@ def info(
 ) -> None:
     """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
     path = Path(source).expanduser()
-    summary: RecordingSummary | PictureSummary
+    summary: RecordingSummary | ImageSummary
     if path.exists() and looks_like_bag(path):
         with frame_progress() as bar:
             task = bar.add_task(path.name, total=None)
@@ -49,25 +49,25 @@ def info(
                 path, lambda done, total: bar.update(task, completed=done, total=total)
             )
     else:
-        summary = _summarise_pictures(source, open_source(source, cameras=False))
+        summary = _summarise_images(source, open_source(source, cameras=False))
     if as_json:
         typer.echo(json.dumps(dataclasses.asdict(summary), indent=2))
     elif isinstance(summary, RecordingSummary):
         _print_recording(summary)
     else:
-        _print_pictures(summary)
+        _print_images(summary)
 
 
-def _summarise_pictures(text: str, frames: FrameSource) -> PictureSummary:
-    summary = PictureSummary(text, rate_hz=frames.rate)
+def _summarise_images(text: str, frames: FrameSource) -> ImageSummary:
+    summary = ImageSummary(text, rate_hz=frames.rate)
     formats: Counter[str] = Counter()
     for frame in frames.frames():
         summary.frames += 1
         if isinstance(frame, BadFrame):
             summary.unusable += 1
             continue
-        picture = frame.picture
-        formats[f'{picture.width}x{picture.height} {picture.encoding}'] += 1
+        image = frame.image
+        formats[f'{image.width}x{image.height} {image.encoding}'] += 1
     summary.formats = [name for name, _ in formats.most_common()]
     summary.duration_s = summary.frames / frames.rate if frames.rate else 0.0
     summary.losses = frames.losses
@@ -109,7 +109,7 @@ def _remarks(topic: TopicSummary) -> str:
     return '; '.join(remarks)
 
 
-def _print_pictures(summary: PictureSummary) -> None:
+def _print_images(summary: ImageSummary) -> None:
     rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
     typer.echo(
         f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '

@@ -67,7 +67,7 @@ def replay(
     ] = 1,
     keep_inputs: Annotated[
         bool,
-        typer.Option('--keep-inputs', help="Also copy the input's topics; pictures as /image_raw."),
+        typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
     ] = False,
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')

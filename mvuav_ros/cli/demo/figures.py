@@ -1,4 +1,4 @@
-"""The demo's pictures, made from the bag that it recorded."""
+"""The demo's figures, made from the bag that it recorded."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 mpl.use('Agg')
 
 
-def save_picture(bag: Path, topic: str, target: Path) -> None:
-    """Write a picture from the first half of an image topic as PNG."""
+def save_image(bag: Path, topic: str, target: Path) -> None:
+    """Write a figure from the first half of an image topic as PNG."""
     with open_recording(bag) as recording:
         messages = [message.data for message in recording.messages({topic})]
     if messages:

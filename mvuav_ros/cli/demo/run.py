@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.text import Text
 from sensor_msgs.msg import Image
 
-from mvuav_ros.cli.demo.figures import save_picture, save_roll_plot
+from mvuav_ros.cli.demo.figures import save_image, save_roll_plot
 from mvuav_ros.cli.demo.flights import FLIGHTS, Flight
 from mvuav_ros.cli.demo.processes import NodeProcesses
 from mvuav_ros.cli.demo.recorder import Recorder
@@ -31,7 +31,7 @@ SILENCE = 2.5
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
-    """Show the demo and leave a bag, annotated pictures and a plot.
+    """Show the demo and leave a bag, annotated images and a plot.
 
     Args:
         bags: folder of the sample bags.
@@ -64,7 +64,7 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
             recorder.destroy_node()
     finally:
         rclpy.try_shutdown(context=context)
-    return [bag, *_make_pictures(flights, bag, out)]
+    return [bag, *_make_images(flights, bag, out)]
 
 
 def _topics(flights: list[Flight]) -> dict[str, type]:
@@ -151,12 +151,12 @@ def _check(flights: list[Flight], recorder: Recorder) -> None:
             raise SourceError(f'{flight.processor.name} published nothing within {LONGEST:.0f} s')
 
 
-def _make_pictures(flights: list[Flight], bag: Path, out: Path) -> list[Path]:
+def _make_images(flights: list[Flight], bag: Path, out: Path) -> list[Path]:
     made = []
     for flight in flights:
         for name in flight.processor.debug_topics[-1:]:
             target = out / f'{flight.name}.png'
-            save_picture(bag, flight.topic(name), target)
+            save_image(bag, flight.topic(name), target)
             made.append(target)
     plot = out / 'roll.png'
     save_roll_plot(bag, plot)

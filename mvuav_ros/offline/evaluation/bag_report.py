@@ -20,15 +20,15 @@ from mvuav_ros.offline.evaluation.comparison import (
 from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.evaluation.observed import Observed
-from mvuav_ros.offline.report.model import Cell, Column, Picture, Report, Section, Table
+from mvuav_ros.offline.evaluation.observed import EvaluationRun
+from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, TRUTH, drawing, label, legend_below
 from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
 
 _NAMES = [found.name.lower().replace('_', ' ') for found in TANKER_LABELS]
 
 
-def bag_report(observed: Observed, settings: Mapping[str, Cell]) -> Report:
+def bag_report(observed: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     """Every error that results and truth allow.
 
     Args:
@@ -54,7 +54,7 @@ def bag_report(observed: Observed, settings: Mapping[str, Cell]) -> Report:
     )
 
 
-def _everything(observed: Observed) -> Section:
+def _everything(observed: EvaluationRun) -> Section:
     metrics = [metric for metric in metrics_of(observed) if not math.isnan(metric.value)]
     table = Table(
         'metrics',
@@ -113,7 +113,7 @@ def _marker_table(errors: MarkerErrors) -> Table:
 _ORDER = (MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST)
 
 
-def _marker_figure(errors: MarkerErrors) -> Picture:
+def _marker_figure(errors: MarkerErrors) -> Figure:
     distance = np.hypot(errors.offset[..., 0], errors.offset[..., 1])
     with drawing(9.6, 4.0) as canvas:
         axes = canvas.figure.subplots()
@@ -129,7 +129,7 @@ def _marker_figure(errors: MarkerErrors) -> Picture:
         axes.set_ylim(bottom=0)
         label(axes, '', 'time [s]', 'distance from truth [px]')
         legend_below(canvas.figure, axes)
-    return Picture('markers_over_time', 'Distance of the markers from truth', canvas.png)
+    return Figure('markers_over_time', 'Distance of the markers from truth', canvas.png)
 
 
 def _roll_table(errors: RollErrors) -> Table:
@@ -156,7 +156,7 @@ def _roll_table(errors: RollErrors) -> Table:
     )
 
 
-def _roll_figure(errors: RollErrors) -> Picture:
+def _roll_figure(errors: RollErrors) -> Figure:
     with drawing(9.6, 4.6) as canvas:
         upper, lower = canvas.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         upper.plot(errors.time, np.degrees(errors.true), color=TRUTH, lw=2.6, label='truth')
@@ -165,7 +165,7 @@ def _roll_figure(errors: RollErrors) -> Picture:
         label(upper, '', '', 'roll [°]')
         label(lower, '', 'time [s]', 'error [°]')
         legend_below(canvas.figure, upper, lower)
-    return Picture('roll_over_time', 'Roll and its error', canvas.png)
+    return Figure('roll_over_time', 'Roll and its error', canvas.png)
 
 
 def _line_table(errors: LineErrors) -> Table:

@@ -30,10 +30,10 @@ class CornersError(ValueError):
 
 @dataclass(frozen=True)
 class LabelledFrame:
-    """One picture's labels, px.
+    """One image's labels, px.
 
     Attributes:
-        file: name of the picture, beside the labels.
+        file: name of the image, beside the labels.
         near_left: corner.
         near_right: corner.
         far_right: corner.
@@ -57,7 +57,7 @@ class FrameScore:
     """How one frame's edges were found.
 
     Attributes:
-        file: name of the picture.
+        file: name of the image.
         left: the larger distance of the left edge's line from its two corners, px; infinite if
             no such line was reported.
         right: likewise.

@@ -1,4 +1,4 @@
-"""The runway detector over labelled pictures."""
+"""The runway detector over labelled images."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from mvuav_ros.offline.evaluation.corners import (
     score_frame,
 )
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.overlay import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 
@@ -35,16 +35,16 @@ def run_detector(
     parameters: RunwayDetectorParameters,
     tick: Callable[[], None],
 ) -> CornersScore:
-    """Process the pictures in order, which are frames of one flight.
+    """Process the images in order, which are frames of one flight.
 
     Args:
-        labels: the file of labels, beside which the pictures lie.
+        labels: the file of labels, beside which the images lie.
         frames: its content.
         parameters: of the detector.
         tick: called after each frame.
 
     Raises:
-        CornersError: a picture cannot be read.
+        CornersError: a image cannot be read.
     """
     scores = []
     for frame, result in _results(labels, frames, parameters):
@@ -53,7 +53,7 @@ def run_detector(
     return CornersScore(tuple(scores))
 
 
-def write_pictures(
+def write_images(
     labels: Path,
     frames: Sequence[LabelledFrame],
     parameters: RunwayDetectorParameters,
@@ -80,7 +80,7 @@ def write_pictures(
             if index != at:
                 continue
             path = folder / f'{name}.png'
-            if not cv2.imwrite(str(path), _picture(frame, result)):
+            if not cv2.imwrite(str(path), _image(frame, result)):
                 raise CornersError(f'{path}: cannot be written')
             written.append(path)
     return written
@@ -89,27 +89,27 @@ def write_pictures(
 def _results(
     labels: Path, frames: Sequence[LabelledFrame], parameters: RunwayDetectorParameters
 ) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
-    pipeline: RunwayPipeline | ApproachPipeline
+    pipeline: RunwayDetector | ApproachDetector
     if parameters.mode == 'approach':
-        pipeline = ApproachPipeline(parameters)
+        pipeline = ApproachDetector(parameters)
     else:
-        pipeline = RunwayPipeline(parameters)
+        pipeline = RunwayDetector(parameters)
     for index, frame in enumerate(frames):
         path = labels.parent / frame.file
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None:
-            raise CornersError(f'{path}: no picture that can be read')
+            raise CornersError(f'{path}: no image that can be read')
         pixels: NDArray[np.uint8] = np.asarray(image, np.uint8)
         yield frame, pipeline.process(pixels, round(index * 1e9 / FRAME_RATE))
 
 
-def _picture(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
-    picture = draw_overlay(result) if isinstance(result, RunwayResult) else draw_approach(result)
-    factor = max(1, round(_PICTURE_WIDTH / picture.shape[1]))
-    picture = np.asarray(
-        cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST), np.uint8
+def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:
+    image = draw_overlay(result) if isinstance(result, RunwayResult) else draw_approach(result)
+    factor = max(1, round(_PICTURE_WIDTH / image.shape[1]))
+    image = np.asarray(
+        cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST), np.uint8
     )
     corners = [frame.near_left, frame.near_right, frame.far_right, frame.far_left]
     outline = (np.array(corners) + 0.5) * factor - 0.5
-    cv2.polylines(picture, [np.rint(outline).astype(np.int32)], True, _LABEL, 1)
-    return picture
+    cv2.polylines(image, [np.rint(outline).astype(np.int32)], True, _LABEL, 1)
+    return image

@@ -12,7 +12,7 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.simulation.tanker_truth import MarkerTruth
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 NAMED_WRONG = 4.0
 """px from a light's true place at which its name is on something else; lights have a radius of
@@ -117,15 +117,17 @@ def identity_task(
 
 def fly_names(task: IdentityTask) -> NamedFlight:
     """Follow a flight and hold every name against the truth."""
-    pipeline = MarkerPipeline(task.parameters)
-    account = _Account()
+    pipeline = MarkerTracker(task.parameters)
+    account = IdentityScorer()
     for frame in TankerFlight(task.flight):
-        result = pipeline.process(frame.picture, frame.stamp_ns)
+        result = pipeline.process(frame.image, frame.stamp_ns)
         account.add(result, frame.truth.markers, frame.truth.roll)
     return account.close(task.scene)
 
 
-class _Account:
+class IdentityScorer:
+    """Counts wrong, missed and returning names of one flight against its truth."""
+
     def __init__(self) -> None:
         self._results: list[MarkerResult] = []
         self._wrong: list[tuple[int, str, float]] = []
@@ -139,6 +141,7 @@ class _Account:
         self._most_predicted = self._roll_error = 0.0
 
     def add(self, result: MarkerResult, truth: tuple[MarkerTruth, ...], roll: float) -> None:
+        """Score the next frame; ``roll`` is the true one, rad."""
         none_before = not self._results or not _any_named(self._results[-1])
         self._results.append(result)
         detected = [marker.state is MarkerState.DETECTED for marker in result.markers]
@@ -187,6 +190,7 @@ class _Account:
         self._after_all.discard(index)
 
     def close(self, scene: str) -> NamedFlight:
+        """The flight's counts under the scene's name."""
         for index, frames in self._waiting.items():
             (self._total if index in self._after_all else self._partial).append(frames)
         return NamedFlight(

@@ -16,9 +16,9 @@ from mvuav_ros.parameters.declaration import ParameterSet, Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
     """Draw every frame once and show it to every pipeline."""
     flight = TankerFlight(task.flight)
     followers = {
-        name: _Follower(MarkerPipeline(parameters), task.predictions)
+        name: _Follower(MarkerTracker(parameters), task.predictions)
         for name, parameters in task.pipelines.items()
     }
     places, rolls = [], []
@@ -101,7 +101,7 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
         places.append([(marker.x, marker.y) for marker in frame.truth.markers])
         rolls.append(frame.truth.roll)
         for follower in followers.values():
-            follower.see(frame.picture, frame.stamp_ns)
+            follower.see(frame.image, frame.stamp_ns)
     return FlownMarkers(
         task.flight,
         np.array([flight.time(index) for index in flight.indices]),
@@ -111,24 +111,24 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
     )
 
 
-def predict(pipeline: MarkerPipeline, like: Picture, stamp_ns: int) -> MarkerResult:
+def predict(pipeline: MarkerTracker, like: Image, stamp_ns: int) -> MarkerResult:
     """Where a pipeline expects the markers at a time, whatever its method of prediction.
 
     A copy of it is shown a black frame: what it does not find there, it says as predicted.
 
     Args:
         pipeline: left as it is.
-        like: a picture of the size and encoding to expect.
+        like: a image of the size and encoding to expect.
         stamp_ns: later than its last frame's.
     """
-    black = Picture(np.zeros_like(like.pixels), like.encoding)
+    black = Image(np.zeros_like(like.pixels), like.encoding)
     return copy.deepcopy(pipeline).process(black, stamp_ns)
 
 
 class _Follower:
     """Collects one pipeline's results."""
 
-    def __init__(self, pipeline: MarkerPipeline, predictions: bool) -> None:
+    def __init__(self, pipeline: MarkerTracker, predictions: bool) -> None:
         self._pipeline = pipeline
         self._predictions = predictions
         self._predicted: list[list[tuple[float, float]]] = []
@@ -136,11 +136,11 @@ class _Follower:
         self._states: list[list[int]] = []
         self._rolls: list[float] = []
 
-    def see(self, picture: Picture, stamp_ns: int) -> None:
+    def see(self, image: Image, stamp_ns: int) -> None:
         expected: MarkerResult | None = None
         if self._predictions:
-            expected = predict(self._pipeline, picture, stamp_ns)
-        result = self._pipeline.process(picture, stamp_ns)
+            expected = predict(self._pipeline, image, stamp_ns)
+        result = self._pipeline.process(image, stamp_ns)
         # A frame that is searched whole makes no use of a prediction.
         if expected is None or not result.windows:
             self._predicted.append([(math.nan, math.nan)] * len(result.markers))

@@ -10,13 +10,13 @@ import numpy as np
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.metric import Metric
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.evaluation.observed import Observed, Rows
+from mvuav_ros.offline.evaluation.observed import EvaluationRun, Rows
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics
 
 
-def metrics_of(observed: Observed) -> list[Metric]:
+def metrics_of(observed: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
     metrics = [
         Metric('frames', 'frames', '', float(observed.frames)),
@@ -92,7 +92,7 @@ def _line(row: np.void) -> RunwayLine:
     )
 
 
-def _errors(observed: Observed) -> list[Metric]:
+def _errors(observed: EvaluationRun) -> list[Metric]:
     metrics = []
     markers = marker_errors(observed)
     if markers is not None:

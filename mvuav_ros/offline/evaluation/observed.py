@@ -74,7 +74,7 @@ class Observations:
 
 
 @dataclass
-class Observed:
+class EvaluationRun:
     """One input's results and truth.
 
     Attributes:
@@ -96,13 +96,13 @@ class Observed:
     losses: list[str] = field(default_factory=list)
 
 
-def read_bag(path: Path) -> Observed:
+def read_bag(path: Path) -> EvaluationRun:
     """The truth and the nodes' results that a bag holds.
 
     Raises:
         RecordingError: nothing can be read from there.
     """
-    observed = Observed(str(path))
+    observed = EvaluationRun(str(path))
     with open_recording(path) as recording:
         unreadable = 0
         for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
@@ -121,7 +121,7 @@ def read_bag(path: Path) -> Observed:
 
 def replay(
     text: str, parameters: Mapping[str, Mapping[str, Any]], topic: str | None = None
-) -> Observed:
+) -> EvaluationRun:
     """Run nodes over an input; its truth comes from the bag or from the synthetic flight.
 
     Args:
@@ -135,7 +135,7 @@ def replay(
         ParameterError: a parameter is not valid.
     """
     processors = [_processor(name, values) for name, values in parameters.items()]
-    observed = Observed(text)
+    observed = EvaluationRun(text)
     times: list[float] = []
     for frame in _frames(text, topic, observed):
         observed.frames += 1
@@ -158,7 +158,7 @@ def _processor(name: str, values: Mapping[str, Any]) -> Processor:
     return processor
 
 
-def _process(processor: Processor, frame: Frame, observed: Observed) -> bool:
+def _process(processor: Processor, frame: Frame, observed: EvaluationRun) -> bool:
     try:
         outputs = processor.process(frame)
     except (DuplicateStampError, ImageError):
@@ -170,7 +170,7 @@ def _process(processor: Processor, frame: Frame, observed: Observed) -> bool:
     return True
 
 
-def _frames(text: str, topic: str | None, observed: Observed) -> Iterator[object]:
+def _frames(text: str, topic: str | None, observed: EvaluationRun) -> Iterator[object]:
     """The input's frames; its truth goes to ``observed`` meanwhile."""
     if text.startswith(PREFIX):
         yield from _flown(text, observed.truth)
@@ -196,7 +196,7 @@ def _flown(text: str, truth: Observations) -> Iterator[Frame]:
             truth.add(RPY, encode_true_rpy(frame.truth, header))
         else:
             truth.add(LINES, encode_true_lines(frame.truth, header))
-        yield Frame(frame.stamp_ns, FRAME_ID, frame.picture)
+        yield Frame(frame.stamp_ns, FRAME_ID, frame.image)
 
 
 def nodes_for(text: str) -> list[str]:

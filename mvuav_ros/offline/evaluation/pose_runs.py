@@ -42,13 +42,13 @@ class FlownPoses:
 
 
 def fly_poses(task: PoseTask) -> FlownPoses:
-    """Estimate the pose in every frame from the true places with noise; no picture is drawn."""
+    """Estimate the pose in every frame from the true places with noise; no image is drawn."""
     flight = TankerFlight(
         TankerSettings(
             motion='docking', frames=task.frames, seed=task.seed, distortion=task.distortion
         )
     )
-    camera, estimator = camera_model(flight.camera), PoseEstimator(flight.layout)
+    camera, estimator = camera_model(flight.camera), PoseEstimator(flight.rig)
     rng = np.random.default_rng(task.seed)
     rows = np.full((task.frames, 4), np.nan)
     for index in range(task.frames):

@@ -15,7 +15,7 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.runway_truth import LineRole, LineTruth, RunwayTruth
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.overlay import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 from mvuav_ros.vision.runway.statistics import RunwaySummary
@@ -26,16 +26,16 @@ ALONG = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE, LineRole.CENTRELINE)
 
 @dataclass(frozen=True)
 class RunwayTask:
-    """A flight, the parameters of each detector by name, and whose pictures to keep when."""
+    """A flight, the parameters of each detector by name, and whose images to keep when."""
 
     flight: RunwaySettings
     pipelines: Mapping[str, RunwayDetectorParameters]
-    pictures: Sequence[int] = ()
+    images: Sequence[int] = ()
     row: float = 90.0
 
 
 @dataclass(frozen=True, eq=False)
-class LinePicture:
+class LineImage:
     """A frame with the detector's overlay, and the true lines' segments (k, 4) px."""
 
     index: int
@@ -53,14 +53,14 @@ class RunwayRun:
         matches: every pair of a found and a true line.
         found: lines found in all frames.
         summary: the detector's own statistics.
-        pictures: those asked for.
+        images: those asked for.
     """
 
     visible: tuple[int, ...]
     matches: tuple[LineMatch, ...]
     found: int
     summary: RunwaySummary
-    pictures: tuple[LinePicture, ...]
+    images: tuple[LineImage, ...]
 
     def of(self, true: int) -> list[LineMatch]:
         """The matches of one true line (its index in `ALONG`)."""
@@ -78,12 +78,12 @@ class FlownRunway:
 def fly_runway(task: RunwayTask) -> FlownRunway:
     """Draw every frame once and show it to every detector."""
     flight = RunwayFlight(task.flight)
-    watchers = {n: _Watcher(RunwayPipeline(p), task.row) for n, p in task.pipelines.items()}
+    watchers = {n: _Watcher(RunwayDetector(p), task.row) for n, p in task.pipelines.items()}
     for index in flight.indices:
         frame = flight.frame(index)
-        image = frame.picture.bgr()
+        image = frame.image.bgr()
         for watcher in watchers.values():
-            keep = flight.time(index) if index in task.pictures else None
+            keep = flight.time(index) if index in task.images else None
             watcher.see(index, image, frame.stamp_ns, frame.truth, keep)
     return FlownRunway(task.flight, {name: w.run() for name, w in watchers.items()})
 
@@ -91,13 +91,13 @@ def fly_runway(task: RunwayTask) -> FlownRunway:
 class _Watcher:
     """Collects one detector's results."""
 
-    def __init__(self, pipeline: RunwayPipeline, row: float) -> None:
+    def __init__(self, pipeline: RunwayDetector, row: float) -> None:
         self._pipeline = pipeline
         self._row = row
         self._visible = [0] * len(ALONG)
         self._matches: list[LineMatch] = []
         self._found = 0
-        self._pictures: list[LinePicture] = []
+        self._images: list[LineImage] = []
 
     def see(
         self,
@@ -121,9 +121,7 @@ class _Watcher:
         self._matches += match_lines(found, true)
         if keep is not None:
             segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
-            self._pictures.append(
-                LinePicture(index, keep, _overlay(result), segments.reshape(-1, 4))
-            )
+            self._images.append(LineImage(index, keep, _overlay(result), segments.reshape(-1, 4)))
 
     def run(self) -> RunwayRun:
         return RunwayRun(
@@ -131,7 +129,7 @@ class _Watcher:
             tuple(self._matches),
             self._found,
             self._pipeline.statistics(),
-            tuple(self._pictures),
+            tuple(self._images),
         )
 
 

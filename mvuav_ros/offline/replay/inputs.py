@@ -51,7 +51,7 @@ def open_input(text: str, topic: str | None, fps: float | None, selection: Selec
     source = open_source(text, topic=topic, rate=fps, cameras=False)
     if isinstance(source, BagImages):
         return _Bag(source, selection)
-    return _Pictures(source, selection)
+    return _Images(source, selection)
 
 
 class _Bag:
@@ -79,7 +79,7 @@ class _Bag:
         self._bag.close()
 
 
-class _Pictures:
+class _Images:
     def __init__(self, source: FrameSource, selection: Selection) -> None:
         self._source = source
         self._selection = selection
@@ -103,5 +103,5 @@ class _Pictures:
 
 
 def _message(frame: Frame) -> RecordedMessage:
-    data = serialize_image(frame.picture, cdr_header(frame.stamp_ns, frame.frame_id))
+    data = serialize_image(frame.image, cdr_header(frame.stamp_ns, frame.frame_id))
     return RecordedMessage(IMAGE_TOPIC, IMAGE, frame.stamp_ns, data, None, RELIABLE_QOS)

@@ -1,4 +1,4 @@
-"""Tables, pictures and sections: what a report says, apart from how it looks."""
+"""Tables, figures and sections: what a report says, apart from how it looks."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Figure:
     """A figure; ``png`` is the file's content, ``alt`` says what it shows."""
 
     key: str
@@ -87,11 +87,11 @@ class Claim:
 
 @dataclass(frozen=True)
 class Section:
-    """Text, then tables and pictures in order."""
+    """Text, then tables and figures in order."""
 
     title: str
     paragraphs: tuple[str, ...] = ()
-    items: tuple[Table | Picture, ...] = ()
+    items: tuple[Table | Figure, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ class Report:
         """All tables in order."""
         return [i for section in self.sections for i in section.items if isinstance(i, Table)]
 
-    def pictures(self) -> list[Picture]:
-        """All pictures in order."""
-        return [i for section in self.sections for i in section.items if isinstance(i, Picture)]
+    def figures(self) -> list[Figure]:
+        """All figures in order."""
+        return [i for section in self.sections for i in section.items if isinstance(i, Figure)]
 
 
 def _known(value: Cell) -> Cell:

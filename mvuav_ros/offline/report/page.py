@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from html import escape
 
-from mvuav_ros.offline.report.model import NOT_AVAILABLE, Claim, Picture, Report, Section, Table
+from mvuav_ros.offline.report.model import NOT_AVAILABLE, Claim, Figure, Report, Section, Table
 
 _CSS = """
 :root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #d5dbe3;
@@ -118,7 +118,7 @@ def _verdict(holds: bool | None) -> str:
 def _section(section: Section) -> str:
     parts = [f'<h2 id="{_anchor(section.title)}">{escape(section.title)}</h2>']
     parts += [f'<p>{escape(text)}</p>' for text in section.paragraphs]
-    parts += [_table(item) if isinstance(item, Table) else _picture(item) for item in section.items]
+    parts += [_table(item) if isinstance(item, Table) else _figure(item) for item in section.items]
     return '\n'.join(parts)
 
 
@@ -164,12 +164,12 @@ def _word(word: bool, text: str = '') -> str:
     return ' class="word whole"' if 0 < len(text) <= _WHOLE else ' class="word"'
 
 
-def _picture(picture: Picture) -> str:
-    data = base64.b64encode(picture.png).decode('ascii')
+def _figure(figure: Figure) -> str:
+    data = base64.b64encode(figure.png).decode('ascii')
     return (
-        f'<figure id="{escape(picture.key)}"><h3>{escape(picture.title)}</h3>'
-        f'<img alt="{escape(picture.alt or picture.title)}" src="data:image/png;base64,{data}">'
-        f'{_notes(picture.notes, "figcaption")}</figure>'
+        f'<figure id="{escape(figure.key)}"><h3>{escape(figure.title)}</h3>'
+        f'<img alt="{escape(figure.alt or figure.title)}" src="data:image/png;base64,{data}">'
+        f'{_notes(figure.notes, "figcaption")}</figure>'
     )
 
 

@@ -1,4 +1,4 @@
-"""A report's files: the page, and its tables and pictures beside it."""
+"""A report's files: the page, and its tables and figures beside it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DATA = 'report.json'
 
 
 def write_report(report: Report, folder: Path) -> Path:
-    """Write ``index.html``, ``report.json``, and each table (CSV, JSON) and picture (PNG).
+    """Write ``index.html``, ``report.json``, and each table (CSV, JSON) and figure (PNG).
 
     Args:
         report: what to write.
@@ -28,8 +28,8 @@ def write_report(report: Report, folder: Path) -> Path:
     for table in report.tables():
         write_csv(table, folder / f'{table.key}.csv')
         _write_json(table.records(), folder / f'{table.key}.json')
-    for picture in report.pictures():
-        (folder / f'{picture.key}.png').write_bytes(picture.png)
+    for figure in report.figures():
+        (folder / f'{figure.key}.png').write_bytes(figure.png)
     _write_json(as_data(report), folder / DATA)
     page = folder / PAGE
     page.write_text(render_page(report), encoding='utf-8')
@@ -59,7 +59,7 @@ def as_data(report: Report) -> dict[str, object]:
         'settings': dict(report.settings),
         'claims': [vars(claim) for claim in report.claims],
         'tables': {table.key: table.records() for table in report.tables()},
-        'pictures': {picture.key: f'{picture.key}.png' for picture in report.pictures()},
+        'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
     }
 
 

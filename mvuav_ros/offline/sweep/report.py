@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.metric import metric_groups
-from mvuav_ros.offline.report.model import Cell, Column, Picture, Report, Section, Table
+from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below
 from mvuav_ros.offline.sweep.run import Axis as SweepAxis
 from mvuav_ros.offline.sweep.run import RunResult
@@ -134,9 +134,9 @@ def _metric_cell(result: RunResult, column: str) -> Cell:
     return next((m.cell for m in result.metrics if m.column == column), None)
 
 
-def trend_picture(
+def trend_image(
     results: Sequence[RunResult], arrangement: str, group: str, ticks: Sequence[str]
-) -> Picture:
+) -> Figure:
     """The trends of some runs in one figure.
 
     Args:
@@ -166,16 +166,16 @@ def _value(result: RunResult, column: str) -> float:
 
 def _single(
     results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
-) -> Picture:
+) -> Figure:
     with drawing(9.6, 3.6) as canvas:
         axes = canvas.figure.subplots()
         _draw(axes, results, group, names, ticks)
-    return Picture(f'trend_{_key(group)}', group.capitalize(), canvas.png)
+    return Figure(f'trend_{_key(group)}', group.capitalize(), canvas.png)
 
 
 def _subplots(
     results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], ticks: Sequence[str]
-) -> Picture:
+) -> Figure:
     rows = math.ceil(len(groups) / 2)
     with drawing(9.6, 0.6 + 2.6 * rows) as canvas:
         panels = canvas.figure.subplots(rows, 2, squeeze=False)
@@ -183,7 +183,7 @@ def _subplots(
             _draw(axes, results, group, names, ticks)
         for axes in list(panels.flat)[len(groups) :]:
             axes.set_visible(False)
-    return Picture('trends_subplot', 'All trends', canvas.png)
+    return Figure('trends_subplot', 'All trends', canvas.png)
 
 
 def _draw(
@@ -210,12 +210,12 @@ def _grouped(
     results: Sequence[RunResult],
     groups: Mapping[str, Sequence[str]],
     axes: Sequence[SweepAxis],
-) -> tuple[Picture, ...]:
+) -> tuple[Figure, ...]:
     """Bars over the values of the parameters, one colour for each input."""
     sources = list(dict.fromkeys(result.run.source for result in results))
     cells = list(dict.fromkeys(result.run.values for result in results))
     titles = [', '.join(str(_cell(value)) for value in values) or 'defaults' for values in cells]
-    pictures = []
+    figures = []
     for group, names in groups.items():
         with drawing(9.6, 0.8 + 2.3 * len(names)) as canvas:
             panels = canvas.figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
@@ -242,8 +242,8 @@ def _grouped(
             )
             panels[-1].set_xlabel(', '.join(axis.title for axis in axes) or 'parameters')
             legend_below(canvas.figure, panels[0], columns=1)
-        pictures.append(Picture(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
-    return tuple(pictures)
+        figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
+    return tuple(figures)
 
 
 def _ticks(results: Sequence[RunResult], axes: Sequence[SweepAxis]) -> list[str]:

@@ -19,7 +19,7 @@ from mvuav_ros.offline.evaluation.identity_runs import (
 from mvuav_ros.offline.evaluation.numbers import rms
 from mvuav_ros.offline.evaluation.pose_runs import FlownPoses, PoseTask, fly_poses
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
-from mvuav_ros.offline.thesis.plan import Plan, Workshop
+from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan
 
 EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
 """m; the pose is told between each two."""
@@ -44,7 +44,7 @@ def pose_tasks(plan: Plan) -> list[PoseTask]:
     ]
 
 
-def beyond_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
+def beyond_section(workshop: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Fly the scenes and the approaches, and hold names and poses against the truth."""
     names = workshop.all_of(fly_names, identity_tasks(workshop.plan))
     poses = workshop.all_of(fly_poses, pose_tasks(workshop.plan))

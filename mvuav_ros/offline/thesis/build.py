@@ -14,7 +14,7 @@ import cv2
 import mvuav_ros
 from mvuav_ros.offline.report.model import Cell, Claim, Report, Section
 from mvuav_ros.offline.thesis.beyond import beyond_section, identity_tasks, pose_tasks
-from mvuav_ros.offline.thesis.plan import THESIS_RUN, Plan, Workshop, detector, tracker
+from mvuav_ros.offline.thesis.plan import THESIS_RUN, ExperimentRunner, Plan, detector, tracker
 from mvuav_ros.offline.thesis.roll_cells import ROLLS_DEG
 from mvuav_ros.offline.thesis.runway import runway_section, runway_tasks
 from mvuav_ros.offline.thesis.times import times_section
@@ -24,7 +24,7 @@ from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.shake import VIBRATIONS
 
-Chapter = Callable[[Workshop], tuple[Section, list[Claim]]]
+Chapter = Callable[[ExperimentRunner], tuple[Section, list[Claim]]]
 CHAPTERS: dict[str, Chapter] = {
     'times': times_section,
     'tracking': tracking_section,
@@ -54,7 +54,7 @@ def build_report(
         advance: called `steps_of` times.
         command: that was typed; kept among the settings.
     """
-    workshop = Workshop(plan, advance)
+    workshop = ExperimentRunner(plan, advance)
     sections: list[Section] = []
     claims: list[Claim] = []
     for chapter in CHAPTERS.values():

@@ -77,7 +77,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Workshop:
+class ExperimentRunner:
     """What a chapter needs to get its flights flown."""
 
     plan: Plan

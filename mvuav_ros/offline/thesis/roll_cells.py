@@ -10,7 +10,7 @@ import numpy as np
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
 from mvuav_ros.offline.evaluation.numbers import Interval, pooled_rms, rms
 from mvuav_ros.offline.report.model import NOT_AVAILABLE, Cell, Claim, Column, Table
-from mvuav_ros.offline.thesis.plan import SHIPPED, VIBRATION_FPS, Plan, Workshop, tracker
+from mvuav_ros.offline.thesis.plan import SHIPPED, VIBRATION_FPS, ExperimentRunner, Plan, tracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
@@ -45,7 +45,7 @@ class RollCell:
     pointing: float
 
 
-def fly_cells(workshop: Workshop) -> list[RollCell]:
+def fly_cells(workshop: ExperimentRunner) -> list[RollCell]:
     """The twelve cells, each from several flights of 60 measurements."""
     plan = workshop.plan
     keys = [(roll, shake) for roll in ROLLS_DEG for shake in range(len(VIBRATIONS))]

@@ -1,4 +1,4 @@
-"""Figures 5.12 to 5.15: runway pictures with lines, and how right the lines are."""
+"""Figures 5.12 to 5.15: runway figures with lines, and how right the lines are."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
 from mvuav_ros.offline.evaluation.numbers import rms
 from mvuav_ros.offline.evaluation.runway_runs import ALONG, FlownRunway, RunwayTask, fly_runway
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Picture, Section, Table
+from mvuav_ros.offline.report.model import Cell, Claim, Column, Figure, Section, Table
 from mvuav_ros.offline.report.style import drawing, label
-from mvuav_ros.offline.thesis.plan import Plan, Workshop, detector
+from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, detector
 from mvuav_ros.simulation.settings import RunwaySettings
 
 FPS = 15.0
@@ -32,11 +32,11 @@ _SCENES = {
 _PITCH = {'low_pass': 20.0, 'approach': 14.0, 's_turn': 24.0}
 
 
-def runway_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
+def runway_section(workshop: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Fly the scenes and show what was found."""
     flown = workshop.all_of(fly_runway, runway_tasks(workshop.plan))
     scenes = dict(zip(_SCENES, flown, strict=True))
-    pictures = [
+    figures = [
         _scene_figure(f'figure_5_{12 + number}', f'Figure 5.{12 + number}: {name}', flight)
         for number, (name, flight) in enumerate(scenes.items())
     ]
@@ -44,7 +44,7 @@ def runway_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
         'Runway lines',
         (
             "Simulated flights at the thesis's 320x240 with its rows (50 to 130), red channel and "
-            'three peaks. The thesis shows real pictures without truth and without numbers; here '
+            'three peaks. The thesis shows real figures without truth and without numbers; here '
             'each found line is compared with the runway that was drawn.',
             f'A line counts as found when it passes within {DISTANCE_LIMIT:g} px of the true one '
             'at the middle of the rows, and differs from its direction by at most '
@@ -52,13 +52,13 @@ def runway_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
             'stripe lies a little inside, and '
             'a painted line has two sides, both of which are edges to the detector.',
         ),
-        (_table(scenes), *pictures),
+        (_table(scenes), *figures),
     )
     return section, []
 
 
 def runway_tasks(plan: Plan) -> list[RunwayTask]:
-    """One flight for each scene, with three pictures kept."""
+    """One flight for each scene, with three figures kept."""
     frames = plan.runway_frames
     kept = tuple(round(part * (frames - 1)) for part in (0.1, 0.5, 0.9))
     return [
@@ -119,21 +119,21 @@ def _table(scenes: dict[str, FlownRunway]) -> Table:
     )
 
 
-def _scene_figure(key: str, title: str, flight: FlownRunway) -> Picture:
+def _scene_figure(key: str, title: str, flight: FlownRunway) -> Figure:
     run = flight.runs[_THESIS]
     with drawing(9.6, 2.9) as canvas:
-        panels = canvas.figure.subplots(1, len(run.pictures), sharey=True, squeeze=False)[0]
-        for number, (axes, picture) in enumerate(zip(panels, run.pictures, strict=True)):
-            height, width = picture.overlay.shape[:2]
-            axes.imshow(picture.overlay, interpolation='lanczos')
-            for x1, y1, x2, y2 in picture.segments:
+        panels = canvas.figure.subplots(1, len(run.images), sharey=True, squeeze=False)[0]
+        for number, (axes, image) in enumerate(zip(panels, run.images, strict=True)):
+            height, width = image.overlay.shape[:2]
+            axes.imshow(image.overlay, interpolation='lanczos')
+            for x1, y1, x2, y2 in image.segments:
                 axes.plot([x1, x2], [y1, y2], ':', color='white', lw=2.0)
                 axes.plot([x1, x2], [y1, y2], ':', color='#0072b2', lw=1.2)
             axes.set_xlim(-0.5, width - 0.5)
             axes.set_ylim(height - 0.5, -0.5)
             axes.grid(visible=False)
-            label(axes, f'{picture.time:.1f} s', 'x [px]', '' if number else 'y [px], down')
-    return Picture(
+            label(axes, f'{image.time:.1f} s', 'x [px]', '' if number else 'y [px], down')
+    return Figure(
         key,
         title,
         canvas.png,
@@ -141,6 +141,6 @@ def _scene_figure(key: str, title: str, flight: FlownRunway) -> Picture:
         (
             'Solid green: lines believed; dashed: held by the rho/theta correction, in the colour '
             'of their flags. Dotted blue on white: the true edges and centreline. Brackets: the '
-            "rows searched. The thesis's own pictures are not available to us.",
+            "rows searched. The thesis's own figures are not available to us.",
         ),
     )

@@ -17,7 +17,7 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import area_fits
 from mvuav_ros.vision.markers.grouping import bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
@@ -30,9 +30,9 @@ from mvuav_ros.vision.markers.results import (
     Window,
 )
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window, window_around
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
-from mvuav_ros.vision.point_operations import Image, threshold
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.point_operations import Pixels, threshold
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import detect_edges, open_vertically, select_channel
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import find_peaks
@@ -40,15 +40,15 @@ from mvuav_ros.vision.runway.peaks import find_peaks
 WHOLE = 'whole'
 
 
-def timed_pictures(plan: Plan) -> list[tuple[Picture, int]]:
+def timed_images(plan: Plan) -> list[tuple[Image, int]]:
     """Frames of the trial with everything in it, and their stamps."""
     flight = TankerFlight(
         TankerSettings(motion='roll_translation', frames=plan.timed_frames, seed=plan.seed)
     )
-    return [(frame.picture, frame.stamp_ns) for frame in flight]
+    return [(frame.image, frame.stamp_ns) for frame in flight]
 
 
-def table_5_2(frames: Sequence[tuple[Picture, int]], passes: int) -> Table:
+def table_5_2(frames: Sequence[tuple[Image, int]], passes: int) -> Table:
     """Stages of the marker programs: a whole frame, and a tracked one."""
     whole, tracked = Stopwatch(), Stopwatch()
     for _ in range(passes):
@@ -71,13 +71,13 @@ def table_5_2(frames: Sequence[tuple[Picture, int]], passes: int) -> Table:
     )
 
 
-def time_detection(frames: Sequence[tuple[Picture, int]], watch: Stopwatch) -> None:
+def time_detection(frames: Sequence[tuple[Image, int]], watch: Stopwatch) -> None:
     """One pass of Appendix A's stages over the frames."""
     parameters = tracker(mode='detect')
-    pipeline = MarkerPipeline(parameters)
+    pipeline = MarkerTracker(parameters)
     distance = parameters.grouping_distance
-    for number, (picture, stamp_ns) in enumerate(frames):
-        gray = watch.time('grey', number, picture.gray)
+    for number, (image, stamp_ns) in enumerate(frames):
+        gray = watch.time('grey', number, image.gray)
         mask = watch.time('threshold', number, threshold, gray, parameters.threshold)
         x, y = watch.time('collecting bright pixels', number, bright_pixels, mask)
         clusters = watch.time('grouping, centroids', number, group_pixels, x, y, distance)
@@ -89,32 +89,32 @@ def time_detection(frames: Sequence[tuple[Picture, int]], watch: Stopwatch) -> N
                 for label, i in zip(TANKER_LABELS, order, strict=True)
             ]
             watch.time('roll', number, roll_of, markers)
-        watch.time(WHOLE, number, pipeline.process, picture, stamp_ns)
+        watch.time(WHOLE, number, pipeline.process, image, stamp_ns)
 
 
-def time_tracking(frames: Sequence[tuple[Picture, int]], watch: Stopwatch) -> None:
+def time_tracking(frames: Sequence[tuple[Image, int]], watch: Stopwatch) -> None:
     """One pass of Appendix C's stages over the frames after the whole ones at the start."""
     parameters = tracker(mode='track', prediction='velocity')
-    pipeline = MarkerPipeline(parameters)
+    pipeline = MarkerTracker(parameters)
     motions = [Motion() for _ in TANKER_LABELS]
-    for number, (picture, stamp_ns) in enumerate(frames):
+    for number, (image, stamp_ns) in enumerate(frames):
         time = (stamp_ns - frames[0][1]) * 1e-9
         if number < WHOLE_FRAMES:
             for motion, marker in zip(
-                motions, pipeline.process(picture, stamp_ns).markers, strict=True
+                motions, pipeline.process(image, stamp_ns).markers, strict=True
             ):
                 motion.add(time, marker.x, marker.y)
             continue
         places = watch.time('prediction', number, _predict, motions, time)
-        windows = watch.time('windows', number, _windows, places, picture, parameters)
-        lights = watch.time('threshold, centroids', number, _measure, picture, windows, parameters)
+        windows = watch.time('windows', number, _windows, places, image, parameters)
+        lights = watch.time('threshold, centroids', number, _measure, image, windows, parameters)
         watch.time('velocity, acceleration', number, _add, motions, time, lights)
         markers = [
             Marker(label, MarkerState.DETECTED, light.x, light.y)
             for label, light in zip(TANKER_LABELS, lights, strict=True)
         ]
         watch.time('roll', number, roll_of, markers)
-        watch.time(WHOLE, number, pipeline.process, picture, stamp_ns)
+        watch.time(WHOLE, number, pipeline.process, image, stamp_ns)
 
 
 def _predict(motions: Sequence[Motion], time: float) -> list[tuple[float, float]]:
@@ -122,16 +122,16 @@ def _predict(motions: Sequence[Motion], time: float) -> list[tuple[float, float]
 
 
 def _windows(
-    places: Sequence[tuple[float, float]], picture: Picture, parameters: MarkerTrackerParameters
+    places: Sequence[tuple[float, float]], image: Image, parameters: MarkerTrackerParameters
 ) -> list[Window]:
-    radius, width, height = parameters.search_radius, picture.width, picture.height
+    radius, width, height = parameters.search_radius, image.width, image.height
     return [window_around(x, y, radius, width, height) for x, y in places]
 
 
 def _measure(
-    picture: Picture, windows: Sequence[Window], parameters: MarkerTrackerParameters
+    image: Image, windows: Sequence[Window], parameters: MarkerTrackerParameters
 ) -> list[Cluster]:
-    lights = [measure_window(picture, window, parameters) for window in windows]
+    lights = [measure_window(image, window, parameters) for window in windows]
     # Of an undisturbed flight: every light is in its window.
     assert all(light is not None for light in lights)
     return [light for light in lights if light is not None]
@@ -154,7 +154,7 @@ def table_5_7(plan: Plan) -> Table:
         frames=plan.timed_frames,
         seed=plan.seed,
     )
-    images = [frame.picture.bgr() for frame in RunwayFlight(settings)]
+    images = [frame.image.bgr() for frame in RunwayFlight(settings)]
     watch = Stopwatch()
     for _ in range(plan.passes):
         time_runway(images, detector(), watch)
@@ -171,10 +171,10 @@ def table_5_7(plan: Plan) -> Table:
 
 
 def time_runway(
-    images: Sequence[Image], parameters: RunwayDetectorParameters, watch: Stopwatch
+    images: Sequence[Pixels], parameters: RunwayDetectorParameters, watch: Stopwatch
 ) -> None:
     """One pass of the runway scheme's stages over the frames."""
-    pipeline = RunwayPipeline(parameters)
+    pipeline = RunwayDetector(parameters)
     rows = slice(parameters.start_row, parameters.end_row)
     height, width = images[0][rows].shape[:2]
     grid = HoughGrid(height, width, parameters.rho_resolution, parameters.theta_resolution_deg)

@@ -21,13 +21,13 @@ from mvuav_ros.offline.report.model import (
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import (
     SHIPPED,
+    ExperimentRunner,
     Plan,
-    Workshop,
     tracker,
     tracking_pipelines,
     words,
 )
-from mvuav_ros.offline.thesis.stages import table_5_2, table_5_7, timed_pictures
+from mvuav_ros.offline.thesis.stages import table_5_2, table_5_7, timed_images
 from mvuav_ros.offline.thesis.times_figures import (
     Loss,
     loss_figure,
@@ -40,12 +40,12 @@ from mvuav_ros.parameters.marker_tracker import (
 )
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
-Frames = Sequence[tuple[Picture, int]]
+Frames = Sequence[tuple[Image, int]]
 _TRACK = 'track'
 _FAILURES = 'right_wing@0.6-1.0, rudder@0.8-1.0, all@1.6-1.8'
 
@@ -63,10 +63,10 @@ class Timed:
         return float(np.median(self.ms[WHOLE_FRAMES:]))
 
 
-def times_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
+def times_section(workshop: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Time the marker programs and the runway scheme; nothing else may run meanwhile."""
     plan = workshop.plan
-    frames = timed_pictures(plan)
+    frames = timed_images(plan)
     timed = {name: time_pipeline(p, frames, plan.passes) for name, p in methods().items()}
     workshop.advance()
     share = window_share(timed, frames)
@@ -105,11 +105,11 @@ def time_pipeline(parameters: MarkerTrackerParameters, frames: Frames, passes: i
     seconds: list[list[float]] = []
     results: list[MarkerResult] = []
     for _ in range(passes):
-        pipeline = MarkerPipeline(parameters)
+        pipeline = MarkerTracker(parameters)
         results, taken = [], []
-        for picture, stamp_ns in frames:
+        for image, stamp_ns in frames:
             start = time.perf_counter()
-            results.append(pipeline.process(picture, stamp_ns))
+            results.append(pipeline.process(image, stamp_ns))
             taken.append(time.perf_counter() - start)
         seconds.append(taken)
     return Timed(least_ms(seconds), tuple(results))
@@ -117,9 +117,9 @@ def time_pipeline(parameters: MarkerTrackerParameters, frames: Frames, passes: i
 
 def window_share(timed: Mapping[str, Timed], frames: Frames) -> float:
     """The search windows' part of the frame, as the thesis's tracking has them."""
-    picture = frames[-1][0]
+    image = frames[-1][0]
     windows = timed[f'{_TRACK}, velocity'].results[-1].windows
-    return sum(map(_area, windows)) / (picture.width * picture.height)
+    return sum(map(_area, windows)) / (image.width * image.height)
 
 
 def _area(window: Window) -> int:
@@ -163,7 +163,7 @@ def _loss(plan: Plan) -> tuple[dict[str, Array], Loss]:
         TankerSettings(motion='roll_translation', frames=75, seed=plan.seed, failures=_FAILURES)
     )
     drawn = list(flight)
-    frames = [(frame.picture, frame.stamp_ns) for frame in drawn]
+    frames = [(frame.image, frame.stamp_ns) for frame in drawn]
     chosen = {name: p for name, p in methods().items() if _belongs_to_loss(name)}
     timed = {name: time_pipeline(p, frames, plan.passes) for name, p in chosen.items()}
     lit = [sum(marker.visible for marker in frame.truth.markers) for frame in drawn]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.model import Picture
+from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.style import (
     THESIS,
     TRUTH,
@@ -31,7 +31,7 @@ class Loss(NamedTuple):
     found: Mapping[str, Array]
 
 
-def method_figure(times: Mapping[str, Array]) -> Picture:
+def method_figure(times: Mapping[str, Array]) -> Figure:
     """Time of every frame, by method."""
     with drawing(9.6, 4.6) as canvas:
         axes = canvas.figure.subplots()
@@ -44,7 +44,7 @@ def method_figure(times: Mapping[str, Array]) -> Picture:
         axes.set_xlim(1, max(len(ms) for ms in times.values()))
         label(axes, '', 'frame', 'time per frame [ms]')
         legend_below(canvas.figure, axes, columns=4)
-    return Picture(
+    return Figure(
         'figure_5_1',
         'Figure 5.1: time per frame by method',
         canvas.png,
@@ -53,7 +53,7 @@ def method_figure(times: Mapping[str, Array]) -> Picture:
     )
 
 
-def transient_figure(times: Mapping[str, Array]) -> Picture:
+def transient_figure(times: Mapping[str, Array]) -> Figure:
     """The first frames of tracking."""
     with drawing(9.6, 3.9) as canvas:
         axes = canvas.figure.subplots()
@@ -65,7 +65,7 @@ def transient_figure(times: Mapping[str, Array]) -> Picture:
         axes.set_xticks(frames)
         label(axes, '', 'frame', 'time per frame [ms]')
         legend_below(canvas.figure, axes, columns=5)
-    return Picture(
+    return Figure(
         'figure_5_2',
         'Figure 5.2: the transient at the start of tracking',
         canvas.png,
@@ -77,7 +77,7 @@ def transient_figure(times: Mapping[str, Array]) -> Picture:
     )
 
 
-def loss_figure(times: Mapping[str, Array], loss: Loss) -> Picture:
+def loss_figure(times: Mapping[str, Array], loss: Loss) -> Figure:
     """Lights found, and time per frame, while lights go out and come back."""
     with drawing(9.6, 5.4) as canvas:
         upper, lower = canvas.figure.subplots(2, 1, sharex=True)
@@ -90,7 +90,7 @@ def loss_figure(times: Mapping[str, Array], loss: Loss) -> Picture:
         label(upper, '', '', 'lights found')
         label(lower, '', 'time [s]', 'time per frame [ms]')
         legend_below(canvas.figure, upper, columns=5)
-    return Picture(
+    return Figure(
         'figure_5_3',
         'Figure 5.3: the loss variant',
         canvas.png,

@@ -16,8 +16,8 @@ from mvuav_ros.offline.thesis.plan import (
     SHIPPED,
     THESIS_RUN,
     TRIAL_FPS,
+    ExperimentRunner,
     Plan,
-    Workshop,
     tracking_pipelines,
     words,
 )
@@ -52,7 +52,7 @@ def trial_settings(plan: Plan, trial: str, shake: int = 0) -> TankerSettings:
     )
 
 
-def tracking_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
+def tracking_section(workshop: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Fly the trials and say how well they were predicted and measured."""
     flown = workshop.all_of(fly_markers, tracking_tasks(workshop.plan))
     steady = [flight for flight in flown if flight.settings.shake == 0]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
 from mvuav_ros.offline.evaluation.numbers import distance_rms
-from mvuav_ros.offline.report.model import Picture
+from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.style import (
     COLORS,
     GRID,
@@ -27,7 +27,7 @@ MARKER_NAMES = tuple(words(label.name.lower()) for label in TANKER_LABELS)
 _WING = len(MARKER_NAMES) - 1
 
 
-def tracking_figures(steady: Sequence[FlownMarkers]) -> list[Picture]:
+def tracking_figures(steady: Sequence[FlownMarkers]) -> list[Figure]:
     """All of them, of the four trials without vibration."""
     rolling = [f for f in steady if 'roll' in f.settings.motion]
     return [
@@ -40,7 +40,7 @@ def tracking_figures(steady: Sequence[FlownMarkers]) -> list[Picture]:
     ]
 
 
-def _paths(steady: Sequence[FlownMarkers]) -> Picture:
+def _paths(steady: Sequence[FlownMarkers]) -> Figure:
     with drawing(9.6, 7.6) as canvas:
         panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
         for axes, flight in zip(panels.flat, steady, strict=True):
@@ -61,7 +61,7 @@ def _paths(steady: Sequence[FlownMarkers]) -> Picture:
         for axes in panels[:, 0]:
             axes.set_ylabel('y [px], down')
         legend_below(canvas.figure, panels.flat[0])
-    return Picture(
+    return Figure(
         'figure_5_4',
         'Figure 5.4: estimated against actual position, on the frame',
         canvas.png,
@@ -70,7 +70,7 @@ def _paths(steady: Sequence[FlownMarkers]) -> Picture:
     )
 
 
-def _positions(steady: Sequence[FlownMarkers]) -> Picture:
+def _positions(steady: Sequence[FlownMarkers]) -> Figure:
     with drawing(9.6, 6.4) as canvas:
         panels = canvas.figure.subplots(2, len(steady), sharex=True)
         for column, flight in enumerate(steady):
@@ -94,7 +94,7 @@ def _positions(steady: Sequence[FlownMarkers]) -> Picture:
                 title = words(flight.settings.motion) if row == 0 else ''
                 label(axes, title, 'time [s]' if row else '', f'{axis} [px]' if not column else '')
         legend_below(canvas.figure, panels[0, 0])
-    return Picture(
+    return Figure(
         'figure_5_5',
         'Figure 5.5: estimated against actual position over time, right wing',
         canvas.png,
@@ -106,7 +106,7 @@ def _positions(steady: Sequence[FlownMarkers]) -> Picture:
     )
 
 
-def _errors(steady: Sequence[FlownMarkers], method: str, key: str, number: str) -> Picture:
+def _errors(steady: Sequence[FlownMarkers], method: str, key: str, number: str) -> Figure:
     with drawing(9.6, 5.4) as canvas:
         panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
         for axes, flight in zip(panels.flat, steady, strict=True):
@@ -132,7 +132,7 @@ def _errors(steady: Sequence[FlownMarkers], method: str, key: str, number: str) 
             axes.set_ylabel('error [px]')
         panels.flat[0].set_ylim(bottom=0)
         legend_below(canvas.figure, panels.flat[0], columns=4)
-    return Picture(
+    return Figure(
         key,
         f'Figure {number}: error of prediction over time, {method}',
         canvas.png,
@@ -141,7 +141,7 @@ def _errors(steady: Sequence[FlownMarkers], method: str, key: str, number: str) 
     )
 
 
-def _rolls(rolling: Sequence[FlownMarkers]) -> Picture:
+def _rolls(rolling: Sequence[FlownMarkers]) -> Figure:
     with drawing(9.6, 5.2) as canvas:
         panels = canvas.figure.subplots(
             2, len(rolling), sharex=True, sharey='row', height_ratios=(2, 1)
@@ -164,7 +164,7 @@ def _rolls(rolling: Sequence[FlownMarkers]) -> Picture:
             lower.axhline(0.0, color=GRID, lw=1.0)
             label(lower, '', 'time [s]', '' if column else 'error [°]')
         legend_below(canvas.figure, panels[0, 0], panels[1, 0], columns=4)
-    return Picture(
+    return Figure(
         'figure_5_8',
         'Figure 5.8: roll, estimated against actual, and its error',
         canvas.png,
@@ -176,7 +176,7 @@ def _rolls(rolling: Sequence[FlownMarkers]) -> Picture:
     )
 
 
-def _bars(steady: Sequence[FlownMarkers]) -> Picture:
+def _bars(steady: Sequence[FlownMarkers]) -> Figure:
     with drawing(9.6, 5.8) as canvas:
         panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
         width = 0.84 / len(RUNS)
@@ -212,7 +212,7 @@ def _bars(steady: Sequence[FlownMarkers]) -> Picture:
         )
         panels.flat[0].set_ylim(bottom=0.4 * max(least, 0.01))
         legend_below(canvas.figure, panels.flat[0], columns=4)
-    return Picture(
+    return Figure(
         'figure_5_9',
         'Figure 5.9: RMS of prediction by marker, method and trial',
         canvas.png,

@@ -10,7 +10,7 @@ import numpy as np
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
 from mvuav_ros.offline.evaluation.numbers import Array, Spectrum, rms, spectrum
 from mvuav_ros.offline.report.model import NOT_AVAILABLE, Cell, Claim, Column, Section, Table
-from mvuav_ros.offline.thesis.plan import SHIPPED, VIBRATION_FPS, Plan, Workshop
+from mvuav_ros.offline.thesis.plan import SHIPPED, VIBRATION_FPS, ExperimentRunner, Plan
 from mvuav_ros.offline.thesis.roll_cells import NAMES, fly_cells, roll_claims, roll_tables
 from mvuav_ros.offline.thesis.vibration_figures import Curve, roll_figure, spectrum_figure
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -21,7 +21,7 @@ _SEGMENT = 10.0
 """Length of Welch's segments, s."""
 
 
-def vibration_section(workshop: Workshop) -> tuple[Section, list[Claim]]:
+def vibration_section(workshop: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Fly before a shaking camera: long flights for the spectra, short ones for the roll."""
     flown = workshop.all_of(fly_markers, spectrum_tasks(workshop.plan))
     cells = fly_cells(workshop)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mvuav_ros.offline.evaluation.numbers import Interval, Spectrum
-from mvuav_ros.offline.report.model import Picture
+from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class Curve(NamedTuple):
 
 def spectrum_figure(
     key: str, title: str, unit: str, curves: Sequence[Curve], notes: tuple[str, ...]
-) -> Picture:
+) -> Figure:
     """Densities over frequency; triangles at the frequencies that were set."""
     with drawing(9.6, 4.2) as canvas:
         axes = canvas.figure.subplots()
@@ -52,10 +52,10 @@ def spectrum_figure(
         axes.set_xlim(0, float(curves[0].measured.frequency[-1]))
         label(axes, '', 'frequency [Hz]', unit)
         legend_below(canvas.figure, axes)
-    return Picture(key, title, canvas.png, f'{title}: one curve for each vibration', notes)
+    return Figure(key, title, canvas.png, f'{title}: one curve for each vibration', notes)
 
 
-def roll_figure(cells: Sequence[RollCell]) -> Picture:
+def roll_figure(cells: Sequence[RollCell]) -> Figure:
     """Measured swing and error over the vibration in px, with intervals."""
     with drawing(9.6, 4.0) as canvas:
         left, right = canvas.figure.subplots(1, 2)
@@ -72,7 +72,7 @@ def roll_figure(cells: Sequence[RollCell]) -> Picture:
         for axes in (left, right):
             axes.set_ylim(bottom=0)
         legend_below(canvas.figure, left)
-    return Picture(
+    return Figure(
         'figure_roll_vibration',
         'Roll against vibration, the cells of Table 5.5',
         canvas.png,

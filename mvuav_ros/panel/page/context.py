@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.panel.images import PictureFeed
+from mvuav_ros.panel.images import ImageFeed
 from mvuav_ros.panel.live_system import LiveNode, LiveSystem
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
@@ -20,7 +20,7 @@ class Services:
 
     Attributes:
         system: the running nodes.
-        feed: their pictures.
+        feed: their images.
         sets: named parameters.
         runs: saved runs.
         bags: folders and files with recordings.
@@ -28,7 +28,7 @@ class Services:
     """
 
     system: LiveSystem
-    feed: PictureFeed
+    feed: ImageFeed
     sets: SetStore
     runs: RunStore
     bags: tuple[Path, ...]

@@ -1,4 +1,4 @@
-"""The part with the pictures, chosen and arranged by the user."""
+"""The part with the images, chosen and arranged by the user."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from mvuav_ros.panel.images import Stream, streams_of
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import box, empty, icon_button, text
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.vision.image import ImageError, Picture
+from mvuav_ros.vision.image import Image, ImageError
 
 _SIZES = ('s', 'm', 'l')
 _SHOWN_FIRST = ('input', 'debug/overlay', 'debug_image')
-_KEPT = 'tuning_panel_pictures'
+_KEPT = 'tuning_panel_images'
 SHOW_VALUE, START_ROW, END_ROW = 'Value', 'start_row', 'end_row'
 
 
 class Tile:
-    """One picture."""
+    """One image."""
 
-    def __init__(self, stream: Stream, part: Pictures, size: str) -> None:
+    def __init__(self, stream: Stream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
         self._action = SHOW_VALUE
         with box(f'card tile {size}', 'article') as self.element:
@@ -37,11 +37,11 @@ class Tile:
                 icon_button('photo_size_select_large', 'Another size', lambda: part.resize(self))
                 icon_button('close', 'Remove', lambda: part.remove(self))
             with box('well').props('data-fresh=never'):
-                self._canvas = box('picture', 'canvas')
+                self._canvas = box('image', 'canvas')
                 self._canvas.props['data-key'] = stream.key
                 self._canvas.props['role'] = 'img'
                 self._canvas.props['aria-label'] = stream.title
-                text('Waiting for pictures', 'waiting')
+                text('Waiting for images', 'waiting')
             if stream.name == 'input':
                 self._clicks()
         self.show_rows()
@@ -73,12 +73,12 @@ class Tile:
             self._part.set_parameter(self.stream.node, self._action, row)
             return
         try:
-            picture = self._part.page.services.feed.newest(self.stream.key)
+            image = self._part.page.services.feed.newest(self.stream.key)
         except ImageError:
-            picture = None
+            image = None
         node = self._part.page.services.system.nodes.get(self.stream.node)
-        if picture is not None and node is not None:
-            self._words.set_text(pixel_words(picture, x, y, node.values))
+        if image is not None and node is not None:
+            self._words.set_text(pixel_words(image, x, y, node.values))
 
     def show_rows(self) -> None:
         """Draw the rows searched on the input."""
@@ -91,46 +91,46 @@ class Tile:
                 self._canvas.update()
 
 
-def pixel_words(picture: Picture, x: int, y: int, values: dict[str, Any]) -> str:
+def pixel_words(image: Image, x: int, y: int, values: dict[str, Any]) -> str:
     """A pixel's value as a fraction of full scale, held against the node's threshold."""
-    if not (0 <= x < picture.width and 0 <= y < picture.height):
+    if not (0 <= x < image.width and 0 <= y < image.height):
         return ''
-    gray = picture.gray()
+    gray = image.gray()
     value = float(gray[y, x]) / (65535.0 if gray.dtype.itemsize == 2 else 255.0)
     words = f'x {x}, y {y}: {value:.3f}'
     threshold = values.get('threshold')
     if isinstance(threshold, float):
         side = 'above' if value > threshold else 'not above'
         return f'{words}, {side} the threshold {threshold:.3f}'
-    if not picture.is_gray:
-        blue, green, red = (int(each) for each in picture.bgr()[y, x])
+    if not image.is_gray:
+        blue, green, red = (int(each) for each in image.bgr()[y, x])
         words += f' (red {red}, green {green}, blue {blue})'
     return words
 
 
-class Pictures:
+class Images:
     """The tiles."""
 
     def __init__(self, page: Page, set_parameter: Callable[[str, str, Value], None]) -> None:
         """Make the part in the place where elements now go.
 
         Args:
-            page: whose nodes' pictures are shown.
-            set_parameter: called with node, parameter and value after a click on a picture.
+            page: whose nodes' images are shown.
+            set_parameter: called with node, parameter and value after a click on a image.
         """
         self.page, self.set_parameter = page, set_parameter
         self._tiles: list[Tile] = []
         self._wished: list[tuple[str, str]] | None = None
         self._touched = False
         self._offered: list[str] | None = None
-        with box('part pictures', 'section').props('aria-label=Pictures'):
+        with box('part images', 'section').props('aria-label=Images'):
             with box('bar'):
-                with ui.button('Add picture', icon='add').props('outline dense').classes('q-px-sm'):
+                with ui.button('Add image', icon='add').props('outline dense').classes('q-px-sm'):
                     self._menu = ui.menu()
-                text('A picture is asked for only while it is on the screen.', 'small soft')
+                text('A image is asked for only while it is on the screen.', 'small soft')
             self._grid = box('tiles')
             with box('card') as self._empty:
-                empty('No picture chosen', 'Add one with the button above.')
+                empty('No image chosen', 'Add one with the button above.')
         page.on_select.append(self.refresh)
         self.refresh()
 
@@ -227,4 +227,4 @@ class Pictures:
 
 
 KEPT_ARRANGEMENT = f'return localStorage.getItem({json.dumps(_KEPT)})'
-"""JavaScript for `Pictures.restore`."""
+"""JavaScript for `Images.restore`."""

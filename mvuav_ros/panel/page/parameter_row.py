@@ -20,13 +20,13 @@ Edited = Callable[[str, Value], Any]
 class ParameterRow:
     """A parameter's line of the list."""
 
-    def __init__(self, control: Control, value: Any, picture_size: int, edited: Edited) -> None:
+    def __init__(self, control: Control, value: Any, image_size: int, edited: Edited) -> None:
         """Make the line in the place where elements now go.
 
         Args:
             control: what the descriptor says.
             value: the current one.
-            picture_size: longer side of the node's images, px; 0: not known.
+            image_size: longer side of the node's images, px; 0: not known.
             edited: called with name and value whenever the user has changed it.
         """
         self.control = control
@@ -46,7 +46,7 @@ class ParameterRow:
                 self._make_slider()
             self._hint = text(self._plain_hint, 'hint').props('aria-live=polite')
             self._about = text(self._description, 'about').props('hidden')
-        self.fit(picture_size)
+        self.fit(image_size)
         self._show_field(value)
 
     def _name(self) -> None:
@@ -110,10 +110,10 @@ class ParameterRow:
             )
             self._slider.props['aria-label'] = f'{self.control.name}, slider'
 
-    def fit(self, picture_size: int) -> None:
-        """Let a slider for places and lengths in the picture end where the picture does."""
-        if self._slider is not None and self.control.unit == 'px' and picture_size > 0:
-            scale = scale_of(self.control).within(max(picture_size, float(self._current)))
+    def fit(self, image_size: int) -> None:
+        """Let a slider for places and lengths in the image end where the image does."""
+        if self._slider is not None and self.control.unit == 'px' and image_size > 0:
+            scale = scale_of(self.control).within(max(image_size, float(self._current)))
             if scale != self._scale:
                 self._scale = scale
                 self._show_field(self._current)

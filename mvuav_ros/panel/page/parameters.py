@@ -91,7 +91,7 @@ class Parameters:
 
     def _row(self, control: Any, node: Any) -> None:
         value = node.values.get(control.name)
-        self._rows[control.name] = ParameterRow(control, value, node.picture_size, self._edited)
+        self._rows[control.name] = ParameterRow(control, value, node.image_size, self._edited)
 
     def show_values(self) -> None:
         """After the node's values changed, by us or by anybody."""
@@ -107,7 +107,7 @@ class Parameters:
         node = self._page.node
         if node is not None:
             for row in self._rows.values():
-                row.fit(node.picture_size)
+                row.fit(node.image_size)
 
     def edit(self, name: str, value: Value) -> None:
         """As if the user had entered a value."""

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.offline.evaluation.metric import metric_groups
-from mvuav_ros.offline.report.model import Picture
+from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.page.context import Services
 from mvuav_ros.panel.page.elements import axes, box, button, empty, text
@@ -80,13 +80,13 @@ class Trends:
     async def _export_png(self) -> None:
         arrangement, group, runs = self._arrangement.value, self._group.value, list(self._runs)
 
-        def draw() -> Picture:
-            from mvuav_ros.panel.trend_figures import picture_of
+        def draw() -> Figure:
+            from mvuav_ros.panel.trend_figures import image_of
 
-            return picture_of(runs, arrangement, group)
+            return image_of(runs, arrangement, group)
 
-        picture = await asyncio.to_thread(draw)
-        ui.download.content(picture.png, f'{picture.key}.png')
+        figure = await asyncio.to_thread(draw)
+        ui.download.content(figure.png, f'{figure.key}.png')
 
 
 def _options(

@@ -8,7 +8,7 @@ from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page, Services
 from mvuav_ros.panel.page.elements import box, text
 from mvuav_ros.panel.page.head import Head
-from mvuav_ros.panel.page.images import KEPT_ARRANGEMENT, Pictures
+from mvuav_ros.panel.page.images import KEPT_ARRANGEMENT, Images
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.results import Results
 from mvuav_ros.panel.page.runs import Runs
@@ -16,7 +16,7 @@ from mvuav_ros.parameters.declaration import Value
 
 _PARTS = {
     'parameters': 'Parameters',
-    'pictures': 'Pictures',
+    'images': 'Images',
     'results': 'Results',
     'runs': 'Runs',
 }
@@ -46,7 +46,7 @@ class View:
                         with tab:
                             text(words, tag='span')
                 self._parameters = Parameters(self._page)
-                self._pictures = Pictures(self._page, self._set_parameter)
+                self._images = Images(self._page, self._set_parameter)
                 self._results = Results(self._page)
                 self._runs = Runs(self._page)
         self._page.on_select.append(self._name_node)
@@ -61,7 +61,7 @@ class View:
             self._restored = True
             try:
                 with self._root:
-                    self._pictures.restore(await ui.run_javascript(KEPT_ARRANGEMENT))
+                    self._images.restore(await ui.run_javascript(KEPT_ARRANGEMENT))
             except TimeoutError:
                 # A slow link; the usual arrangement will do.
                 pass
@@ -79,7 +79,7 @@ class View:
             if what == 'nodes':
                 self._refresh()
             elif what == 'values':
-                self._pictures.show_values()
+                self._images.show_values()
                 if ours:
                     self._parameters.show_values()
             elif what == 'status':
@@ -93,7 +93,7 @@ class View:
 
     def _refresh(self) -> None:
         self._head.refresh()
-        for part in (self._parameters, self._pictures, self._results):
+        for part in (self._parameters, self._images, self._results):
             part.refresh()
 
     def _name_node(self) -> None:

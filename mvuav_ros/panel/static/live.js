@@ -1,8 +1,8 @@
-// Pictures and curves of the page: one WebSocket that asks only for what is on the screen.
+// Images and curves of the page: one WebSocket that asks only for what is on the screen.
 'use strict';
 (() => {
   const WINDOW = 30; // seconds of curves
-  const STALE = 3000; // ms without a picture
+  const STALE = 3000; // ms without a image
   const seen = new Set(); // canvases on the screen
   const drawnAt = new Map();
   let socket = null, asked = '', retry = 500, series = '', curves = {};
@@ -16,9 +16,9 @@
   });
 
   function wanted() {
-    if (document.hidden) return { pictures: [], series: '' };
+    if (document.hidden) return { images: [], series: '' };
     const keys = [...seen].filter((c) => c.isConnected).map((c) => c.dataset.key);
-    return { pictures: [...new Set(keys)].sort(), series: visible('results') ? panel().dataset.node || '' : '' };
+    return { images: [...new Set(keys)].sort(), series: visible('results') ? panel().dataset.node || '' : '' };
   }
 
   function ask(again) {
@@ -40,22 +40,22 @@
     const length = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     try {
-      const picture = await createImageBitmap(new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
-      for (const canvas of document.querySelectorAll('canvas.picture')) {
-        if (canvas.dataset.key === header.key) draw(canvas, picture, header);
+      const image = await createImageBitmap(new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
+      for (const canvas of document.querySelectorAll('canvas.image')) {
+        if (canvas.dataset.key === header.key) draw(canvas, image, header);
       }
-      picture.close();
+      image.close();
     } finally {
       if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ drawn: header.key }));
     }
   }
 
-  function draw(canvas, picture, header) {
-    if (canvas.width !== picture.width) canvas.width = picture.width;
-    if (canvas.height !== picture.height) canvas.height = picture.height;
+  function draw(canvas, image, header) {
+    if (canvas.width !== image.width) canvas.width = image.width;
+    if (canvas.height !== image.height) canvas.height = image.height;
     canvas.fullSize = [header.width, header.height];
     const context = canvas.getContext('2d');
-    context.drawImage(picture, 0, 0);
+    context.drawImage(image, 0, 0);
     const rows = (canvas.dataset.rows || '').split(',').filter(Boolean).map(Number);
     if (rows.length === 2 && rows[1] > rows[0]) {
       context.setLineDash([8, 5]); context.lineWidth = 1.5; context.strokeStyle = '#ffb000';
@@ -115,7 +115,7 @@
   }
 
   function look() {
-    for (const canvas of document.querySelectorAll('canvas.picture')) watcher.observe(canvas);
+    for (const canvas of document.querySelectorAll('canvas.image')) watcher.observe(canvas);
     for (const canvas of [...seen]) if (!canvas.isConnected) { watcher.unobserve(canvas); seen.delete(canvas); }
     const now = performance.now();
     for (const [canvas, time] of drawnAt) {

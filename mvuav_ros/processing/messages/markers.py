@@ -47,7 +47,7 @@ def encode_marker(marker: Marker, header: bytes) -> bytes:
 def encode_rpy(result: MarkerResult, header: bytes, pose: Pose | None = None) -> bytes:
     """A Vector3Stamped: roll, pitch and yaw (rad).
 
-    x is the roll in the picture where the body has wings, as without a pose; else the pose's. y
+    x is the roll in the image where the body has wings, as without a pose; else the pose's. y
     and z are the pose's pitch and yaw, NaN without one.
     """
     roll, pitch, yaw = pose.rpy if pose is not None else (math.nan, math.nan, math.nan)

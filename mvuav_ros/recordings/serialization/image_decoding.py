@@ -1,4 +1,4 @@
-"""sensor_msgs Image and CompressedImage to pictures, without cv_bridge.
+"""sensor_msgs Image and CompressedImage to images, without cv_bridge.
 
 Works on any object with the message's fields (rclpy's, rosbags'), so it imports no ROS.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.recordings.serialization.compressed_size import compressed_size
-from mvuav_ros.vision.image import ENCODINGS, ImageError, Picture
+from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 MAX_PIXELS = 1 << 26
 """64 megapixels: beyond this a header is taken for damaged, not for a camera's."""
@@ -37,10 +37,10 @@ class CompressedImageMessage(Protocol):
     data: Any
 
 
-def decode_image(message: ImageMessage) -> Picture:
+def decode_image(message: ImageMessage) -> Image:
     """View the message's pixels; they are copied only where 16 bits have the other byte order.
 
-    The picture shares memory with ``message.data`` and is not to be written to.
+    The image shares memory with ``message.data`` and is not to be written to.
 
     Raises:
         ImageError: the fields contradict each other, or the encoding is not known.
@@ -72,10 +72,10 @@ def decode_image(message: ImageMessage) -> Picture:
     pixels: NDArray[Any] = np.ndarray(shape, dtype, data.data, strides=strides)
     if dtype.itemsize > 1 and bool(message.is_bigendian) != (sys.byteorder == 'big'):
         pixels = pixels.byteswap()
-    return Picture(pixels, message.encoding)
+    return Image(pixels, message.encoding)
 
 
-def decode_compressed_image(message: CompressedImageMessage) -> Picture:
+def decode_compressed_image(message: CompressedImageMessage) -> Image:
     """Decompress a JPEG or PNG message.
 
     Grey stays ``mono8`` or ``mono16``; colour becomes ``bgr8`` or ``bgra8``. The size is read from
@@ -99,7 +99,7 @@ def decode_compressed_image(message: CompressedImageMessage) -> Picture:
     return decode_file_bytes(data)
 
 
-def decode_file_bytes(data: NDArray[np.uint8]) -> Picture:
+def decode_file_bytes(data: NDArray[np.uint8]) -> Image:
     """Decode the bytes of an image file; colours, alpha and 16-bit grey are kept.
 
     Raises:
@@ -118,7 +118,7 @@ def decode_file_bytes(data: NDArray[np.uint8]) -> Picture:
         encoding = 'mono16' if pixels.dtype == np.uint16 else 'mono8'
     else:
         encoding = 'bgra8' if pixels.shape[2] == 4 else 'bgr8'
-    return Picture(pixels, encoding)
+    return Image(pixels, encoding)
 
 
 def _bytes_of(data: Any) -> NDArray[np.uint8]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mvuav_ros.recordings.serialization.cdr import CdrWriter
-from mvuav_ros.vision.image import ImageError, Picture
+from mvuav_ros.vision.image import Image, ImageError
 
 LONGEST_NAME = 1024
 """Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
@@ -139,24 +139,24 @@ def view_compressed_image(message: bytes) -> SerializedCompressedImage:
     return SerializedCompressedImage(stamp_ns, frame_id, reader.text('format'), reader.octets())
 
 
-def serialize_image(picture: Picture, header: bytes) -> bytes:
-    """A picture as a serialized sensor_msgs/Image, its pixels copied once.
+def serialize_image(image: Image, header: bytes) -> bytes:
+    """A image as a serialized sensor_msgs/Image, its pixels copied once.
 
     rclpy publishes the bytes as they are. By way of a message object the pixels are copied three
     times before they reach DDS.
 
     Args:
-        picture: is written little endian and without row padding.
+        image: is written little endian and without row padding.
         header: `cdr_header`.
     """
-    pixels = np.ascontiguousarray(picture.pixels)
+    pixels = np.ascontiguousarray(image.pixels)
     data = pixels.data.cast('B')
     writer = CdrWriter(header)
-    writer.numbers('II', picture.height, picture.width)
-    writer.text(picture.encoding)
+    writer.numbers('II', image.height, image.width)
+    writer.text(image.encoding)
     is_bigendian = False
     writer.numbers('B', is_bigendian)
-    writer.numbers('II', len(data) // picture.height, len(data))
+    writer.numbers('II', len(data) // image.height, len(data))
     return b''.join((writer.message(), data))
 
 
@@ -165,7 +165,7 @@ def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
 
     Args:
         kind: its format, such as ``jpeg``.
-        data: the compressed picture.
+        data: the compressed image.
         header: `cdr_header`.
     """
     writer = CdrWriter(header)

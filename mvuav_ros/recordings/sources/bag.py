@@ -201,7 +201,7 @@ def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
         header = message.header
         stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
         compressed = recorded.type.endswith('CompressedImage')
-        picture = (decode_compressed_image if compressed else decode_image)(message)
+        image = (decode_compressed_image if compressed else decode_image)(message)
     except (ImageError, MalformedMessageError) as error:
         return BadFrame(stamp_ns, str(error))
-    return Frame(stamp_ns, header.frame_id, picture)
+    return Frame(stamp_ns, header.frame_id, image)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 
 class SourceError(Exception):
@@ -16,7 +16,7 @@ class SourceError(Exception):
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture with its time (ns) and the name of its coordinate frame.
+    """One image with its time (ns) and the name of its coordinate frame.
 
     Attributes:
         camera: the calibration, usable or not, that holds for it; None where there is none.
@@ -24,13 +24,13 @@ class Frame:
 
     stamp_ns: int
     frame_id: str
-    picture: Picture
+    image: Image
     camera: CameraModel | None = None
 
 
 @dataclass(frozen=True)
 class BadFrame:
-    """A picture that was there but cannot be used."""
+    """A image that was there but cannot be used."""
 
     stamp_ns: int
     reason: str

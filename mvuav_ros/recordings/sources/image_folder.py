@@ -43,11 +43,11 @@ class ImageFolder:
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
             try:
-                picture = decode_file_bytes(np.fromfile(file, np.uint8))
+                image = decode_file_bytes(np.fromfile(file, np.uint8))
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
-                yield Frame(stamp_ns, 'camera', picture)
+                yield Frame(stamp_ns, 'camera', image)
 
     def close(self) -> None:
         """Nothing is held open."""

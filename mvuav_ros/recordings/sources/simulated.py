@@ -14,14 +14,14 @@ from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.rig import LayoutError
+from mvuav_ros.vision.rig import RigError
 
 PREFIX = 'sim:'
 FRAME_ID = 'camera'
 
 
 class SimulatedFlight:
-    """The pictures of a synthetic flight; its calibration comes along."""
+    """The images of a synthetic flight; its calibration comes along."""
 
     live = False
 
@@ -50,7 +50,7 @@ class SimulatedFlight:
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Fly it from the start."""
         for frame in self._flight:
-            yield Frame(frame.stamp_ns, FRAME_ID, frame.picture, self._camera)
+            yield Frame(frame.stamp_ns, FRAME_ID, frame.image, self._camera)
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -67,7 +67,7 @@ def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFli
             return TankerFlight(TankerSettings.from_mapping(given))
         if kind == 'runway':
             return RunwayFlight(RunwaySettings.from_mapping(given))
-    except (ParameterError, LayoutError) as error:
+    except (ParameterError, RigError) as error:
         raise SourceError(f'{PREFIX}{kind}: {error}') from error
     raise SourceError(f'{PREFIX}{kind}: there are sim:tanker and sim:runway')
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
 
@@ -61,7 +61,7 @@ class VideoFile:
                 ok, pixels = capture.read()
                 if not ok:
                     break
-                yield Frame(round(index * 1e9 / self.rate), 'camera', _picture(pixels))
+                yield Frame(round(index * 1e9 / self.rate), 'camera', _image(pixels))
                 index += 1
         finally:
             capture.release()
@@ -103,7 +103,7 @@ class Camera:
                 ok, pixels = self._capture.read()
                 if not ok:
                     raise SourceError(f'{self.name} has stopped delivering frames')
-                yield Frame(time.time_ns(), 'camera', _picture(pixels))
+                yield Frame(time.time_ns(), 'camera', _image(pixels))
         finally:
             self.close()
 
@@ -114,5 +114,5 @@ class Camera:
             self._capture = None
 
 
-def _picture(pixels: cv2.typing.MatLike) -> Picture:
-    return Picture(pixels, 'mono8' if pixels.ndim == 2 else 'bgr8')
+def _image(pixels: cv2.typing.MatLike) -> Image:
+    return Image(pixels, 'mono8' if pixels.ndim == 2 else 'bgr8')

@@ -1,4 +1,4 @@
-"""Between a frame and the working picture turned until the horizon is level."""
+"""Between a frame and the working image turned until the horizon is level."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ FarPoint = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Level:
-    """A turn of the working picture about its middle.
+class Derotation:
+    """A turn of the working image about its middle.
 
     Attributes:
-        width: of the working picture, px.
+        width: of the working image, px.
         height: likewise.
-        factor: px of the frame per px of the working picture.
+        factor: px of the frame per px of the working image.
         slope: rad, of the horizon on the frame, right end down positive.
     """
 
@@ -33,11 +33,11 @@ class Level:
 
     @property
     def centre(self) -> FarPoint:
-        """About which it is turned, px of the working picture."""
+        """About which it is turned, px of the working image."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
     def turned(self, pixels: NDArray[np.uint8], first_row: int = 0) -> NDArray[np.uint8]:
-        """The rows from ``first_row`` on of the working picture with a level horizon."""
+        """The rows from ``first_row`` on of the working image with a level horizon."""
         if self.slope == 0.0:
             return pixels[first_row:]
         matrix = cv2.getRotationMatrix2D(self.centre, math.degrees(self.slope), 1.0)
@@ -52,7 +52,7 @@ class Level:
         return middle + (horizon_row - middle) * math.cos(self.slope)
 
     def to_frame(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Points on the frame, of points on the levelled working picture."""
+        """Points on the frame, of points on the levelled working image."""
         cos, sin = math.cos(self.slope), math.sin(self.slope)
         centre_x, centre_y = self.centre
         dx, dy = x - centre_x, y - centre_y
@@ -79,7 +79,9 @@ def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
     return NormalForm(x1 * math.cos(theta) + y1 * math.sin(theta), theta).normalised()
 
 
-def turn_edge(p: float, slope: float, row: float, old: Level, new: Level) -> tuple[float, float]:
+def turn_edge(
+    p: float, slope: float, row: float, old: Derotation, new: Derotation
+) -> tuple[float, float]:
     """An edge x = p + slope (y - row) of one level, described on another one."""
     angle = new.slope - old.slope
     if angle == 0.0:

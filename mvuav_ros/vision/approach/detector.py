@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.derotation import Level
-from mvuav_ros.vision.approach.features import WorkingPicture, shrink
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.features import WorkingImage, shrink
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
 from mvuav_ros.vision.approach.lines import LineCorrection, Segment
@@ -17,7 +17,7 @@ from mvuav_ros.vision.approach.targets import TARGETS
 from mvuav_ros.vision.approach.track import Track
 from mvuav_ros.vision.approach.tracker import Tracker
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.results import LineRole
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
@@ -28,7 +28,7 @@ _AFRESH = 10
 _NOWHERE: Point = (math.nan, math.nan)
 
 
-class ApproachPipeline:
+class ApproachDetector:
     """Finds the runway (or road, or pipeline) in one frame after the other.
 
     Not safe for calls from several threads at once.
@@ -70,7 +70,7 @@ class ApproachPipeline:
         """Statistics of the frames since construction or `reset_statistics`."""
         return self._statistics.summary()
 
-    def process(self, image: Image, stamp_ns: int) -> ApproachResult:
+    def process(self, image: Pixels, stamp_ns: int) -> ApproachResult:
         """Find the shape in the next frame.
 
         A frame of another size than the last one starts afresh.
@@ -103,27 +103,27 @@ class ApproachPipeline:
             return self._absent(image, stamp_ns, horizon, status)
         return self._present(image, stamp_ns, track, level, horizon)
 
-    def _level(self, working: WorkingPicture) -> tuple[Level, float | None]:
+    def _level(self, working: WorkingImage) -> tuple[Derotation, float | None]:
         height, width = working.pixels.shape[:2]
         if not TARGETS[self._parameters.target].uses_horizon:
-            return Level(width, height, working.factor, 0.0), None
+            return Derotation(width, height, working.factor, 0.0), None
         if self._finder is None:
             self._finder = HorizonFinder(height, width)
         near = None if self._frames % _AFRESH == 0 else self._horizon
         self._frames += 1
         horizon = self._finder.find(working.pixels, near)
         self._horizon = horizon if horizon.trusted else None
-        level = Level(width, height, working.factor, horizon.slope if horizon.trusted else 0.0)
+        level = Derotation(width, height, working.factor, horizon.slope if horizon.trusted else 0.0)
         return level, level.row_of(horizon.row) if horizon.trusted else None
 
-    def _tracker_for(self, working: WorkingPicture) -> Tracker:
+    def _tracker_for(self, working: WorkingImage) -> Tracker:
         if self._tracker is None:
             height, width = working.pixels.shape[:2]
             self._tracker = Tracker(TARGETS[self._parameters.target], height, width)
         return self._tracker
 
     def _absent(
-        self, image: Image, stamp_ns: int, horizon: tuple[Point, Point] | None, status: str
+        self, image: Pixels, stamp_ns: int, horizon: tuple[Point, Point] | None, status: str
     ) -> ApproachResult:
         height, width = image.shape[:2]
         lines = self._correction.rows({}, {}, 0.0, (width, height))
@@ -135,10 +135,10 @@ class ApproachPipeline:
 
     def _present(
         self,
-        image: Image,
+        image: Pixels,
         stamp_ns: int,
         track: Track,
-        level: Level,
+        level: Derotation,
         horizon: tuple[Point, Point] | None,
     ) -> ApproachResult:
         height, width = image.shape[:2]
@@ -185,7 +185,7 @@ class ApproachPipeline:
             image,
         )
 
-    def _usable_camera(self, image: Image) -> CameraModel | None:
+    def _usable_camera(self, image: Pixels) -> CameraModel | None:
         if self._camera is None or not self._parameters.runway_width > 0:
             return None
         try:
@@ -194,7 +194,7 @@ class ApproachPipeline:
             return None
         return self._camera
 
-    def _guidance(self, image: Image, track: Track, level: Level) -> Guidance | None:
+    def _guidance(self, image: Pixels, track: Track, level: Derotation) -> Guidance | None:
         camera = self._usable_camera(image)
         if camera is None:
             return None
@@ -208,12 +208,12 @@ class ApproachPipeline:
         return locate(left, right, near_row, level, camera, self._parameters.runway_width)
 
 
-def _point(level: Level, x: float, y: float) -> Point:
+def _point(level: Derotation, x: float, y: float) -> Point:
     on_x, on_y = level.to_frame(x, y)
     return float(on_x), float(on_y)
 
 
-def _across(level: Level, row: float) -> tuple[Point, Point]:
+def _across(level: Derotation, row: float) -> tuple[Point, Point]:
     """Where a level row crosses the sides of the frame."""
     (x1, y1), (x2, y2) = _point(level, 0.0, row), _point(level, 1.0, row)
     down = (y2 - y1) / (x2 - x1)

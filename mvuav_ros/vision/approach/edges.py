@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Level
+from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.features import PLAIN, Colours, features_of
-from mvuav_ros.vision.approach.targets import Look
+from mvuav_ros.vision.approach.targets import EdgeProfile
 
 _MOST_ROWS = 40
 _SAMPLE = 0.5
-"""Px of the working picture between samples across an edge."""
+"""Px of the working image between samples across an edge."""
 _COLOUR_SMOOTHING = 13
 """Samples across an edge, to find its line in: JPEG rounds colour coarsely."""
 _REACH_SHARE, _LEAST_REACH, _MOST_REACH = 0.35, 3.0, 8.0
@@ -27,7 +27,7 @@ _USUAL_RANK = 0.15
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Points of one edge on the levelled working picture.
+    """Points of one edge on the levelled working image.
 
     Attributes:
         rows: (n,) px.
@@ -44,11 +44,11 @@ class EdgePoints:
 
 def find_edges(
     image: NDArray[Any],
-    level: Level,
+    level: Derotation,
     shape: NDArray[np.float64],
     span: tuple[float, float],
     contrast: NDArray[np.float64],
-    look: Look,
+    look: EdgeProfile,
     colours: Colours = PLAIN,
 ) -> tuple[EdgePoints, EdgePoints]:
     """Measure the left and the right edge.
@@ -108,7 +108,9 @@ def find_edges(
     return left, right
 
 
-def _direction(contrast: NDArray[np.float64], look: Look) -> tuple[NDArray[np.float64], float]:
+def _direction(
+    contrast: NDArray[np.float64], look: EdgeProfile
+) -> tuple[NDArray[np.float64], float]:
     """Weights of the channels with which the inside stands out most, and by how much."""
     weights = np.array([look.brightness, 1.0])
     weighted = contrast * weights

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 WORKING_WIDTH = 320
-"""Px; pictures much wider than this are shrunk by a whole factor for the search."""
+"""Px; images much wider than this are shrunk by a whole factor for the search."""
 
 Features = NDArray[np.float32]
 Table = NDArray[np.float32]
@@ -26,7 +26,7 @@ _BRIGHTEST = 97.0
 """Percentile of brightness from which on pixels are taken to be white: clouds, haze, paint."""
 _MOST_CAST = 1.3
 _USUAL_CAST = 1.12
-"""Blue sky may be the brightest: only what is beyond this is the picture's tint."""
+"""Blue sky may be the brightest: only what is beyond this is the image's tint."""
 _EACH = 4
 
 
@@ -46,7 +46,7 @@ class Colours:
 PLAIN = Colours()
 
 
-class WorkingPicture(NamedTuple):
+class WorkingImage(NamedTuple):
     """A frame made small enough to be searched.
 
     Attributes:
@@ -58,11 +58,11 @@ class WorkingPicture(NamedTuple):
     factor: int
 
     def to_frame(self, position: float) -> float:
-        """A coordinate on the frame, of one on this picture."""
+        """A coordinate on the frame, of one on this image."""
         return (position + 0.5) * self.factor - 0.5
 
 
-def shrink(image: Image) -> WorkingPicture:
+def shrink(image: Pixels) -> WorkingImage:
     """Make a frame about `WORKING_WIDTH` px wide, in three channels of 8 bits.
 
     Args:
@@ -78,7 +78,7 @@ def shrink(image: Image) -> WorkingPicture:
         image = (image >> 8).astype(np.uint8)
     if image.ndim == 2:
         image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return WorkingPicture(np.ascontiguousarray(image, np.uint8), factor)
+    return WorkingImage(np.ascontiguousarray(image, np.uint8), factor)
 
 
 def white_of(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:
@@ -105,7 +105,7 @@ def features_of(pixels: NDArray[Any], colours: Colours = PLAIN, smoothing: int =
     Args:
         pixels: (rows, columns) or (rows, columns, 3), blue first; uint8, or uint16, which is
             scaled to the same grey levels.
-        colours: of the picture.
+        colours: of the image.
         smoothing: columns, odd, over which colour (not brightness) is averaged, by a Gaussian.
 
     Returns:

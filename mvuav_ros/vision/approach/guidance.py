@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Level
+from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.edges import EdgePoints
 from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE, Guidance
 from mvuav_ros.vision.camera import CameraModel
@@ -22,7 +22,7 @@ _OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0,
 
 # Px of the frame: what is wrong with all points of an edge alike, at either end of it: by itself,
 # and on both edges inwards or outwards alike (side stripes, defocus); and px of the working
-# picture: of the near end's row.
+# image: of the near end's row.
 _EDGE_BIAS, _WIDTH_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.12, 0.25, 0.05, 1.0
 # m: markings and overruns blur where the pavement begins.
 _BEGINNING_SIGMA = 10.0
@@ -33,7 +33,7 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class EdgeFit:
-    """One edge in one frame, on the levelled working picture.
+    """One edge in one frame, on the levelled working image.
 
     Attributes:
         columns: (2,) px, where it crosses ``rows``.
@@ -51,7 +51,7 @@ def fit_edge(points: EdgePoints, factor: int) -> EdgeFit | None:
 
     Args:
         points: of the edge.
-        factor: px of the frame per px of the working picture.
+        factor: px of the frame per px of the working image.
 
     Returns:
         None where there are too few points.
@@ -81,7 +81,7 @@ def locate(
     left: EdgeFit,
     right: EdgeFit,
     near_row: float | None,
-    level: Level,
+    level: Derotation,
     camera: CameraModel,
     runway_width: float,
 ) -> Guidance:
@@ -90,7 +90,7 @@ def locate(
     Args:
         left: the left edge.
         right: the right edge.
-        near_row: row of the near end on the levelled working picture, if it is in sight.
+        near_row: row of the near end on the levelled working image, if it is in sight.
         level: of the frame.
         camera: calibrated for frames of that size.
         runway_width: from edge to edge, m.
@@ -136,7 +136,7 @@ def _jacobian(
 
 
 def _pose(
-    values: Vector, rows: Vector, level: Level, camera: CameraModel, runway_width: float
+    values: Vector, rows: Vector, level: Derotation, camera: CameraModel, runway_width: float
 ) -> Vector:
     """x, y, z, roll, pitch, yaw.
 
@@ -184,8 +184,8 @@ def _pose(
     return np.array([x, y, z, roll, pitch, yaw])
 
 
-def _rays(columns: Vector, rows: Vector, level: Level, camera: CameraModel) -> Matrix:
-    """(n, 3) directions in the optical frame of points of the levelled working picture."""
+def _rays(columns: Vector, rows: Vector, level: Derotation, camera: CameraModel) -> Matrix:
+    """(n, 3) directions in the optical frame of points of the levelled working image."""
     x, y = level.to_frame(columns, rows)
     points = np.stack([x, y], axis=1).reshape(-1, 1, 2)
     if any(camera.d):

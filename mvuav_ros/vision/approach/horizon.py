@@ -25,14 +25,14 @@ the fields before it, at whose border the step may be as large."""
 
 
 class Horizon(NamedTuple):
-    """A line y = row + (x - centre column) tan(slope) on a picture.
+    """A line y = row + (x - centre column) tan(slope) on a image.
 
     Attributes:
-        row: where it crosses the picture's middle column, px.
+        row: where it crosses the image's middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
         strength: mean step across it, grey levels of blue; 0 where nothing was found.
         unrest: how much neighbouring columns differ right above it, grey levels of blue;
-            infinite where too little of that is in the picture.
+            infinite where too little of that is in the image.
     """
 
     row: float
@@ -47,7 +47,7 @@ class Horizon(NamedTuple):
 
 
 class HorizonFinder:
-    """Finds the horizon on pictures of one size."""
+    """Finds the horizon on images of one size."""
 
     def __init__(self, height: int, width: int) -> None:
         self._size = (height, width)

@@ -13,7 +13,7 @@ from mvuav_ros.vision.approach.strip import Shapes
 from mvuav_ros.vision.approach.targets import Target
 
 _HIGHEST, _LOWEST = 0.3, 0.72
-"""Shares of the picture's height between which the lines may meet: the camera looks ahead."""
+"""Shares of the image's height between which the lines may meet: the camera looks ahead."""
 _BESIDE = 6
 """Px: paint is brighter than what is so far to its left and to its right."""
 _BRIGHTER = 12.0
@@ -27,7 +27,7 @@ def find_lanes(table: Table, target: Target, most: int = 12) -> Shapes:
     """Candidates from pairs of painted lines, strongest first.
 
     Args:
-        table: row sums of the working picture's features.
+        table: row sums of the working image's features.
         target: which widths and offsets are plausible.
         most: how many at most.
     """

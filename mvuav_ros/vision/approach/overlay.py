@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mvuav_ros.vision.approach.results import ApproachResult, Point
-from mvuav_ros.vision.runway.drawing import BLACK, WHITE, Color, Picture, write
+from mvuav_ros.vision.runway.drawing import BLACK, WHITE, Canvas, Color, write
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 # Blue, green, red. Left green and right red, as the marker lights are drawn.
@@ -25,7 +25,7 @@ _SHIFT = 4
 _DASHES = 12
 
 
-def draw_approach(result: ApproachResult) -> Picture:
+def draw_approach(result: ApproachResult) -> Canvas:
     """Edges, ends, centreline, vanishing point, horizon and numbers on the frame.
 
     The left edge is green, the right one red, the centreline blue, the ends yellow; a line that
@@ -39,31 +39,31 @@ def draw_approach(result: ApproachResult) -> Picture:
         return np.zeros((max(1, result.height), max(1, result.width), 3), np.uint8)
     image = result.image
     levels = image >> 8 if image.dtype == np.uint16 else image
-    picture = np.array(levels, np.uint8)
-    if picture.ndim == 2:
-        picture = np.stack([picture] * 3, axis=2)
+    canvas = np.array(levels, np.uint8)
+    if canvas.ndim == 2:
+        canvas = np.stack([canvas] * 3, axis=2)
     scale = max(1.0, min(result.width, result.height) / 240)
     if result.horizon is not None:
-        _line(picture, *result.horizon, _HORIZON, 1)
+        _line(canvas, *result.horizon, _HORIZON, 1)
     for line in result.lines:
         if line.found and not math.isnan(line.x):
-            _draw_line(picture, line, scale)
-    _draw_cross(picture, result.vanishing_point, scale)
+            _draw_line(canvas, line, scale)
+    _draw_cross(canvas, result.vanishing_point, scale)
     for number, text in enumerate(_words(result)):
         place = round(3 * scale), round((12 + 13 * number) * scale)
-        write(picture, text, place, 0.4 * scale)
-    return picture
+        write(canvas, text, place, 0.4 * scale)
+    return canvas
 
 
-def _draw_line(picture: Picture, line: RunwayLine, scale: float) -> None:
+def _draw_line(canvas: Canvas, line: RunwayLine, scale: float) -> None:
     color = ROLE_COLORS[line.role]
     first, last = (line.x, line.y), (line.x2, line.y2)
     thin = line.role is LineRole.CENTRELINE
     width = 1 if thin else max(1, round(1.6 * scale - 0.6))
     if not line.corrected:
         if not thin and width > 1:
-            _line(picture, first, last, BLACK, width + 2)
-        _line(picture, first, last, color, width)
+            _line(canvas, first, last, BLACK, width + 2)
+        _line(canvas, first, last, color, width)
         return
     for number in range(_DASHES):
         ends = [
@@ -73,10 +73,10 @@ def _draw_line(picture: Picture, line: RunwayLine, scale: float) -> None:
             )
             for share in (number / _DASHES, (number + 0.5) / _DASHES)
         ]
-        _line(picture, ends[0], ends[1], color, width)
+        _line(canvas, ends[0], ends[1], color, width)
 
 
-def _draw_cross(picture: Picture, point: Point, scale: float) -> None:
+def _draw_cross(canvas: Canvas, point: Point, scale: float) -> None:
     x, y = point
     if not (abs(x) < 1e5 and abs(y) < 1e5):
         return
@@ -85,7 +85,7 @@ def _draw_cross(picture: Picture, point: Point, scale: float) -> None:
     for ink, width in ((BLACK, 3), (WHITE, 1)):
         for dx, dy in ((-1, 0), (1, 0), (0, -1)):
             first = (x + gap * dx, y + gap * dy)
-            _line(picture, first, (x + reach * dx, y + reach * dy), ink, width)
+            _line(canvas, first, (x + reach * dx, y + reach * dy), ink, width)
 
 
 def _words(result: ApproachResult) -> list[str]:
@@ -105,9 +105,9 @@ def _words(result: ApproachResult) -> list[str]:
     return words
 
 
-def _line(picture: Picture, first: Point, last: Point, color: Color, width: int) -> None:
+def _line(canvas: Canvas, first: Point, last: Point, color: Color, width: int) -> None:
     (x, y), (x2, y2) = (
         tuple(round(min(max(value, -1e5), 1e5) * 2**_SHIFT) for value in point)
         for point in (first, last)
     )
-    cv2.line(picture, (x, y), (x2, y2), color, width, cv2.LINE_AA, _SHIFT)
+    cv2.line(canvas, (x, y), (x2, y2), color, width, cv2.LINE_AA, _SHIFT)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 ROLES = (
@@ -89,4 +89,4 @@ class ApproachResult:
     confidence: float
     guidance: Guidance | None
     status: str
-    image: Image
+    image: Pixels

@@ -6,7 +6,7 @@ import numpy as np
 
 from mvuav_ros.vision.approach.features import CHANNELS, Table
 from mvuav_ros.vision.approach.strip import CEILING, Shapes, bounds_of, contrasts
-from mvuav_ros.vision.approach.targets import Look, Target
+from mvuav_ros.vision.approach.targets import EdgeProfile, Target
 
 _SAMPLES = 6
 _TAPER = 0.45
@@ -14,7 +14,7 @@ _TAPER = 0.45
 _NARROWEST = 3.0
 """Px; a narrower near end tells nothing."""
 _MOST_BEYOND = 0.2
-"""Of the width: how far outside the picture a vanishing point is looked for."""
+"""Of the width: how far outside the image a vanishing point is looked for."""
 
 
 class Band:
@@ -22,7 +22,7 @@ class Band:
 
     def __init__(
         self,
-        look: Look,
+        look: EdgeProfile,
         depth: float,
         ratio: float,
         offsets: tuple[float, ...],
@@ -36,7 +36,7 @@ class Band:
             depth: of the near end below the horizon, px.
             ratio: strip's width over the camera's height.
             offsets: camera's way from the middle of the strip over the strip's width.
-            height: of the levelled pictures, px.
+            height: of the levelled images, px.
             width: likewise.
         """
         self.width = ratio * depth
@@ -64,7 +64,7 @@ class Band:
         """Places looked up."""
         return self._index.size
 
-    def find(self, table: Table, look: Look, horizon_row: float, most: int) -> Shapes:
+    def find(self, table: Table, look: EdgeProfile, horizon_row: float, most: int) -> Shapes:
         """The best strips of this band, best first.
 
         Args:
@@ -111,7 +111,7 @@ class Search:
     def find(
         self,
         table: Table,
-        look: Look,
+        look: EdgeProfile,
         horizon_row: float,
         share: float = 0.25,
         most: int = 3,

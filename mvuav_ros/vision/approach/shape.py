@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.edges import EdgePoints
 
-# Px of the working picture: of one edge point, and of the vanishing point from the horizon.
+# Px of the working image: of one edge point, and of the vanishing point from the horizon.
 _POINT_SIGMA = 0.7
 HORIZON_SIGMA = 4.0
 # Points in neighbouring rows err alike.
@@ -18,7 +18,7 @@ _SLOPE_FLOOR, _SLOPE_SHARE = 0.006, 0.02
 
 
 class Shape:
-    """Two edges, each x = p + a (y - reference row), on the levelled working picture.
+    """Two edges, each x = p + a (y - reference row), on the levelled working image.
 
     Attributes:
         state: (4,) p and a of the left edge, p and a of the right edge.

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.features import CHANNELS, Table
-from mvuav_ros.vision.approach.targets import Look
+from mvuav_ros.vision.approach.targets import EdgeProfile
 
 Shapes = NDArray[np.float64]
 """(n, 4): vanishing point's x and y, and the columns by which the left and the right edge move to
-the right per row below it; px on the levelled working picture."""
+the right per row below it; px on the levelled working image."""
 
 _LEAST_GAP, _LEAST_FLANK, _MOST_FLANK = 0.4, 1.5, 24.0
 _FIRST_DEPTH = 2.0
@@ -32,7 +32,7 @@ class StripScores:
         far: (n,) first row of the strip, px below the vanishing point.
         near: (n,) row after its last one, px below the vanishing point.
         contrast: (n, channels) mean of inside minus outside, grey levels.
-        open_end: (n,) the strip leaves the picture there.
+        open_end: (n,) the strip leaves the image there.
     """
 
     score: NDArray[np.floating[Any]]
@@ -42,7 +42,7 @@ class StripScores:
     open_end: NDArray[np.bool_]
 
 
-def bounds_of(left: Any, right: Any, look: Look) -> tuple[Any, ...]:
+def bounds_of(left: Any, right: Any, look: EdgeProfile) -> tuple[Any, ...]:
     """Columns between which a strip's outside and inside are averaged, from left to right.
 
     Four stretches: beside the left edge outside and inside, beside the right edge inside and
@@ -66,13 +66,13 @@ def bounds_of(left: Any, right: Any, look: Look) -> tuple[Any, ...]:
 
 
 def contrasts(
-    sums: NDArray[Any], bounds: NDArray[Any], look: Look
+    sums: NDArray[Any], bounds: NDArray[Any], look: EdgeProfile
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """How a strip differs from both sides.
 
     Args:
         sums: (channels, 8, ...) row sums at the bounds.
-        bounds: (8, ...) the bounds, already confined to the picture.
+        bounds: (8, ...) the bounds, already confined to the image.
         look: of the target.
 
     Returns:
@@ -96,7 +96,7 @@ def contrasts(
 
 
 def _seen(bounds: NDArray[Any]) -> NDArray[Any]:
-    """Where enough of both sides and of the strip itself is in the picture."""
+    """Where enough of both sides and of the strip itself is in the image."""
     shares = bounds[1::2] - bounds[::2]
     seen: NDArray[Any] = (np.minimum(shares[0], shares[3]) > 0.5) & (
         np.minimum(shares[1], shares[2]) > 0.2
@@ -104,11 +104,11 @@ def _seen(bounds: NDArray[Any]) -> NDArray[Any]:
     return seen
 
 
-def score_strips(table: Table, shapes: Shapes, look: Look) -> StripScores:
+def score_strips(table: Table, shapes: Shapes, look: EdgeProfile) -> StripScores:
     """Measure shapes row by row, and find where along its depth each is a strip.
 
     Args:
-        table: row sums of the levelled working picture's features.
+        table: row sums of the levelled working image's features.
         shapes: (n, 4).
         look: of the target.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Look:
+class EdgeProfile:
     """What tells the strip from the land beside it.
 
     Lengths are in widths of the strip.
@@ -36,7 +36,7 @@ class Look:
 class Target:
     """The differences between the things that are straight strips on the ground.
 
-    Widths are in camera heights above the ground, which is what the picture shows: the strip's
+    Widths are in camera heights above the ground, which is what the image shows: the strip's
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
 
     Attributes:
@@ -56,7 +56,7 @@ class Target:
         keep_score: quality below which a shape is no longer believed.
     """
 
-    look: Look
+    look: EdgeProfile
     ratios: tuple[float, ...]
     offsets: tuple[float, ...]
     usual_widths: tuple[float, float]
@@ -74,7 +74,7 @@ class Target:
 _ASIDE = (-1.2, -0.7, -0.3, 0.0, 0.3, 0.7, 1.2)
 
 RUNWAY = Target(
-    look=Look(),
+    look=EdgeProfile(),
     ratios=(0.25, 0.4, 0.65, 1.0, 1.6),
     offsets=_ASIDE,
     usual_widths=(0.2, 1.2),
@@ -89,7 +89,7 @@ RUNWAY = Target(
     keep_score=0.8,
 )
 ROAD = Target(
-    look=Look(
+    look=EdgeProfile(
         gap=-0.008, least_gap=-9.0, inset=0.05, inside=0.45, flank=0.03, floor=5.0, painted=True
     ),
     ratios=(1.6, 2.1, 2.7, 3.5),
@@ -106,7 +106,7 @@ ROAD = Target(
     keep_score=0.3,
 )
 PIPELINE = Target(
-    look=Look(),
+    look=EdgeProfile(),
     ratios=(0.1, 0.2, 0.4),
     offsets=(-3.0, -1.5, *_ASIDE, 1.5, 3.0),
     usual_widths=(0.03, 0.6),

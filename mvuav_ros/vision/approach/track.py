@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Level, turn_edge
+from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
 from mvuav_ros.vision.approach.edges import EdgePoints, find_edges
 from mvuav_ros.vision.approach.features import Colours, Table
 from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.strip import score_strips
-from mvuav_ros.vision.approach.targets import Look, Target
+from mvuav_ros.vision.approach.targets import EdgeProfile, Target
 
 _MEMORY = 0.15
 """Share of the newest frame in what a track remembers of its looks."""
@@ -21,12 +21,12 @@ _END_MEMORY = 0.6
 _SUPPORT_RANGE, _LEAST_SHARP = 0.25, 0.2
 _MOST_MISSES = 10
 _OFF_HORIZON = 7.0
-"""Px of the working picture between the horizon seen and where the edges meet; beyond, less and
+"""Px of the working image between the horizon seen and where the edges meet; beyond, less and
 less likely."""
 _SHORT, _LONG = 0.35, 0.75
 """Natural logarithm of the far end's distance over the near end's: of no runway, of any."""
 _HIGH, _LOW = 0.6, 0.8
-"""Share of the picture's height at which a road under the camera ends: of no road, of any."""
+"""Share of the image's height at which a road under the camera ends: of no road, of any."""
 _CONVINCING, _CERTAIN = 7.0, 10.0
 """Sums of merit above the target's ``start_score``."""
 _LEAST_AGE = 8
@@ -77,22 +77,22 @@ class Track:
 
     @property
     def width(self) -> float:
-        """At the near end, px of the working picture."""
+        """At the near end, px of the working image."""
         left, right = self.shape.slopes
         return (right - left) * self.near
 
     @property
     def middle(self) -> float:
-        """Column of the near end's middle, px of the levelled working picture."""
+        """Column of the near end's middle, px of the levelled working image."""
         array = self.shape.as_array()
         return float(array[0] + 0.5 * (array[2] + array[3]) * self.near)
 
     @property
     def near_row(self) -> float:
-        """Px of the levelled working picture."""
+        """Px of the levelled working image."""
         return self.shape.vanishing_point[1] + self.near
 
-    def turn(self, old: Level, new: Level) -> None:
+    def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another level."""
         shape = self.shape
         for first in (0, 2):
@@ -102,12 +102,12 @@ class Track:
     def step(
         self,
         image: NDArray[Any],
-        level: Level,
+        level: Derotation,
         table: Table,
         horizon_row: float | None,
         horizon_sigma: float,
         target: Target,
-        look: Look,
+        look: EdgeProfile,
         colours: Colours,
     ) -> None:
         """Follow it into the next frame."""

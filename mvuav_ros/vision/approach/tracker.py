@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Level
+from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.features import (
     PLAIN,
     Colours,
@@ -34,7 +34,7 @@ _SWITCH = 1.3
 _OFTEN, _SELDOM = 3, 6
 """Frames from one search to the next while a track is believed."""
 _LEAST_LIFT = 1.5
-"""Px of the working picture: less may be the horizon's noise."""
+"""Px of the working image: less may be the horizon's noise."""
 _GREY, _COLOURFUL = 8.0, 20.0
 _TEXTURE = 15
 """Px over which land is compared with itself."""
@@ -49,7 +49,7 @@ _TRIAL, _HOPELESS = 12, 0.5
 
 
 class Tracker:
-    """Finds and follows the target on the levelled working pictures of one size."""
+    """Finds and follows the target on the levelled working images of one size."""
 
     def __init__(self, target: Target, height: int, width: int) -> None:
         self.target = target
@@ -58,7 +58,7 @@ class Tracker:
         self._search = Search(target, height, width)
         self.tracks: list[Track] = []
         self.best: Track | None = None
-        self._level: Level | None = None
+        self._level: Derotation | None = None
         self._horizon_row: float | None = None
         self._table: Table | None = None
         self._count = 0
@@ -68,16 +68,16 @@ class Tracker:
         self,
         image: NDArray[Any],
         pixels: NDArray[np.uint8],
-        level: Level,
+        level: Derotation,
         horizon_row: float | None,
     ) -> Track | None:
         """Take in the next frame.
 
         Args:
             image: the frame, (height, width) or (height, width, 3), blue first.
-            pixels: its working picture.
+            pixels: its working image.
             level: of the frame.
-            horizon_row: of the levelled working picture, px, if it is seen.
+            horizon_row: of the levelled working image, px, if it is seen.
 
         Returns:
             The confirmed track, if there is one.
@@ -147,7 +147,7 @@ class Tracker:
         return self._colours
 
     def _blend(self, old: float, new: float) -> float:
-        """What colours are like does not change fast; the first picture counts alone."""
+        """What colours are like does not change fast; the first image counts alone."""
         return new if self._frame == 0 else old + _COLOUR_MEMORY * (new - old)
 
     def _merge(self) -> None:

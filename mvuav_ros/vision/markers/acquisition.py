@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.centroid import Spot
+from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.view import (
     NEARNESS,
     PITCH,
@@ -19,8 +19,8 @@ from mvuav_ros.vision.markers.view import (
     SCALE,
     YAW,
     Array,
-    Shape,
-    View,
+    ViewState,
+    WeakPerspective,
     X,
     Y,
 )
@@ -30,7 +30,7 @@ ANY_ROLL = 1.6
 TILT = 0.4
 """rad, 1 sigma: the camera looks at the body from behind, give or take."""
 MODEL_ERROR = 0.004
-"""By how much a body may differ from its layout, in units of its size (1 sigma)."""
+"""By how much a body may differ from its rig, in units of its size (1 sigma)."""
 DOUBT = 6.0
 """Two ways of naming the lights whose costs differ by less than this are both possible."""
 MAX_CANDIDATES = 14
@@ -51,12 +51,15 @@ class Guess:
     """
 
     chosen: tuple[int, ...]
-    view: View
+    view: ViewState
     cost: float
 
 
 def guess_start(
-    shape: Shape, spots: Sequence[Spot], roll: float = 0.0, roll_deviation: float = ANY_ROLL
+    shape: WeakPerspective,
+    spots: Sequence[Detection],
+    roll: float = 0.0,
+    roll_deviation: float = ANY_ROLL,
 ) -> list[Guess]:
     """All probable ways of seeing the whole body in a number of spots, most probable first.
 
@@ -83,18 +86,18 @@ def guess_start(
     return sorted(guesses.values(), key=lambda guess: guess.cost)
 
 
-def _fit(shape: Shape, places: NDArray[np.complex128], start: Array) -> View:
+def _fit(shape: WeakPerspective, places: NDArray[np.complex128], start: Array) -> ViewState:
     measured = np.column_stack((places.real, places.imag))
     expected = np.array([start[ROLL], start[SCALE], start[X], start[Y], 0.0, 0.0, _NEARNESS])
     free = 1e4
     deviations = np.array([free, free, free, free, TILT, TILT, _NEARNESS_DEVIATION])
-    prior = View(expected, np.diag(deviations**2), np.zeros((len(places), 2)))
+    prior = ViewState(expected, np.diag(deviations**2), np.zeros((len(places), 2)))
     deviation = 0.3 + MODEL_ERROR * math.exp(float(start[SCALE]))
     return prior.fitted(shape, np.arange(len(places)), measured, deviation, start)
 
 
 def _rough_guesses(
-    shape: Shape, places: NDArray[np.complex128]
+    shape: WeakPerspective, places: NDArray[np.complex128]
 ) -> list[tuple[tuple[int, ...], Array]]:
     """Distinct spots for all lights, and a view to start the fit from; the best ones first."""
     views, looks = _looks(shape)
@@ -133,8 +136,8 @@ def _rough_guesses(
     return found
 
 
-def _explain_by_place(shape: Shape, parameters: Array) -> None:
-    """Take out of an apparent tilt what follows from the place beside the picture's centre."""
+def _explain_by_place(shape: WeakPerspective, parameters: Array) -> None:
+    """Take out of an apparent tilt what follows from the place beside the image's centre."""
     c, s = math.cos(parameters[ROLL]), math.sin(parameters[ROLL])
     x, y = parameters[X] - shape.centre[0], parameters[Y] - shape.centre[1]
     factor = parameters[NEARNESS] / math.exp(parameters[SCALE])
@@ -143,7 +146,7 @@ def _explain_by_place(shape: Shape, parameters: Array) -> None:
 
 
 @lru_cache(maxsize=4)
-def _looks(shape: Shape) -> tuple[Array, NDArray[np.complex128]]:
+def _looks(shape: WeakPerspective) -> tuple[Array, NDArray[np.complex128]]:
     """Views all round behind the body, (v, 7), and the lights' places in them, (v, n)."""
     tilts = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
     near = [part * shape.most_nearness for part in (0.02, 0.1, 0.2, 0.35, 0.6)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mvuav_ros.vision.markers.centroid import Spot
+from mvuav_ros.vision.markers.centroid import Detection
 
 USUAL_AREA = (0.6, 1.6)
 USUAL_SPREAD = 1.06
@@ -17,18 +17,18 @@ JOINED_AREA, JOINED_SPREAD = 1.25, 1.1
 _MEMORY = 0.8
 
 
-class Look:
-    """A light's usual area (px) and spread (see `Spot`), and its background's pull (px)."""
+class AppearanceModel:
+    """A light's usual area (px) and spread (see `Detection`), and its background's pull (px)."""
 
     __slots__ = ('area', 'pull', 'radius', 'spread')
 
-    def __init__(self, spot: Spot) -> None:
+    def __init__(self, spot: Detection) -> None:
         self.area = float(spot.area)
         self.spread = spot.spread
         self.radius = spot.radius
         self.pull: tuple[float, float] | None = None
 
-    def learn(self, spot: Spot) -> None:
+    def learn(self, spot: Detection) -> None:
         """Follow slow changes, as of the distance."""
         _, _, area, spread = spot
         if spread:
@@ -44,13 +44,13 @@ class Look:
             and spread <= USUAL_SPREAD * self.spread + 1.0 / area
         )
 
-    def is_likely(self, spot: Spot) -> bool:
+    def is_likely(self, spot: Detection) -> bool:
         """Whether it may be the light."""
         # Of a light of few pixels one more or less is nothing.
         if not LIKELY_AREA[0] * self.area - 2 <= spot.area <= LIKELY_AREA[1] * self.area + 6:
             return False
         return spot.spread <= max(LIKELY_SPREAD * self.spread, 1.0) + 2.0 / spot.area
 
-    def may_be_joined(self, spot: Spot) -> bool:
+    def may_be_joined(self, spot: Detection) -> bool:
         """Whether it is large or long enough to be the light and another one."""
         return spot.area >= JOINED_AREA * self.area or spot.spread >= JOINED_SPREAD * self.spread

@@ -17,11 +17,11 @@ from mvuav_ros.vision.markers.acquisition import (
     guess_start,
 )
 from mvuav_ros.vision.markers.blobs import Blobs, may_be_light
-from mvuav_ros.vision.markers.centroid import Cut, Spot, SpotMeter
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
-from mvuav_ros.vision.markers.view import ROLL, SCALE, Shape, View, X, Y
-from mvuav_ros.vision.markers.view_filter import Sighting
+from mvuav_ros.vision.markers.view import ROLL, SCALE, ViewState, WeakPerspective, X, Y
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ROUND = 1.4
 """Spread of a spot that may be a light."""
@@ -43,15 +43,15 @@ NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
 MOST_WAYS = 3000
 STRANGE = 3
-"""Frames without a name after which a light is a stranger."""
+"""Frames without a name after which a light is a clutter."""
 STRANGER_STEP = 8.0
-"""px that a stranger may move in a frame, as the camera shakes."""
+"""px that a clutter may move in a frame, as the camera shakes."""
 
 
 class Lights:
     """The spots of a frame that may be lights, measured."""
 
-    def __init__(self, blobs: Blobs, cut: Cut, meter: SpotMeter) -> None:
+    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter) -> None:
         boxes = [box for box in blobs.boxes if may_be_light(box)]
         # The largest tell what is small; of hundreds of specks no more is needed.
         boxes = sorted(boxes, key=lambda box: -box.area)[: 4 * MAX_CANDIDATES]
@@ -62,11 +62,13 @@ class Lights:
     def __len__(self) -> int:
         return len(self.spots)
 
-    def split(self, spot: Spot, dx: float, dy: float, variance: float) -> tuple[Spot, Spot]:
+    def split(
+        self, spot: Detection, dx: float, dy: float, variance: float
+    ) -> tuple[Detection, Detection]:
         """A spot that is two lights (see `Blobs.split`)."""
         return self._blobs.split(self._boxes[spot], dx, dy, variance)
 
-    def candidates(self, count: int) -> list[Spot]:
+    def candidates(self, count: int) -> list[Detection]:
         """The round ones that could be among a body's ``count`` markers."""
         spots = [spot for spot in self.spots if spot.spread <= ROUND]
         if len(spots) < count:
@@ -75,20 +77,20 @@ class Lights:
         return [spot for spot in spots if spot.area >= least]
 
 
-class Strangers:
+class Clutter:
     """Lights that have stayed without a name for some frames: glares, not returning markers."""
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, int]] = []
 
-    def include(self, spot: Spot) -> bool:
+    def include(self, spot: Detection) -> bool:
         """Whether a light has stood there, or close by, for long."""
         return any(
             age >= STRANGE and abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
             for x, y, age in self._seen
         )
 
-    def update(self, spots: Sequence[Spot]) -> None:
+    def update(self, spots: Sequence[Detection]) -> None:
         """Take the lights of a frame that got no name."""
         self._seen = [
             (
@@ -112,20 +114,20 @@ class Named(NamedTuple):
     """All markers of a body, by name.
 
     Attributes:
-        spots: in the layout's order.
+        spots: in the rig's order.
         view: fitted to them.
         certain: whether one frame is enough to believe it.
         remark: empty, or what was left out.
     """
 
-    spots: tuple[Spot, ...]
-    view: View
+    spots: tuple[Detection, ...]
+    view: ViewState
     certain: bool
     remark: str = ''
 
 
-def name_all(
-    shape: Shape, lights: Lights, names: Sequence[str], before: Sighting | None
+def initialize(
+    shape: WeakPerspective, lights: Lights, names: Sequence[str], before: ViewFilter | None
 ) -> Named | str:
     """Name a whole body of which no marker is known.
 
@@ -134,7 +136,7 @@ def name_all(
         lights: of the frame.
         names: the markers'.
         before: how it was seen a frame ago or before a loss; None at the start, when an upright
-            body is likelier than one upside down, and how exact the layout is must be seen.
+            body is likelier than one upside down, and how exact the rig is must be seen.
 
     Returns:
         The markers, or why they cannot be named.
@@ -168,12 +170,12 @@ def name_all(
     return f'{len(spots)} lights in view, {count} do not stand out'
 
 
-def _alike(guess: Guess, spots: Sequence[Spot]) -> bool:
+def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
     areas = [spots[index].area for index in guess.chosen]
     return max(areas) <= MOST_RATIO * min(areas)
 
 
-def _as_the_thesis(shape: Shape, spots: Sequence[Spot]) -> Named | None:
+def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named | None:
     """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
     spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
     order = label_five([Cluster(spot.x, spot.y, spot.area) for spot in spots])
@@ -187,7 +189,7 @@ def _as_the_thesis(shape: Shape, spots: Sequence[Spot]) -> Named | None:
     start = np.array([roll, math.log(0.56 * span), 0.0, 0.0, 0.0, 0.0, 0.25])
     start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5))
-    prior = View(start, np.diag(deviations**2), np.zeros((5, 2)))
+    prior = ViewState(start, np.diag(deviations**2), np.zeros((5, 2)))
     places = np.array([(spot.x, spot.y) for spot in chosen])
     view = prior.fitted(shape, np.arange(5), places, 0.02 * span)
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
@@ -195,7 +197,7 @@ def _as_the_thesis(shape: Shape, spots: Sequence[Spot]) -> Named | None:
     return Named(chosen, view, True)
 
 
-Fits = Callable[[int, Spot], bool]
+Fits = Callable[[int, Detection], bool]
 """Whether a marker may look like this spot."""
 
 
@@ -207,9 +209,9 @@ class Expectation(NamedTuple):
     deviation: float
 
 
-def name_some(
-    expected: Mapping[int, Expectation], spots: Sequence[Spot], fits: Fits
-) -> dict[int, Spot]:
+def assign(
+    expected: Mapping[int, Expectation], spots: Sequence[Detection], fits: Fits
+) -> dict[int, Detection]:
     """Name the spots that lie where exactly one marker is expected.
 
     All ways of giving the spots to the markers are weighed; a marker is named where every way
@@ -260,15 +262,15 @@ def _ways(
                 yield cost + own, {marker: number, **way}
 
 
-def name_lost(
-    sighting: Sighting, prior: View, spots: Sequence[Spot], fits: Fits
-) -> dict[int, Spot]:
+def reacquire(
+    view_filter: ViewFilter, prior: ViewState, spots: Sequence[Detection], fits: Fits
+) -> dict[int, Detection]:
     """Find a body again of which nothing is in sight where it was expected.
 
     Every pair of spots is tried as every pair of markers, within what the time since the loss
     allows of roll, size and place; three or more spots must fit, and no other way as well.
     """
-    shape = sighting.shape
+    shape = view_filter.shape
     places = prior.places(shape)
     flat = places[:, 0] + 1j * places[:, 1]
     seen = np.array([complex(spot.x, spot.y) for spot in spots])
@@ -295,7 +297,7 @@ def name_lost(
     weighed = []
     for way in best:
         found = {marker: spots[number] for marker, number in way}
-        view = sighting.look(prior, {m: (s.x, s.y) for m, s in found.items()})
+        view = view_filter.look(prior, {m: (s.x, s.y) for m, s in found.items()})
         if view.misfit <= CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * view.scale:
             weighed.append((view.cost + NOTHING * (len(flat) - len(way)), found))
     weighed.sort(key=lambda pair: pair[0])
@@ -308,7 +310,7 @@ def _nearest(
     places: np.ndarray[tuple[int], np.dtype[np.complex128]],
     seen: np.ndarray[tuple[int], np.dtype[np.complex128]],
     reach: float,
-    spots: Sequence[Spot],
+    spots: Sequence[Detection],
     fits: Fits,
 ) -> tuple[tuple[int, int], ...]:
     apart = np.abs(places[:, None] - seen)
@@ -322,6 +324,6 @@ def _nearest(
     return tuple(sorted(way))
 
 
-def places_of(found: Mapping[int, Spot]) -> dict[int, tuple[float, float]]:
+def places_of(found: Mapping[int, Detection]) -> dict[int, tuple[float, float]]:
     """Where named spots are, px."""
     return {marker: (spot.x, spot.y) for marker, spot in found.items()}

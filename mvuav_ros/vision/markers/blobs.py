@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.markers.centroid import Cut, Spot, SpotMeter
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.grouping import (
     MAX_BRIGHT_FRACTION,
     MAX_BRIGHT_SMALL_FRAME,
     GroupingError,
 )
-from mvuav_ros.vision.point_operations import Image, threshold
+from mvuav_ros.vision.point_operations import Pixels, threshold
 
 MAX_BLOBS = 400
 LONGEST = 3.0
@@ -24,7 +24,7 @@ LEAST_FILLED = 0.4
 """Part of its box that a light fills; a disc fills 0.79."""
 
 
-class Box(NamedTuple):
+class Blob(NamedTuple):
     """Where a piece lies: inclusive px, and its number in the labels image."""
 
     x0: int
@@ -45,7 +45,7 @@ class Blobs:
         boxes: in the order of their first pixels, row by row.
     """
 
-    def __init__(self, gray: Image, parameters: MarkerTrackerParameters) -> None:
+    def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
         """Find the pieces.
 
         Raises:
@@ -56,7 +56,7 @@ class Blobs:
         if bright > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
             share = 100 * bright / mask.size
             raise GroupingError(f'{share:.0f} % of the frame is above the threshold')
-        self.boxes: list[Box] = []
+        self.boxes: list[Blob] = []
         self._size = (gray.shape[1], gray.shape[0])
         if bright == 0:
             return
@@ -71,9 +71,9 @@ class Blobs:
         for number, (x, y, width, height, area) in zip(
             (chosen + 1).tolist(), stats[chosen + 1].tolist(), strict=True
         ):
-            self.boxes.append(Box(x, x + width - 1, y, y + height - 1, area, number))
+            self.boxes.append(Blob(x, x + width - 1, y, y + height - 1, area, number))
 
-    def measure(self, box: Box, cut: Cut, meter: SpotMeter) -> Spot:
+    def measure(self, box: Blob, cut: Cut, meter: CentroidMeter) -> Detection:
         """A piece's place, without what belongs to other pieces."""
         x0, x1 = max(box.x0 - 1, 0), min(box.x1 + 1, self._size[0] - 1)
         y0, y1 = max(box.y0 - 1, 0), min(box.y1 + 1, self._size[1] - 1)
@@ -85,7 +85,9 @@ class Blobs:
         assert spot is not None
         return spot
 
-    def split(self, box: Box, dx: float, dy: float, variance: float) -> tuple[Spot, Spot]:
+    def split(
+        self, box: Blob, dx: float, dy: float, variance: float
+    ) -> tuple[Detection, Detection]:
         """A piece that is two lights: where each of them is; spread 0, as it is not known.
 
         Two equal lights at a distance s along a direction have their own variance plus s²/4
@@ -106,10 +108,10 @@ class Blobs:
         if ax * dx + ay * dy < 0.0:
             ax, ay = -ax, -ay
         x0, y0, area = box.x0 + mx, box.y0 + my, box.area // 2
-        return Spot(x0 - ax, y0 - ay, area, 0.0), Spot(x0 + ax, y0 + ay, area, 0.0)
+        return Detection(x0 - ax, y0 - ay, area, 0.0), Detection(x0 + ax, y0 + ay, area, 0.0)
 
 
-def may_be_light(box: Box) -> bool:
+def may_be_light(box: Blob) -> bool:
     """Whether a piece is compact enough to be looked at more closely."""
     width, height = box.x1 - box.x0 + 1, box.y1 - box.y0 + 1
     if max(width, height) > LONGEST * min(width, height) and box.area > 4:

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.point_operations import Image, full_scale, threshold
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.point_operations import Pixels, full_scale, threshold
 
-Cut = Callable[[int, int, int, int], Image]
+Cut = Callable[[int, int, int, int], Pixels]
 """Takes x0, x1, y0, y1 (inclusive px, within the frame) and gives the intensity there."""
 
 FLOOR = 0.9
@@ -30,7 +30,7 @@ _RING = (2.5, 4.5)
 """The background is looked at this far outside of the light's edge, px."""
 
 
-class Spot(NamedTuple):
+class Detection(NamedTuple):
     """A measured light.
 
     Attributes:
@@ -52,15 +52,15 @@ class Spot(NamedTuple):
         return math.sqrt(self.area / math.pi)
 
 
-def cutter(picture: Picture) -> Cut:
-    """How to look at parts of a picture at the cost of those parts alone."""
-    if picture.is_gray:
-        pixels = picture.gray()
+def cutter(image: Image) -> Cut:
+    """How to look at parts of a image at the cost of those parts alone."""
+    if image.is_gray:
+        pixels = image.gray()
         return lambda x0, x1, y0, y1: pixels[y0 : y1 + 1, x0 : x1 + 1]
-    return lambda x0, x1, y0, y1: picture.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
+    return lambda x0, x1, y0, y1: image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
 
 
-class SpotMeter:
+class CentroidMeter:
     """Measures the light in a window; built once per frame or kept as long as nothing changes.
 
     Binary: the mean of the pixels above the threshold (thesis). Weighted: the mean of all pixels
@@ -91,7 +91,7 @@ class SpotMeter:
         window: tuple[int, int, int, int],
         size: tuple[int, int],
         pull: tuple[float, float] | None = None,
-    ) -> Spot | None:
+    ) -> Detection | None:
         """The light in a window.
 
         Args:
@@ -127,13 +127,13 @@ class SpotMeter:
         spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
         x, y = x0 + column + mx, y0 + row + my
         if not self.weighted:
-            return Spot(x, y, area, spread)
+            return Detection(x, y, area, spread)
         dx, dy = pull or self._find_pull(cut, x, y, area, mass, size)
-        return Spot(x - dx, y - dy, area, spread)
+        return Detection(x - dx, y - dy, area, spread)
 
     def measure_part(
         self, cut: Cut, window: tuple[int, int, int, int], own: NDArray[np.bool_]
-    ) -> Spot:
+    ) -> Detection:
         """The light made of some of a window's pixels, which other lights come close to.
 
         Args:
@@ -151,7 +151,7 @@ class SpotMeter:
         weights = weights / weights.sum()
         mx, my = float(weights @ x), float(weights @ y)
         spread = 2 * math.pi * float(weights @ ((x - mx) ** 2 + (y - my) ** 2)) / area
-        return Spot(x0 + mx, y0 + my, area, spread)
+        return Detection(x0 + mx, y0 + my, area, spread)
 
     def _find_pull(
         self, cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]
@@ -171,7 +171,7 @@ class SpotMeter:
 
 
 @lru_cache(maxsize=256)
-def _even(shape: tuple[int, int], dtype: str, value: int) -> Image:
+def _even(shape: tuple[int, int], dtype: str, value: int) -> Pixels:
     """An image of one value."""
     return np.full(shape, value, dtype)
 

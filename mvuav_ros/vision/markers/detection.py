@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.markers.centroid import SpotMeter, cutter
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
 from mvuav_ros.vision.markers.results import (
@@ -26,27 +26,27 @@ DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
 
 
-def find_clusters(picture: Picture, parameters: MarkerTrackerParameters) -> list[Cluster]:
+def find_clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Cluster]:
     """Every cluster of the frame within the area limits, in scan order.
 
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
-    mask = threshold(picture.gray(), parameters.threshold)
+    mask = threshold(image.gray(), parameters.threshold)
     clusters = group_pixels(*bright_pixels(mask), parameters.grouping_distance)
     clusters = [c for c in clusters if area_fits(c.area, parameters)]
-    return weigh(picture, clusters, parameters) if parameters.weighted else clusters
+    return weigh(image, clusters, parameters) if parameters.weighted else clusters
 
 
 def weigh(
-    picture: Picture, clusters: list[Cluster], parameters: MarkerTrackerParameters
+    image: Image, clusters: list[Cluster], parameters: MarkerTrackerParameters
 ) -> list[Cluster]:
     """The same clusters at their places by intensity.
 
     A cluster with other lights around it keeps its binary centroid.
     """
-    meter, cut = SpotMeter(parameters.threshold, weighted=True), cutter(picture)
-    size = (picture.width, picture.height)
+    meter, cut = CentroidMeter(parameters.threshold, weighted=True), cutter(image)
+    size = (image.width, image.height)
     weighed = []
     for cluster in clusters:
         reach = math.sqrt(cluster.area / math.pi) + DARK_EDGE
@@ -63,7 +63,7 @@ def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:
     return area >= parameters.min_area and not 0 < parameters.max_area < area
 
 
-def detect(picture: Picture, parameters: MarkerTrackerParameters) -> MarkerResult:
+def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
     """Find and label the five markers in a whole frame (Appendix A).
 
     The thesis's program takes the first five groups of the scan, so that one hot pixel at the
@@ -72,7 +72,7 @@ def detect(picture: Picture, parameters: MarkerTrackerParameters) -> MarkerResul
     groups, and where the sixth largest is too much like the fifth.
     """
     try:
-        clusters = find_clusters(picture, parameters)
+        clusters = find_clusters(image, parameters)
     except GroupingError as error:
         return MarkerResult(LOST_TANKER, status=str(error))
     if len(clusters) < 5:
@@ -99,14 +99,14 @@ def detect(picture: Picture, parameters: MarkerTrackerParameters) -> MarkerResul
     return MarkerResult(markers, roll_of(markers), status)
 
 
-def detect_any(picture: Picture, parameters: MarkerTrackerParameters) -> MarkerResult:
+def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
     """Find any number of clusters, without names (the purpose of Appendix B).
 
     The thesis's program works for five or six markers and loops for ever when two clusters
     interleave in the scan; this one ends on every input.
     """
     try:
-        clusters = find_clusters(picture, parameters)
+        clusters = find_clusters(image, parameters)
     except GroupingError as error:
         return MarkerResult((), status=str(error))
     markers = tuple(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
 Color = tuple[int, int, int]
@@ -26,7 +26,7 @@ COLORS: dict[int, Color] = {
 }
 
 
-def draw_markers(picture: Picture, result: MarkerResult) -> NDArray[np.uint8]:
+def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
     """Draw the result on a copy of the frame.
 
     Stars for wings, circles for stabilizers, a diamond for the rudder; red right, green left,
@@ -36,20 +36,20 @@ def draw_markers(picture: Picture, result: MarkerResult) -> NDArray[np.uint8]:
     Returns:
         (height, width, 3) uint8, blue first.
     """
-    image = picture.bgr().copy()
-    size = max(5, round(min(image.shape[:2]) / 60))
+    canvas = image.bgr().copy()
+    size = max(5, round(min(canvas.shape[:2]) / 60))
     for window in result.windows:
         cv2.rectangle(
-            image, (window.x0 - 1, window.y0 - 1), (window.x1 + 1, window.y1 + 1), WHITE, 1
+            canvas, (window.x0 - 1, window.y0 - 1), (window.x1 + 1, window.y1 + 1), WHITE, 1
         )
     for marker in result.markers:
         if marker.state is not MarkerState.LOST:
-            _draw_marker(image, marker, size)
-    _write(image, _caption(result), size)
-    return image
+            _draw_marker(canvas, marker, size)
+    _write(canvas, _caption(result), size)
+    return canvas
 
 
-def _draw_marker(image: NDArray[np.uint8], marker: Marker, size: int) -> None:
+def _draw_marker(canvas: NDArray[np.uint8], marker: Marker, size: int) -> None:
     color = YELLOW if marker.state is MarkerState.PREDICTED else COLORS.get(marker.label, YELLOW)
     thickness = 1 if marker.state is MarkerState.PREDICTED else 2
     # A wild prediction may lie anywhere; OpenCV takes 32-bit coordinates.
@@ -59,9 +59,9 @@ def _draw_marker(image: NDArray[np.uint8], marker: Marker, size: int) -> None:
     elif marker.label is Label.RUDDER:
         outline = np.array([(x, y - size), (x + size, y), (x, y + size), (x - size, y)], np.int32)
     else:
-        cv2.circle(image, (x, y), size, color, thickness, cv2.LINE_AA)
+        cv2.circle(canvas, (x, y), size, color, thickness, cv2.LINE_AA)
         return
-    cv2.polylines(image, [outline], True, color, thickness, cv2.LINE_AA)
+    cv2.polylines(canvas, [outline], True, color, thickness, cv2.LINE_AA)
 
 
 def _star(x: int, y: int, size: int) -> NDArray[np.int32]:
@@ -83,9 +83,9 @@ def _caption(result: MarkerResult) -> str:
     return '   '.join(words)
 
 
-def _write(image: NDArray[np.uint8], text: str, size: int) -> None:
+def _write(canvas: NDArray[np.uint8], text: str, size: int) -> None:
     scale = size / 16
     # A shadow instead of an outline: OpenCV 5 draws thicker letters wider.
     for color, shift in ((BLACK, 1), (WHITE, 0)):
         place = (2 * size + shift, 3 * size + shift)
-        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)
+        cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 1, cv2.LINE_AA)

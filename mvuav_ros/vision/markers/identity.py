@@ -10,13 +10,13 @@ from itertools import combinations
 import numpy as np
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.markers.appearance import Look
-from mvuav_ros.vision.markers.assignment import Expectation, Lights, Strangers, name_all
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.appearance import AppearanceModel
+from mvuav_ros.vision.markers.assignment import Clutter, Expectation, Lights, initialize
 from mvuav_ros.vision.markers.blobs import Blobs
-from mvuav_ros.vision.markers.centroid import Spot, SpotMeter, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import LightFilter
+from mvuav_ros.vision.markers.kalman import KalmanFilter
 from mvuav_ros.vision.markers.results import (
     NO_WINDOW,
     TANKER_LABELS,
@@ -28,16 +28,16 @@ from mvuav_ros.vision.markers.results import (
 )
 from mvuav_ros.vision.markers.search import FORGOTTEN, Search, are_close
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
-from mvuav_ros.vision.markers.view import Shape
-from mvuav_ros.vision.markers.view_filter import Sighting
-from mvuav_ros.vision.rig import BodyLayout
+from mvuav_ros.vision.markers.view import WeakPerspective
+from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import MarkerRig
 
 EDGE = 4.0
 """px of dark that a window shows around a light."""
 SAME_SPOT = 3.0
 """Two markers closer than this (px) are one light."""
 CHECKED_EVERY = 30
-"""Frames after which even markers that look well are held against the layout."""
+"""Frames after which even markers that look well are held against the rig."""
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
@@ -49,7 +49,7 @@ WIDEST = 200.0
 """px, by which a search window grows at most."""
 _FAR_OFF = 1e6
 
-Spots = list[Spot | None]
+Detections = list[Detection | None]
 
 
 class IdentityTracker:
@@ -62,71 +62,69 @@ class IdentityTracker:
     other fits.
     """
 
-    def __init__(self, layout: BodyLayout) -> None:
-        self._layout = layout
-        self._count = len(layout.names)
+    def __init__(self, rig: MarkerRig) -> None:
+        self._rig = rig
+        self._count = len(rig.names)
         self._labels: list[int] = list(range(self._count))
-        if layout.names == TANKER_NAMES:
+        if rig.names == TANKER_NAMES:
             self._labels = [*TANKER_LABELS]
-        self._wings = _wings(layout)
+        self._wings = _wings(rig)
         self._size = (0, 0)
         self._start_again()
 
     def _start_again(self) -> None:
-        self._filter = LightFilter(self._count)
-        self._sighting: Sighting | None = None
-        self._strangers = Strangers()
+        self._filter = KalmanFilter(self._count)
+        self._view_filter: ViewFilter | None = None
+        self._clutter = Clutter()
         self._whole_frames = 0
         self._since_check = 0
-        self._looks: list[Look] = []
+        self._looks: list[AppearanceModel] = []
         self._last_seen = [-math.inf] * self._count
         self._unseen = [0] * self._count
         self._returning = [0] * self._count
         self._all_seen_at = -math.inf
         self._all_places: Sequence[float | None] = ()
 
-    def track(
-        self, picture: Picture, time: float, parameters: MarkerTrackerParameters
-    ) -> MarkerResult:
+    def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame.
 
         Args:
-            picture: the frame.
+            image: the frame.
             time: its stamp, s, later than the last frame's.
             parameters: may change from frame to frame.
         """
-        size = (picture.width, picture.height)
+        size = (image.width, image.height)
         if size != self._size:
             self._size = size
-            self._shape = Shape.of(self._layout, *size)
-        meter = SpotMeter(parameters.threshold, parameters.weighted)
+            self._shape = WeakPerspective.of(self._rig, *size)
+        meter = CentroidMeter(parameters.threshold, parameters.weighted)
         if self._whole_frames < WHOLE_FRAMES:
-            return self._begin(picture, time, parameters, meter)
+            return self._begin(image, time, parameters, meter)
         predicted = self._filter.predict(time)
-        spots, windows = self._look_into_windows(picture, predicted, parameters, meter)
+        spots, windows = self._look_into_windows(image, predicted, parameters, meter)
         self._since_check += 1
         if _doubtful(spots) or self._since_check > CHECKED_EVERY:
             self._since_check = 0
             self._look_back(spots)
         if _doubtful(spots):
-            return self._search(picture, time, parameters, meter, predicted, spots, windows)
+            return self._search(image, time, parameters, meter, predicted, spots, windows)
         self._remember(time, spots, {})
         return self._result(time, spots, predicted, windows, {}, parameters)
 
     def _look_into_windows(
         self,
-        picture: Picture,
+        image: Image,
         predicted: list[float],
         parameters: MarkerTrackerParameters,
-        meter: SpotMeter,
-    ) -> tuple[Spots, list[Window]]:
+        meter: CentroidMeter,
+    ) -> tuple[Detections, list[Window]]:
         """The markers to which nothing has happened, None for the others; and their windows."""
-        cut = cutter(picture)
+        cut = cutter(image)
         size = self._size
         right, bottom = size[0] - 1, size[1] - 1
         least, most = parameters.min_area, parameters.max_area or math.inf
         windows: list[Window] = []
-        spots: Spots = []
+        spots: Detections = []
         for index, look in enumerate(self._looks):
             spot = None
             window = NO_WINDOW
@@ -156,19 +154,19 @@ class IdentityTracker:
             spots.append(spot)
         return spots, windows
 
-    def _look_back(self, spots: Spots) -> None:
+    def _look_back(self, spots: Detections) -> None:
         """Take the view from the last frame that showed all markers, if that is news.
 
         Args:
             spots: a marker that must have been something else is taken out of them.
         """
-        sighting = self._sighting
-        assert sighting is not None
-        if self._all_seen_at <= sighting.time:
+        view_filter = self._view_filter
+        assert view_filter is not None
+        if self._all_seen_at <= view_filter.time:
             return
         positions = np.array(self._all_places).reshape(-1, 2)
         velocity = np.array(self._filter.motions()[0]).reshape(-1, 2)
-        wrong = sighting.refresh(positions, velocity, self._all_seen_at)
+        wrong = view_filter.refresh(positions, velocity, self._all_seen_at)
         if wrong is not None:
             self._filter.forget(wrong)
             self._last_seen[wrong] = -math.inf
@@ -176,18 +174,18 @@ class IdentityTracker:
 
     def _begin(
         self,
-        picture: Picture,
+        image: Image,
         time: float,
         parameters: MarkerTrackerParameters,
-        meter: SpotMeter,
+        meter: CentroidMeter,
     ) -> MarkerResult:
         """Name all markers in a whole frame."""
         try:
-            lights = Lights(Blobs(picture.gray(), parameters), cutter(picture), meter)
+            lights = Lights(Blobs(image.gray(), parameters), cutter(image), meter)
         except GroupingError as error:
             self._start_again()
             return self._nothing(str(error))
-        named = name_all(self._shape, lights, self._layout.names, self._sighting)
+        named = initialize(self._shape, lights, self._rig.names, self._view_filter)
         if isinstance(named, str):
             self._start_again()
             return self._nothing(named)
@@ -197,17 +195,17 @@ class IdentityTracker:
             return self._nothing('the markers were named in two ways')
         self._filter.predict(time)
         self._whole_frames += 1
-        self._sighting = Sighting(self._shape, named.view, time, self._sighting)
-        spots: Spots = [*named.spots]
+        self._view_filter = ViewFilter(self._shape, named.view, time, self._view_filter)
+        spots: Detections = [*named.spots]
         if not self._looks:
-            self._looks = [Look(spot) for spot in named.spots]
+            self._looks = [AppearanceModel(spot) for spot in named.spots]
         self._remember(time, spots, {})
         if not named.certain and self._whole_frames < WHOLE_FRAMES:
             return self._nothing(f'{len(lights)} lights in view, not yet certain')
         unknown = [math.nan] * (2 * self._count)
         return self._result(time, spots, unknown, [], {}, parameters, named.remark)
 
-    def _jumped(self, spots: Sequence[Spot], scale: float) -> bool:
+    def _jumped(self, spots: Sequence[Detection], scale: float) -> bool:
         """Whether a marker lies where only another one can have been a frame ago."""
         last = self._filter.positions()
         return any(
@@ -217,36 +215,36 @@ class IdentityTracker:
 
     def _search(
         self,
-        picture: Picture,
+        image: Image,
         time: float,
         parameters: MarkerTrackerParameters,
-        meter: SpotMeter,
+        meter: CentroidMeter,
         predicted: list[float],
-        spots: Spots,
+        spots: Detections,
         windows: list[Window],
     ) -> MarkerResult:
         """Name the lights of the whole frame, some markers being known already."""
-        sighting = self._sighting
-        assert sighting is not None
+        view_filter = self._view_filter
+        assert view_filter is not None
         found = {index: spot for index, spot in enumerate(spots) if spot is not None}
         for a, b in combinations(list(found), 2):
             if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
                 del found[a], found[b]
         unseen = [max(pair) for pair in zip(self._unseen, self._returning, strict=True)]
-        search = Search(sighting, time, self._looks, self._filter, predicted, unseen, found)
+        search = Search(view_filter, time, self._looks, self._filter, predicted, unseen, found)
         status = ''
         try:
-            lights = Lights(Blobs(picture.gray(), parameters), cutter(picture), meter)
+            lights = Lights(Blobs(image.gray(), parameters), cutter(image), meter)
         except GroupingError as error:
             status = str(error)
         else:
-            search.name(lights, self._strangers)
+            search.name(lights, self._clutter)
             if self._all_gone(time, search, parameters) and len(lights) >= self._count:
-                whole = name_all(self._shape, lights, self._layout.names, sighting)
+                whole = initialize(self._shape, lights, self._rig.names, view_filter)
                 if not isinstance(whole, str) and (whole.certain or not found):
                     self._start_again()
-                    self._sighting = sighting
-                    return self._begin(picture, time, parameters, meter)
+                    self._view_filter = view_filter
+                    return self._begin(image, time, parameters, meter)
         if not found and time - max(self._last_seen) > GIVEN_UP:
             self._start_again()
             return self._nothing('no marker in view')
@@ -263,7 +261,9 @@ class IdentityTracker:
         longest = max((time - self._last_seen[index] for index in search.missing), default=0.0)
         return not search.found or longest > parameters.lost_timeout
 
-    def _remember(self, time: float, spots: Spots, expected: Mapping[int, Expectation]) -> None:
+    def _remember(
+        self, time: float, spots: Detections, expected: Mapping[int, Expectation]
+    ) -> None:
         """Learn from a frame.
 
         Args:
@@ -297,7 +297,7 @@ class IdentityTracker:
     def _result(
         self,
         time: float,
-        spots: Spots,
+        spots: Detections,
         predicted: list[float],
         windows: list[Window],
         expected: Mapping[int, Expectation],
@@ -333,14 +333,14 @@ class IdentityTracker:
         return MarkerResult(lost, status=status, has_wings=self._wings is not None)
 
 
-def _wings(layout: BodyLayout) -> tuple[int, int] | None:
-    names = layout.names
+def _wings(rig: MarkerRig) -> tuple[int, int] | None:
+    names = rig.names
     if 'left_wing' in names and 'right_wing' in names:
         return names.index('left_wing'), names.index('right_wing')
     return None
 
 
-def _doubtful(spots: Spots) -> bool:
+def _doubtful(spots: Detections) -> bool:
     """Whether a marker is missing, or two have the same spot."""
     known = [spot for spot in spots if spot is not None]
     if len(known) < len(spots):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mvuav_ros.vision.markers.centroid import Spot
+from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.view import Array
 
 PLACE_NOISE = 0.5
@@ -17,7 +17,9 @@ SURE_SIDE = 2.0
 """Deviations that the two must lie apart, so that it is clear which is on which side."""
 
 
-def offset_in(spot: Spot, areas: tuple[float, float], places: Array, spread: Array) -> Array | None:
+def offset_in(
+    spot: Detection, areas: tuple[float, float], places: Array, spread: Array
+) -> Array | None:
     """From the first to the second of two markers that make up one light.
 
     The light's place is the mean of theirs, weighted by their areas. What is wrong with the

@@ -35,7 +35,7 @@ _VELOCITY_FADING = 0.95
 """Per frame unseen: an acceleration cannot be trusted for long, a velocity somewhat longer."""
 
 
-class LightFilter:
+class KalmanFilter:
     """Predicts any number of lights, each with position, velocity and acceleration.
 
     Each light has a Kalman filter of constant acceleration with white jerk, on the images' own

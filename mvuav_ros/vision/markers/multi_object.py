@@ -9,11 +9,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import Blobs
-from mvuav_ros.vision.markers.centroid import Spot, SpotMeter, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import Array, LightFilter
+from mvuav_ros.vision.markers.kalman import Array, KalmanFilter
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
 GATE = 4.0
@@ -41,42 +41,40 @@ class Light:
     last_seen: float
 
 
-class AnyLightsTracker:
+class MultiObjectTracker:
     """Every light of the frame, as persistent as its motion allows.
 
     The lights of a frame are given to the known ones so that the squared distances from the
     predictions, over their variances, are least in sum; where several are new or hidden at once
-    the others' motion is a prediction too (`LightFilter` shares what they have in common). A
+    the others' motion is a prediction too (`KalmanFilter` shares what they have in common). A
     light out of sight is predicted for ``lost_timeout`` and then forgotten; two that run into
     one are both kept that long.
     """
 
     def __init__(self) -> None:
-        self._filter = LightFilter(0)
+        self._filter = KalmanFilter(0)
         self._lights: list[Light] = []
         self._newest_id = 0
 
-    def track(
-        self, picture: Picture, time: float, parameters: MarkerTrackerParameters
-    ) -> MarkerResult:
+    def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the lights of the next frame.
 
         Args:
-            picture: the frame.
+            image: the frame.
             time: its stamp, s, later than the last frame's.
             parameters: may change from frame to frame.
         """
         predicted = self._filter.predict(time)
         places = np.array(predicted).reshape(-1, 2)
         status = ''
-        spots: list[Spot] = []
+        spots: list[Detection] = []
         try:
-            blobs = Blobs(picture.gray(), parameters)
+            blobs = Blobs(image.gray(), parameters)
         except GroupingError as error:
             status = str(error)
         else:
-            meter = SpotMeter(parameters.threshold, parameters.weighted)
-            cut = cutter(picture)
+            meter = CentroidMeter(parameters.threshold, parameters.weighted)
+            cut = cutter(image)
             spots = [blobs.measure(box, cut, meter) for box in blobs.boxes]
         given = self._give(places, spots, parameters)
         self._update(time, given, spots, parameters)
@@ -88,7 +86,7 @@ class AnyLightsTracker:
         return self._result(given, spots, places, status)
 
     def _give(
-        self, places: Array, spots: list[Spot], parameters: MarkerTrackerParameters
+        self, places: Array, spots: list[Detection], parameters: MarkerTrackerParameters
     ) -> dict[int, int]:
         """Which known light has which spot."""
         if not self._lights or not spots:
@@ -118,7 +116,7 @@ class AnyLightsTracker:
         self,
         time: float,
         given: dict[int, int],
-        spots: list[Spot],
+        spots: list[Detection],
         parameters: MarkerTrackerParameters,
     ) -> None:
         """Measure the known lights, and forget those that are gone; ``given`` is renumbered."""
@@ -146,13 +144,13 @@ class AnyLightsTracker:
             given.clear()
             given.update(moved)
 
-    def _add(self, time: float, spot: Spot) -> None:
+    def _add(self, time: float, spot: Detection) -> None:
         self._newest_id += 1
         self._lights.append(Light(self._newest_id, spot.area, time))
         self._filter.add((spot.x, spot.y))
 
     def _result(
-        self, given: dict[int, int], spots: list[Spot], places: Array, status: str
+        self, given: dict[int, int], spots: list[Detection], places: Array, status: str
     ) -> MarkerResult:
         velocity, acceleration = self._filter.motions()
         now = self._filter.positions()

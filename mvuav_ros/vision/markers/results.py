@@ -63,7 +63,7 @@ class Marker(NamedTuple):
 
     Position in px, velocity in px/s, acceleration in px/s², area in px.
 
-    ``label`` is a `Label` for the tanker, the place in the layout for any other body, and
+    ``label`` is a `Label` for the tanker, the place in the rig for any other body, and
     `Label.UNLABELLED` in ``detect_any`` and ``track_any``.
     """
 

@@ -8,24 +8,24 @@ from itertools import combinations
 
 import numpy as np
 
-from mvuav_ros.vision.markers.appearance import Look
+from mvuav_ros.vision.markers.appearance import AppearanceModel
 from mvuav_ros.vision.markers.assignment import (
+    Clutter,
     Expectation,
     Lights,
-    Strangers,
-    name_lost,
-    name_some,
+    assign,
     places_of,
+    reacquire,
 )
-from mvuav_ros.vision.markers.centroid import Spot
+from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.joining import offset_in
-from mvuav_ros.vision.markers.kalman import LightFilter
-from mvuav_ros.vision.markers.view_filter import Sighting
+from mvuav_ros.vision.markers.kalman import KalmanFilter
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 FORGOTTEN = 10
 """Frames unseen after which a light's own motion tells nothing any more."""
 KNOWN_PLACE = 5.0
-"""px (1 sigma): where a marker's place is known better, even a stranger may be it."""
+"""px (1 sigma): where a marker's place is known better, even a clutter may be it."""
 _PLACE_ERROR = (1.0, 0.005)
 """px, and units of the body's size: of any expected place (1 sigma)."""
 
@@ -34,23 +34,23 @@ class Search:
     """Names the lights of a frame by the body's geometry, some markers being known already.
 
     Attributes:
-        found: the markers named, by their place in the layout.
+        found: the markers named, by their place in the rig.
     """
 
     def __init__(
         self,
-        sighting: Sighting,
+        view_filter: ViewFilter,
         time: float,
-        looks: Sequence[Look],
-        motion: LightFilter,
+        looks: Sequence[AppearanceModel],
+        motion: KalmanFilter,
         predicted: Sequence[float],
         unseen: Sequence[int],
-        found: dict[int, Spot],
+        found: dict[int, Detection],
     ) -> None:
         """Prepare for a frame.
 
         Args:
-            sighting: of an earlier frame; is carried on to this one.
+            view_filter: of an earlier frame; is carried on to this one.
             time: of the frame, s.
             looks: of every marker.
             motion: of every marker.
@@ -59,13 +59,13 @@ class Search:
             found: the markers known already; is added to.
         """
         self.found = found
-        self._sighting = sighting
-        self._elapsed = time - sighting.time
+        self._view_filter = view_filter
+        self._elapsed = time - view_filter.time
         self._looks = looks
         self._motion = motion
         self._predicted = predicted
         self._unseen = unseen
-        self._prior = sighting.advance(time)
+        self._prior = view_filter.advance(time)
         self._view = self._prior
         self._look()
 
@@ -74,21 +74,21 @@ class Search:
         """The markers without a spot."""
         return [index for index in range(len(self._looks)) if index not in self.found]
 
-    def name(self, lights: Lights, strangers: Strangers) -> None:
+    def name(self, lights: Lights, clutter: Clutter) -> None:
         """Give names to the lights of the frame."""
         free = [
             spot
             for spot in lights.spots
             if not any(are_close(spot, known, known.radius) for known in self.found.values())
         ]
-        self._name_clear(free, strangers)
+        self._name_clear(free, clutter)
         self._name_joined(free, lights)
         if not self.found:
-            new = [spot for spot in free if not strangers.include(spot)]
-            self.found.update(name_lost(self._sighting, self._prior, new, self._is_likely))
+            new = [spot for spot in free if not clutter.include(spot)]
+            self.found.update(reacquire(self._view_filter, self._prior, new, self._is_likely))
             self._look()
         named = list(self.found.values())
-        strangers.update([spot for spot in free if spot not in named])
+        clutter.update([spot for spot in free if spot not in named])
 
     def finish(self) -> dict[int, Expectation]:
         """Keep the view of this frame.
@@ -98,15 +98,15 @@ class Search:
         """
         # From one marker alone nobody can tell a turn.
         elapsed = self._elapsed if len(self.found) > 1 else 0.0
-        self._sighting.settle(self._prior, self._view, elapsed)
+        self._view_filter.settle(self._prior, self._view, elapsed)
         return self._expectations()
 
     def _look(self) -> None:
-        self._view = self._sighting.look(self._prior, places_of(self.found))
+        self._view = self._view_filter.look(self._prior, places_of(self.found))
 
     def _expectations(self) -> dict[int, Expectation]:
         """By the view of the markers found so far, or by their own motion."""
-        shape = self._sighting.shape
+        shape = self._view_filter.shape
         places = self._view.places(shape)
         deviations = self._view.deviations(shape)
         return {
@@ -127,7 +127,7 @@ class Search:
                 return Expectation(moved_x, moved_y, by_motion)
         return Expectation(x, y, by_view)
 
-    def _name_clear(self, free: list[Spot], strangers: Strangers) -> None:
+    def _name_clear(self, free: list[Detection], clutter: Clutter) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
         while free and (expected := self._expectations()):
             least = _PLACE_ERROR[0] + _PLACE_ERROR[1] * self._view.scale
@@ -136,12 +136,12 @@ class Search:
                 for index, e in expected.items()
             }
 
-            def fits(index: int, spot: Spot, gates: dict[int, Expectation] = gates) -> bool:
-                if gates[index].deviation > KNOWN_PLACE and strangers.include(spot):
+            def fits(index: int, spot: Detection, gates: dict[int, Expectation] = gates) -> bool:
+                if gates[index].deviation > KNOWN_PLACE and clutter.include(spot):
                     return False
                 return self._is_likely(index, spot) and not self._is_joined(index, spot, gates)
 
-            named = name_some(gates, free, fits)
+            named = assign(gates, free, fits)
             if not named:
                 return
             self.found.update(named)
@@ -149,7 +149,7 @@ class Search:
             free[:] = [spot for spot in free if spot not in taken]
             self._look()
 
-    def _name_joined(self, free: list[Spot], lights: Lights) -> None:
+    def _name_joined(self, free: list[Detection], lights: Lights) -> None:
         """Name two markers whose lights have run together."""
         if len(self.missing) < 2 or not free:
             return
@@ -176,7 +176,7 @@ class Search:
 
     def _offset_in(
         self,
-        spot: Spot,
+        spot: Detection,
         areas: tuple[float, float],
         a: int,
         b: int,
@@ -187,7 +187,7 @@ class Search:
         variances = np.array([place.deviation**2 for place in pair])
         places = np.array([(place.x, place.y) for place in pair])
         offset = offset_in(spot, areas, places, np.diag(np.repeat(variances, 2)))
-        shape = self._sighting.shape
+        shape = self._view_filter.shape
         by_view = self._view.deviations(shape)[[a, b]]
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
             # Not as they moved, or their motions do not tell the sides; the others' places may.
@@ -198,10 +198,10 @@ class Search:
             return None
         return float(offset[0]), float(offset[1])
 
-    def _is_likely(self, index: int, spot: Spot) -> bool:
+    def _is_likely(self, index: int, spot: Detection) -> bool:
         return self._looks[index].is_likely(spot)
 
-    def _is_joined(self, index: int, spot: Spot, gates: dict[int, Expectation]) -> bool:
+    def _is_joined(self, index: int, spot: Detection, gates: dict[int, Expectation]) -> bool:
         """Whether the spot is probably this marker and another missing one together."""
         if not self._looks[index].may_be_joined(spot):
             return False
@@ -218,6 +218,6 @@ def _touching(first: float, second: float) -> float:
     return math.sqrt(first / math.pi) + math.sqrt(second / math.pi) + 3.0
 
 
-def are_close(a: Spot, b: Spot, distance: float) -> bool:
+def are_close(a: Detection, b: Detection, distance: float) -> bool:
     """Whether two spots lie less than a distance (px) apart."""
     return (a.x - b.x) ** 2 + (a.y - b.y) ** 2 < distance * distance

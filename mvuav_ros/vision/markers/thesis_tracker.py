@@ -8,8 +8,8 @@ from collections import Counter
 import cv2
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.markers.centroid import SpotMeter, cutter
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
 from mvuav_ros.vision.markers.detection import area_fits, detect
 from mvuav_ros.vision.markers.labelling import roll_of
 from mvuav_ros.vision.markers.motion import Motion
@@ -29,7 +29,7 @@ WHOLE_FRAMES = 3
 """Frames searched whole before tracking: an acceleration needs three positions."""
 
 
-class MarkerTracker:
+class ThesisTracker:
     """Three whole frames, then a window around each marker's predicted position.
 
     Where the thesis's program stops, this one goes on: a window that leaves the image is
@@ -47,31 +47,29 @@ class MarkerTracker:
         self._lost = [False] * len(TANKER_LABELS)
         self._whole_frames = 0
 
-    def track(
-        self, picture: Picture, time: float, parameters: MarkerTrackerParameters
-    ) -> MarkerResult:
+    def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the five markers in the next frame.
 
         Args:
-            picture: the frame.
+            image: the frame.
             time: its stamp, s, later than the last frame's.
             parameters: may change from frame to frame.
         """
         if self._whole_frames < WHOLE_FRAMES:
-            return self._search_whole_frame(picture, time, parameters)
-        result = self._search_windows(picture, time, parameters)
+            return self._search_whole_frame(image, time, parameters)
+        result = self._search_windows(image, time, parameters)
         if not any(self._lost):
             return result
-        found = detect(picture, parameters)
+        found = detect(image, parameters)
         if found.markers is LOST_TANKER:
             return result
         self._start_again()
         return self._follow(found, time)
 
     def _search_whole_frame(
-        self, picture: Picture, time: float, parameters: MarkerTrackerParameters
+        self, image: Image, time: float, parameters: MarkerTrackerParameters
     ) -> MarkerResult:
-        found = detect(picture, parameters)
+        found = detect(image, parameters)
         if found.markers is LOST_TANKER:
             self._start_again()
             return found
@@ -89,7 +87,7 @@ class MarkerTracker:
         return MarkerResult(tuple(markers), found.roll, found.status)
 
     def _search_windows(
-        self, picture: Picture, time: float, parameters: MarkerTrackerParameters
+        self, image: Image, time: float, parameters: MarkerTrackerParameters
     ) -> MarkerResult:
         markers: list[Marker] = []
         windows: list[Window] = []
@@ -101,8 +99,8 @@ class MarkerTracker:
                 predictions.append((math.nan, math.nan))
                 continue
             x, y = motion.predict(time, parameters.prediction, self._unseen[index])
-            window = window_around(x, y, parameters.search_radius, picture.width, picture.height)
-            cluster = measure_window(picture, window, parameters)
+            window = window_around(x, y, parameters.search_radius, image.width, image.height)
+            cluster = measure_window(image, window, parameters)
             label = TANKER_LABELS[index]
             if cluster is not None:
                 motion.add(time, cluster.x, cluster.y)
@@ -140,19 +138,19 @@ def window_around(x: float, y: float, radius: int, width: int, height: int) -> W
 
 
 def measure_window(
-    picture: Picture, window: Window, parameters: MarkerTrackerParameters
+    image: Image, window: Window, parameters: MarkerTrackerParameters
 ) -> Cluster | None:
     """The bright pixels of a window as one cluster; None where there are too few or too many."""
     x0, x1, y0, y1 = window
     if x1 < x0 or y1 < y0:
         return None
     if parameters.weighted:
-        meter = SpotMeter(parameters.threshold, weighted=True)
-        spot = meter.measure(cutter(picture), window, (picture.width, picture.height))
+        meter = CentroidMeter(parameters.threshold, weighted=True)
+        spot = meter.measure(cutter(image), window, (image.width, image.height))
         if spot is None or not area_fits(spot.area, parameters):
             return None
         return Cluster(spot.x, spot.y, spot.area)
-    gray = picture.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
+    gray = image.gray_window(slice(y0, y1 + 1), slice(x0, x1 + 1))
     # Every bright pixel counts 255; OpenCV is slower when it is asked to count ones.
     moments = cv2.moments(threshold(gray, parameters.threshold))
     mass = moments['m00']

@@ -5,33 +5,33 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import detect, detect_any
 from mvuav_ros.vision.markers.identity import IdentityTracker
 from mvuav_ros.vision.markers.results import MarkerResult
-from mvuav_ros.vision.markers.thesis_tracker import MarkerTracker
-from mvuav_ros.vision.rig import TANKER_747, BodyLayout
+from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 
 if TYPE_CHECKING:
-    from mvuav_ros.vision.markers.multi_object import AnyLightsTracker
+    from mvuav_ros.vision.markers.multi_object import MultiObjectTracker
 
 
-class MarkerPipeline:
+class MarkerTracker:
     """Finds the markers in one frame after the other, in the mode that the parameters name."""
 
     def __init__(
         self,
         parameters: MarkerTrackerParameters | None = None,
-        layout: BodyLayout = TANKER_747,
+        rig: MarkerRig = TANKER_747,
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            layout: the body whose markers are named.
+            rig: the body whose markers are named.
         """
         self.parameters = parameters or MarkerTrackerParameters()
-        self.layout = layout
+        self.rig = rig
         self.reset()
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
@@ -49,32 +49,32 @@ class MarkerPipeline:
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns: int | None = None
 
-    def _make_tracker(self) -> MarkerTracker | IdentityTracker | AnyLightsTracker:
+    def _make_tracker(self) -> ThesisTracker | IdentityTracker | MultiObjectTracker:
         if self.parameters.mode == 'track_any':
             # It imports SciPy's optimizers, which took more than half of a node's start.
-            from mvuav_ros.vision.markers.multi_object import AnyLightsTracker
+            from mvuav_ros.vision.markers.multi_object import MultiObjectTracker
 
-            return AnyLightsTracker()
+            return MultiObjectTracker()
         if self.parameters.prediction == 'kalman':
-            return IdentityTracker(self.layout)
-        return MarkerTracker()
+            return IdentityTracker(self.rig)
+        return ThesisTracker()
 
-    def process(self, picture: Picture, stamp_ns: int) -> MarkerResult:
+    def process(self, image: Image, stamp_ns: int) -> MarkerResult:
         """Find the markers in the next frame.
 
         Args:
-            picture: the frame.
+            image: the frame.
             stamp_ns: its time, ns.
 
         Raises:
             ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one
                 (see `reset`).
-            ImageError: the picture does not convert to grey.
+            ImageError: the image does not convert to grey.
         """
         if self.parameters.mode == 'detect':
-            return detect(picture, self.parameters)
+            return detect(image, self.parameters)
         if self.parameters.mode == 'detect_any':
-            return detect_any(picture, self.parameters)
+            return detect_any(image, self.parameters)
         if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
             raise ValueError(f'stamp {stamp_ns} ns is not later than {self._last_stamp_ns} ns')
         self._last_stamp_ns = stamp_ns
@@ -82,7 +82,7 @@ class MarkerPipeline:
             self._first_stamp_ns = stamp_ns
         # Since the first frame, because seconds since 1970 leave a float 0.2 µs of resolution.
         time = (stamp_ns - self._first_stamp_ns) * 1e-9
-        return self._tracker.track(picture, time, self.parameters)
+        return self._tracker.track(image, time, self.parameters)
 
 
 def _program(parameters: MarkerTrackerParameters) -> tuple[str, bool]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.rig import BodyLayout
+from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
@@ -25,14 +25,14 @@ _POSSIBLE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
-    """A layout seen from behind, in units of its size.
+class WeakPerspective:
+    """A rig seen from behind, in units of its size.
 
     Attributes:
         points: (n, 3), x right, y down, z ahead; the middle of the lights is the origin and the
             farthest light is at 1.
         size: m.
-        centre: (2,), of the picture, px: off it, near and far lights shift against each other.
+        centre: (2,), of the image, px: off it, near and far lights shift against each other.
     """
 
     points: Array
@@ -40,15 +40,15 @@ class Shape:
     centre: Array
 
     @classmethod
-    def of(cls, layout: BodyLayout, width: int, height: int) -> Shape:
-        """The shape of a layout whose x axis points away from the camera.
+    def of(cls, rig: MarkerRig, width: int, height: int) -> WeakPerspective:
+        """The shape of a rig whose x axis points away from the camera.
 
         Args:
-            layout: the body.
-            width: of the pictures, px.
+            rig: the body.
+            width: of the images, px.
             height: likewise.
         """
-        x, y, z = layout.positions.T
+        x, y, z = rig.positions.T
         points = np.column_stack((-y, -z, x))
         points = points - points.mean(axis=0)
         size = float(np.hypot(np.hypot(*points.T[:2]), points.T[2]).max()) or 1.0
@@ -94,14 +94,14 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ViewState:
     """An estimate of how a shape is seen.
 
     Attributes:
-        parameters: (7,), see `Shape.project`.
+        parameters: (7,), see `WeakPerspective.project`.
         covariance: (7, 7).
-        offsets: (n, 2), by how much the lights lie beside the layout's, in units of the scale
-            and turned with the roll; zero for a body that is what its layout says.
+        offsets: (n, 2), by how much the lights lie beside the rig's, in units of the scale
+            and turned with the roll; zero for a body that is what its rig says.
         misfit: root mean square of the residuals of the lights it was fitted to, px.
         cost: squared residuals and squared distance from the prior, both over their variances.
     """
@@ -119,14 +119,14 @@ class View:
 
     @property
     def roll(self) -> float:
-        """In the picture, rad, right wing down positive."""
+        """In the image, rad, right wing down positive."""
         return float(self.parameters[ROLL])
 
-    def places(self, shape: Shape) -> Array:
+    def places(self, shape: WeakPerspective) -> Array:
         """Where the lights should be, (n, 2) px."""
         return shape.project(self.parameters) + self._turned_offsets(self.parameters)
 
-    def deviations(self, shape: Shape) -> Array:
+    def deviations(self, shape: WeakPerspective) -> Array:
         """How uncertain that is (1 sigma, px), (n,): the larger axis of each light's ellipse."""
         jacobian = _jacobian(shape, self.parameters)
         spread = np.einsum('nai,ij,nbj->nab', jacobian, self.covariance, jacobian)
@@ -134,11 +134,11 @@ class View:
         half = np.hypot(0.5 * (spread[:, 0, 0] - spread[:, 1, 1]), spread[:, 0, 1])
         return np.asarray(np.sqrt(np.maximum(mean + half, 0.0)))
 
-    def jacobian(self, shape: Shape) -> Array:
+    def jacobian(self, shape: WeakPerspective) -> Array:
         """By how much the places move with the parameters, (n, 2, 7)."""
         return _jacobian(shape, self.parameters)
 
-    def later(self, elapsed: float, rates: Array, drift: Array) -> View:
+    def later(self, elapsed: float, rates: Array, drift: Array) -> ViewState:
         """The view some time later, less certain.
 
         Args:
@@ -148,30 +148,32 @@ class View:
         """
         covariance = self.covariance + np.diag((drift * elapsed) ** 2)
         parameters = np.clip(self.parameters + rates * elapsed, *_POSSIBLE)
-        return View(parameters, covariance, self.offsets)
+        return ViewState(parameters, covariance, self.offsets)
 
-    def with_offsets(self, shape: Shape, measured: Array) -> View:
+    def with_offsets(self, shape: WeakPerspective, measured: Array) -> ViewState:
         """The same view of a body whose lights are where all of them are measured, (n, 2) px."""
         beside = measured - shape.project(self.parameters)
         c, s = math.cos(self.roll), math.sin(self.roll)
         turn_back = np.array([(c, -s), (s, c)]) / self.scale
-        return View(self.parameters, self.covariance, beside @ turn_back, self.misfit, self.cost)
+        return ViewState(
+            self.parameters, self.covariance, beside @ turn_back, self.misfit, self.cost
+        )
 
     def fitted(
         self,
-        shape: Shape,
+        shape: WeakPerspective,
         lights: NDArray[np.intp],
         measured: Array,
         deviation: float,
         start: Array | None = None,
-    ) -> View:
+    ) -> ViewState:
         """The view after looking at some of the lights: Gauss-Newton from this one as the prior.
 
         Args:
             shape: the body.
             lights: (k,), which ones.
             measured: (k, 2), px.
-            deviation: of a measurement from what the layout says (1 sigma, px per axis).
+            deviation: of a measurement from what the rig says (1 sigma, px per axis).
             start: (7,), where to begin; the prior itself if None.
         """
         weight = np.linalg.inv(self.covariance)
@@ -194,10 +196,10 @@ class View:
         squares = float((residual * residual).sum())
         cost = squares / deviation**2 + float(from_prior @ weight @ from_prior)
         misfit = math.sqrt(squares / max(len(lights), 1))
-        return View(parameters, np.linalg.inv(normal), self.offsets, misfit, cost)
+        return ViewState(parameters, np.linalg.inv(normal), self.offsets, misfit, cost)
 
     def _residual(
-        self, shape: Shape, parameters: Array, lights: NDArray[np.intp], measured: Array
+        self, shape: WeakPerspective, parameters: Array, lights: NDArray[np.intp], measured: Array
     ) -> Array:
         places = shape.project(parameters) + self._turned_offsets(parameters)
         return np.asarray(measured - places[lights])
@@ -208,7 +210,7 @@ class View:
         return np.asarray(self.offsets @ turn)
 
 
-def _jacobian(shape: Shape, parameters: Array) -> Array:
+def _jacobian(shape: WeakPerspective, parameters: Array) -> Array:
     """(n, 2, 7), by central differences."""
     moved = np.concatenate((np.diag(_STEPS), np.diag(-_STEPS))) + parameters
     places = shape.project(moved)

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mvuav_ros.vision.markers.view import Array, Shape, View
+from mvuav_ros.vision.markers.view import Array, ViewState, WeakPerspective
 
 DRIFT = np.array((0.5, 0.07, 90.0, 90.0, 0.05, 0.05, 0.03))
-"""How a view wanders off its rates in a second (1 sigma; see `Shape.project`)."""
+"""How a view wanders off its rates in a second (1 sigma; see `WeakPerspective.project`)."""
 RATE_SCALE = np.array((1.5, 0.3, 200.0, 200.0, 0.3, 0.4, 0.1))
 """Usual rates per second, a prior where the lights' velocities do not tell."""
 RATES_LAST = 1.0
@@ -18,11 +18,11 @@ RATES_LAST = 1.0
 SHARP = 0.7
 """px, of a light from its place in a view that has been adjusted to the body (1 sigma)."""
 LEAST_MODEL_ERROR = 0.006
-"""Of a layout, in units of the body's size."""
+"""Of a rig, in units of the body's size."""
 _RATE_MEMORY = 0.8
 
 
-class Sighting:
+class ViewFilter:
     """A view, how it changes, and when.
 
     Attributes:
@@ -31,7 +31,7 @@ class Sighting:
     """
 
     def __init__(
-        self, shape: Shape, view: View, time: float, before: Sighting | None = None
+        self, shape: WeakPerspective, view: ViewState, time: float, before: ViewFilter | None = None
     ) -> None:
         """Begin with a view of all markers, fitted without offsets.
 
@@ -39,7 +39,7 @@ class Sighting:
             shape: the body.
             view: of it.
             time: s.
-            before: an earlier sighting of the same body.
+            before: an earlier view_filter of the same body.
         """
         self.shape = shape
         self.view = view
@@ -52,7 +52,7 @@ class Sighting:
     def refresh(self, positions: Array, velocities: Array, time: float) -> int | None:
         """Take a frame in which all markers were seen, later than `time`.
 
-        What the layout does not explain of the markers' places is taken to be the body's own,
+        What the rig does not explain of the markers' places is taken to be the body's own,
         as far as that was so at the start.
 
         Args:
@@ -65,7 +65,7 @@ class Sighting:
         """
         elapsed = max(time - self.time, 0.0)
         prior = self.view.later(elapsed, self._rates, DRIFT / max(elapsed, 1e-9) ** 0.5)
-        prior = View(prior.parameters, prior.covariance, np.zeros_like(self.view.offsets))
+        prior = ViewState(prior.parameters, prior.covariance, np.zeros_like(self.view.offsets))
         everything = np.arange(len(positions))
         fitted = prior.fitted(self.shape, everything, positions, self._loose)
         limit = self.most_misfit(fitted.scale)
@@ -90,15 +90,15 @@ class Sighting:
         return None
 
     def most_misfit(self, scale: float) -> float:
-        """How badly this very body may fit its layout, px, at a scale (px)."""
+        """How badly this very body may fit its rig, px, at a scale (px)."""
         return 1.0 + 1.5 * self._model_error * scale
 
     @property
     def _loose(self) -> float:
-        """How far a marker may be from the layout's place (1 sigma, px)."""
+        """How far a marker may be from the rig's place (1 sigma, px)."""
         return SHARP + self._model_error * self.view.scale
 
-    def advance(self, time: float) -> View:
+    def advance(self, time: float) -> ViewState:
         """Carry the view on to a later time (s): the prior for what is seen then."""
         elapsed = time - self.time
         self.view = self.view.later(elapsed, self._rates, DRIFT / math.sqrt(elapsed))
@@ -106,14 +106,14 @@ class Sighting:
         self.time = time
         return self.view
 
-    def look(self, prior: View, seen: Mapping[int, tuple[float, float]]) -> View:
+    def look(self, prior: ViewState, seen: Mapping[int, tuple[float, float]]) -> ViewState:
         """The view by the markers in sight, from the prior of this frame."""
         if not seen:
             return prior
         lights = np.array(list(seen), np.intp)
         return prior.fitted(self.shape, lights, np.array(list(seen.values())), SHARP)
 
-    def settle(self, prior: View, view: View, elapsed: float) -> None:
+    def settle(self, prior: ViewState, view: ViewState, elapsed: float) -> None:
         """Keep the view of this frame, and learn the rates from how it differs from the prior."""
         if elapsed > 0.0:
             change = (view.parameters - prior.parameters) / elapsed

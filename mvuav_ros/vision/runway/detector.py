@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
 from mvuav_ros.vision.runway.edges import detect_edges, open_vertically, select_channel
 from mvuav_ros.vision.runway.hough import HoughGrid
@@ -15,7 +15,7 @@ from mvuav_ros.vision.runway.results import RunwayLine, RunwayResult, RunwayWork
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
 
-class RunwayPipeline:
+class RunwayDetector:
     """Finds lines in one frame after the other.
 
     Not safe for calls from several threads at once.
@@ -56,7 +56,7 @@ class RunwayPipeline:
         """Statistics of the frames since construction or `reset_statistics`."""
         return self._statistics.summary()
 
-    def process(self, image: Image, stamp_ns: int) -> RunwayResult:
+    def process(self, image: Pixels, stamp_ns: int) -> RunwayResult:
         """Find the lines of the next frame.
 
         A frame in which none can be found gives a result that says so. A frame of another size
@@ -100,7 +100,7 @@ class RunwayPipeline:
             return first, height, f'rows {first} to {last} are cut off at {height}'
         return first, last, ''
 
-    def _measure(self, image: Image, first: int, last: int) -> tuple[RunwayWorkings, str]:
+    def _measure(self, image: Pixels, first: int, last: int) -> tuple[RunwayWorkings, str]:
         """Take the rows [first, last) through to the peaks; and why there are none."""
         parameters = self._parameters
         gray = select_channel(image[first:last], parameters.channel)
@@ -137,7 +137,7 @@ class RunwayPipeline:
         return self._grid
 
 
-def _check_format(image: Image) -> None:
+def _check_format(image: Pixels) -> None:
     if image.dtype not in (np.uint8, np.uint16) or not (
         image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
     ):

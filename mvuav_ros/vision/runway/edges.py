@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Image, Mask, full_scale, intensity
+from mvuav_ros.vision.point_operations import Mask, Pixels, full_scale, intensity
 
 # float32 or float64.
 Gradient = NDArray[np.floating[Any]]
@@ -20,7 +20,7 @@ _KERNEL_SUM = 8
 _BGR_INDEX = {'blue': 0, 'green': 1, 'red': 2}
 
 
-def select_channel(image: Image, channel: str) -> Image:
+def select_channel(image: Pixels, channel: str) -> Pixels:
     """Take one colour channel, or the intensity (eq. 3.3).
 
     Args:
@@ -37,7 +37,7 @@ def select_channel(image: Image, channel: str) -> Image:
     return cv2.extractChannel(image, _BGR_INDEX[channel])
 
 
-def detect_edges(gray: Image, threshold: float = 0.0, *, thinning: bool = False) -> Mask:
+def detect_edges(gray: Pixels, threshold: float = 0.0, *, thinning: bool = False) -> Mask:
     """Find edges with the Sobel kernels (eqs 3.19-3.21) as ``edge(gray, 'sobel')`` does.
 
     Args:
@@ -61,7 +61,7 @@ def detect_edges(gray: Image, threshold: float = 0.0, *, thinning: bool = False)
     return (squared > limit).view(np.uint8)
 
 
-def automatic_threshold(gray: Image) -> float:
+def automatic_threshold(gray: Pixels) -> float:
     """The threshold that MATLAB and Octave choose: twice the gradient's root mean square.
 
     Args:
@@ -88,7 +88,7 @@ def open_vertically(edges: Mask, length: int) -> Mask:
     return cv2.morphologyEx(edges, cv2.MORPH_OPEN, _vertical_element(length))
 
 
-def _squared_gradient(gray: Image) -> Gradient:
+def _squared_gradient(gray: Pixels) -> Gradient:
     """Gx² + Gy² with the kernels undivided: whole numbers, exact in the type returned.
 
     8 bits give at most 2.1 million, below float32's 2^24; 16 bits need float64.
@@ -111,7 +111,7 @@ def _automatic_limit(squared: Gradient) -> int:
     return 4 * int(cv2.sumElems(squared)[0]) // squared.size
 
 
-def _thinned_edges(gray: Image, threshold: float) -> Mask:
+def _thinned_edges(gray: Pixels, threshold: float) -> Mask:
     strength = _strength_in_octave(gray)
     limit = threshold**2 if threshold > 0 else 4 * strength.mean()
     strength[strength <= limit] = 0
@@ -122,7 +122,7 @@ def _thinned_edges(gray: Image, threshold: float) -> Mask:
     return maximum.view(np.uint8)
 
 
-def _strength_in_octave(gray: Image) -> NDArray[np.float64]:
+def _strength_in_octave(gray: Pixels) -> NDArray[np.float64]:
     """The squared gradient, fraction of full scale squared, rounded as Octave's ``conv2`` does.
 
     Thinning compares neighbours. Where these are equal, Octave's rounding decides, which depends

@@ -1,11 +1,11 @@
-"""The Hough accumulator as a picture that a person can read: the thesis's fourth video window."""
+"""The Hough accumulator as a canvas that a person can read: the thesis's fourth video window."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from mvuav_ros.vision.runway.drawing import BLACK, Picture, write, write_centred
+from mvuav_ros.vision.runway.drawing import BLACK, Canvas, write, write_centred
 from mvuav_ros.vision.runway.hough import Accumulator, HoughGrid
 from mvuav_ros.vision.runway.peaks import Peak
 from mvuav_ros.vision.runway.results import RunwayResult
@@ -19,7 +19,7 @@ _TICKS_DEG = (-90, -45, 0, 45, 90)
 _RHO_TICKS = 5
 
 
-def draw_hough(result: RunwayResult) -> Picture:
+def draw_hough(result: RunwayResult) -> Canvas:
     """The accumulator, theta to the right and rho downwards, with the peaks marked and numbered.
 
     Brightness is the square root of votes over the most votes, since a linear scale shows
@@ -30,28 +30,28 @@ def draw_hough(result: RunwayResult) -> Picture:
     Returns:
         Always the same size, (height, width, 3) uint8, blue first.
     """
-    picture = np.zeros((_TOP + _HEIGHT + _BOTTOM, _LEFT + _WIDTH + _RIGHT, 3), np.uint8)
+    canvas = np.zeros((_TOP + _HEIGHT + _BOTTOM, _LEFT + _WIDTH + _RIGHT, 3), np.uint8)
     workings = result.workings
     if workings.accumulator is None or workings.grid is None:
-        write(picture, result.status or 'no accumulator', (8, _TOP + _HEIGHT // 2), _TEXT, _INK)
-        return picture
+        write(canvas, result.status or 'no accumulator', (8, _TOP + _HEIGHT // 2), _TEXT, _INK)
+        return canvas
     grid = workings.grid
     first_cell = grid.first_reachable_cell
     votes = workings.accumulator[:, first_cell:]
-    area = picture[_TOP : _TOP + _HEIGHT, _LEFT : _LEFT + _WIDTH]
+    area = canvas[_TOP : _TOP + _HEIGHT, _LEFT : _LEFT + _WIDTH]
     area[:] = _colored(votes)
     for row, line in enumerate(result.lines, 1):
         if line.peak is not None:
             peak = workings.peaks[line.peak]
             moved = peak._replace(rho_index=peak.rho_index - first_cell)
             _mark(area, row, moved, votes.shape, workings.peak_reach)
-    _draw_axes(picture, grid, first_cell)
+    _draw_axes(canvas, grid, first_cell)
     title = f'votes (brightest: {votes.max()}) over theta, deg, and rho, px'
-    write(picture, title, (_LEFT, _TOP - 8), _TEXT, _INK)
-    return picture
+    write(canvas, title, (_LEFT, _TOP - 8), _TEXT, _INK)
+    return canvas
 
 
-def _colored(votes: Accumulator) -> Picture:
+def _colored(votes: Accumulator) -> Canvas:
     columns, cells = votes.shape
     brightness = np.sqrt(votes.T / max(1, int(votes.max()))) * 255
     # Spread the maxima before shrinking, which would lose them.
@@ -62,7 +62,7 @@ def _colored(votes: Accumulator) -> Picture:
 
 
 def _mark(
-    area: Picture, number: int, peak: Peak, shape: tuple[int, ...], reach: tuple[int, int]
+    area: Canvas, number: int, peak: Peak, shape: tuple[int, ...], reach: tuple[int, int]
 ) -> None:
     across, down = _WIDTH / shape[0], _HEIGHT / shape[1]
     x, y = (peak.theta_index + 0.5) * across, (peak.rho_index + 0.5) * down
@@ -76,14 +76,14 @@ def _mark(
     write_centred(area, str(number), (min(max(round(x), 8), _WIDTH - 8), label_y), 0.5, _MARK)
 
 
-def _draw_axes(picture: Picture, grid: HoughGrid, first_cell: int) -> None:
+def _draw_axes(canvas: Canvas, grid: HoughGrid, first_cell: int) -> None:
     below = _TOP + _HEIGHT
     for degrees in _TICKS_DEG:
         x = _LEFT + round((degrees + 90) / 180 * (_WIDTH - 1))
-        cv2.line(picture, (x, below), (x, below + 4), _INK, 1)
-        write_centred(picture, str(degrees), (x, below + 13), _TEXT, _INK)
+        cv2.line(canvas, (x, below), (x, below + 4), _INK, 1)
+        write_centred(canvas, str(degrees), (x, below + 13), _TEXT, _INK)
     for fraction in np.linspace(0, 1, _RHO_TICKS):
         y = _TOP + round(float(fraction) * (_HEIGHT - 1))
-        cv2.line(picture, (_LEFT - 5, y), (_LEFT - 1, y), _INK, 1)
+        cv2.line(canvas, (_LEFT - 5, y), (_LEFT - 1, y), _INK, 1)
         rho = grid.rho[first_cell] + fraction * (grid.rho[-1] - grid.rho[first_cell])
-        write_centred(picture, f'{rho:.0f}', (_LEFT - 26, y), _TEXT, _INK)
+        write_centred(canvas, f'{rho:.0f}', (_LEFT - 26, y), _TEXT, _INK)

@@ -1,4 +1,4 @@
-"""The four debug pictures of a frame: the thesis's video windows two to five.
+"""The four debug images of a frame: the thesis's video windows two to five.
 
 Each is drawn only when its function is called. All are contiguous uint8, either (height, width) or
 (height, width, 3), blue first, and at least 1 x 1 px even for an empty frame.
@@ -11,12 +11,12 @@ import math
 import cv2
 import numpy as np
 
-from mvuav_ros.vision.point_operations import Image
+from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.drawing import (
     BLACK,
     WHITE,
+    Canvas,
     Color,
-    Picture,
     Point,
     write,
     write_centred,
@@ -41,19 +41,19 @@ def line_color(flags: LineFlag) -> Color:
     return MAGENTA if theta else GREEN
 
 
-def draw_confined(result: RunwayResult) -> Picture:
+def draw_confined(result: RunwayResult) -> Canvas:
     """The channel in the rows searched, (rows, width)."""
     gray = result.workings.gray
     return _blank(0, result.width) if gray is None else np.ascontiguousarray(_eight_bits(gray))
 
 
-def draw_edges(result: RunwayResult) -> Picture:
+def draw_edges(result: RunwayResult) -> Canvas:
     """The opened edges, white on black, (rows, width)."""
     edges = result.workings.edges
     return _blank(0, result.width) if edges is None else edges * np.uint8(255)
 
 
-def draw_overlay(result: RunwayResult) -> Picture:
+def draw_overlay(result: RunwayResult) -> Canvas:
     """The whole frame with its lines, (height, width, 3).
 
     A line believed is solid green. A line that keeps old values is dashed, in the colour of its
@@ -63,38 +63,38 @@ def draw_overlay(result: RunwayResult) -> Picture:
     image = _eight_bits(result.workings.image)
     if image.size == 0:
         return _blank(result.height, result.width, 3)
-    picture = np.array(image, np.uint8)
-    if picture.ndim == 2:
-        picture = np.stack([picture] * 3, axis=2)
+    canvas = np.array(image, np.uint8)
+    if canvas.ndim == 2:
+        canvas = np.stack([canvas] * 3, axis=2)
     scale = max(1.0, min(result.width, result.height) / 240)
-    _draw_brackets(picture, result.rows, scale)
+    _draw_brackets(canvas, result.rows, scale)
     numbered = [(number, line) for number, line in enumerate(result.lines, 1) if line.found]
     # Believed lines last, so that they lie on top.
     numbered.sort(key=lambda entry: not entry[1].corrected)
     for _, line in numbered:
-        _draw_line(picture, line, scale)
+        _draw_line(canvas, line, scale)
     for number, line in numbered:
-        _draw_number(picture, number, line, scale)
-    write(picture, _caption(result), (round(3 * scale), round(12 * scale)), 0.4 * scale)
-    return picture
+        _draw_number(canvas, number, line, scale)
+    write(canvas, _caption(result), (round(3 * scale), round(12 * scale)), 0.4 * scale)
+    return canvas
 
 
-def _draw_line(picture: Picture, line: RunwayLine, scale: float) -> None:
-    height, width = picture.shape[:2]
+def _draw_line(canvas: Canvas, line: RunwayLine, scale: float) -> None:
+    height, width = canvas.shape[:2]
     ends = (line.x, line.y, line.x2, line.y2)
     color = line_color(line.flags)
     measured = segment_ends(line.raw, width, height)
     if line.corrected and not math.isnan(measured[0]):
-        cv2.line(picture, *_fixed_point(measured), color, 1, cv2.LINE_AA, _SHIFT)
+        cv2.line(canvas, *_fixed_point(measured), color, 1, cv2.LINE_AA, _SHIFT)
     if not math.isnan(ends[0]):
-        _stroke(picture, _dashes(ends, scale) if line.corrected else [ends], color, scale)
+        _stroke(canvas, _dashes(ends, scale) if line.corrected else [ends], color, scale)
 
 
-def _stroke(picture: Picture, strokes: list[Ends], color: Color, scale: float) -> None:
+def _stroke(canvas: Canvas, strokes: list[Ends], color: Color, scale: float) -> None:
     width = max(2, round(1.8 * scale))
     for ink, thickness in ((BLACK, width + 2), (color, width)):
         for ends in strokes:
-            cv2.line(picture, *_fixed_point(ends), ink, thickness, cv2.LINE_AA, _SHIFT)
+            cv2.line(canvas, *_fixed_point(ends), ink, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _dashes(ends: Ends, scale: float) -> list[Ends]:
@@ -114,23 +114,23 @@ def _dashes(ends: Ends, scale: float) -> list[Ends]:
     return dashes
 
 
-def _draw_number(picture: Picture, number: int, line: RunwayLine, scale: float) -> None:
+def _draw_number(canvas: Canvas, number: int, line: RunwayLine, scale: float) -> None:
     if math.isnan(line.x):
         return
-    height, width = picture.shape[:2]
+    height, width = canvas.shape[:2]
     # Lines of a runway meet at the top, so their lower parts are apart; numbers of lines that are
     # not stand above one another.
     place = 0.92 - 0.08 * ((number - 1) % 6)
     radius = round(7 * scale)
     x = _inside(line.x + place * (line.x2 - line.x), radius, width)
     y = _inside(line.y + place * (line.y2 - line.y), radius, height)
-    cv2.circle(picture, (x, y), radius, BLACK, -1, cv2.LINE_AA)
-    cv2.circle(picture, (x, y), radius, line_color(line.flags), 1, cv2.LINE_AA)
-    write_centred(picture, str(number), (x, y), 0.38 * scale)
+    cv2.circle(canvas, (x, y), radius, BLACK, -1, cv2.LINE_AA)
+    cv2.circle(canvas, (x, y), radius, line_color(line.flags), 1, cv2.LINE_AA)
+    write_centred(canvas, str(number), (x, y), 0.38 * scale)
 
 
-def _draw_brackets(picture: Picture, rows: tuple[int, int], scale: float) -> None:
-    height, width = picture.shape[:2]
+def _draw_brackets(canvas: Canvas, rows: tuple[int, int], scale: float) -> None:
+    height, width = canvas.shape[:2]
     first, last = rows[0], rows[1] - 1
     if last <= first or last - first == height - 1:
         return
@@ -138,7 +138,7 @@ def _draw_brackets(picture: Picture, rows: tuple[int, int], scale: float) -> Non
     for side, inner in ((1, tip), (width - 2, width - 1 - tip)):
         outline = np.array([(inner, first), (side, first), (side, last), (inner, last)], np.int32)
         for ink, thickness in ((BLACK, round(scale) + 2), (WHITE, round(scale))):
-            cv2.polylines(picture, [outline], False, ink, thickness)
+            cv2.polylines(canvas, [outline], False, ink, thickness)
 
 
 def _caption(result: RunwayResult) -> str:
@@ -159,9 +159,9 @@ def _fixed_point(ends: Ends) -> tuple[Point, Point]:
     return (x, y), (x2, y2)
 
 
-def _eight_bits(image: Image) -> Picture:
+def _eight_bits(image: Pixels) -> Canvas:
     return (image >> 8 if image.dtype == np.uint16 else image).astype(np.uint8, copy=False)
 
 
-def _blank(height: int, width: int, *channels: int) -> Picture:
+def _blank(height: int, width: int, *channels: int) -> Canvas:
     return np.zeros((max(1, height), max(1, width), *channels), np.uint8)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from mvuav_ros.vision.point_operations import Image, Mask
+from mvuav_ros.vision.point_operations import Mask, Pixels
 from mvuav_ros.vision.runway.hough import Accumulator, HoughGrid
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.peaks import Peak
@@ -97,7 +97,7 @@ class RunwayLine:
 
 @dataclass(frozen=True, eq=False)
 class RunwayWorkings:
-    """The arrays that a frame went through, for the debug pictures; None where it did not get to.
+    """The arrays that a frame went through, for the debug images; None where it did not get to.
 
     Attributes:
         image: the frame as it was given: (height, width) or (height, width, 3), blue first.
@@ -109,8 +109,8 @@ class RunwayWorkings:
         peak_reach: cells that a peak's neighbourhood extends to each side, rho and theta.
     """
 
-    image: Image
-    gray: Image | None = None
+    image: Pixels
+    gray: Pixels | None = None
     edges: Mask | None = None
     grid: HoughGrid | None = None
     accumulator: Accumulator | None = None
@@ -129,7 +129,7 @@ class RunwayResult:
         rows: first row searched and the row after the last one; equal where none was.
         lines: exactly ``num_peaks`` rows.
         status: empty, or why no line was found or not all rows asked for were searched.
-        workings: for the debug pictures of `overlay`. They share memory with the frame given to
+        workings: for the debug images of `overlay`. They share memory with the frame given to
             the pipeline: draw them before that is overwritten.
     """
 

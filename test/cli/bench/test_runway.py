@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.cli.bench import runway
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 
 
@@ -20,7 +20,7 @@ def test_cases_run_and_carry_their_limits():
 
 def test_all_sides_find_the_same_strongest_line():
     frame = runway._runway(320, 240, 3)
-    ours = RunwayPipeline().process(frame, 0).workings
+    ours = RunwayDetector().process(frame, 0).workings
     strongest = ours.peaks[0]
     theta, rho = ours.grid.theta[strongest.theta_index], ours.grid.rho[strongest.rho_index]
     gray = np.ascontiguousarray(frame[50:130, :, 2])
@@ -33,7 +33,7 @@ def test_all_sides_find_the_same_strongest_line():
 def test_scikit_image_finds_the_same_strongest_line():
     pytest.importorskip('skimage')
     frame = runway._runway(320, 240, 3)
-    ours = RunwayPipeline().process(frame, 0).workings
+    ours = RunwayDetector().process(frame, 0).workings
     strongest = ours.peaks[0]
     gray = np.ascontiguousarray(frame[50:130, :, 2])
     _, theta, rho = runway._scikit_image()(gray, automatic_threshold(gray))

@@ -100,10 +100,10 @@ def test_missing_parts_of_a_recording_are_one_line(tmp_path: Path) -> None:
     )
 
 
-def test_pictures(tmp_path: Path) -> None:
+def test_images(tmp_path: Path) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.zeros((8, 16), np.uint8))
-    (tmp_path / '3.png').write_bytes(b'no picture')
+    (tmp_path / '3.png').write_bytes(b'no image')
     run = mvuav('info', tmp_path)
     assert run.status == 0
     assert f'{tmp_path}: 4 frames, 30.00 Hz, 0.13 s, 16x8 mono8' in run.out

@@ -124,7 +124,7 @@ def test_keep_inputs_does_not_mix_old_results_with_new_ones(bag: Path, tmp_path:
 
 
 @pytest.mark.parametrize('kind', ['video', 'folder'])
-def test_keep_inputs_of_pictures_are_images(tmp_path: Path, kind: str) -> None:
+def test_keep_inputs_of_images_are_images(tmp_path: Path, kind: str) -> None:
     rows = np.linspace(0, 255, 48, dtype=np.uint8)[:, None, None]
     frames = [np.full((48, 64, 3), 8 * n, np.uint8) // 2 + rows // 2 for n in range(10)]
     source = tmp_path / 'flight'

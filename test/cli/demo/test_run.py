@@ -19,7 +19,7 @@ def mvuav(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
 
 
-def test_demo_leaves_every_frame_and_the_pictures(tmp_path):
+def test_demo_leaves_every_frame_and_the_images(tmp_path):
     result = mvuav('demo', '-o', tmp_path)
     assert result.returncode == 0, result.stderr
     assert 'right_wing' in result.stdout and 'runway_detector' in result.stdout
@@ -32,10 +32,10 @@ def test_demo_leaves_every_frame_and_the_pictures(tmp_path):
     # The left stabilizer's light fails for 0.3 s and is predicted meanwhile.
     assert counts['/marker_tracker/marker/left_stabilizer'] == 180
     for name, size in (('tanker', (480, 640)), ('runway', (240, 320))):
-        picture = cv2.imread(str(tmp_path / f'{name}.png'))
-        assert picture.shape[:2] == size
+        image = cv2.imread(str(tmp_path / f'{name}.png'))
+        assert image.shape[:2] == size
         # Something is drawn in colour on what is grey or green and dark.
-        saturated = np.ptp(picture.astype(int), axis=2) > 150
+        saturated = np.ptp(image.astype(int), axis=2) > 150
         assert saturated.sum() > 50
     assert cv2.imread(str(tmp_path / 'roll.png')).shape[1] > 800
 

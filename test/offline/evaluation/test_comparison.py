@@ -8,7 +8,7 @@ from support.flights import write_bag
 
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.observed import Observed, read_bag, replay
+from mvuav_ros.offline.evaluation.observed import EvaluationRun, read_bag, replay
 from mvuav_ros.processing.messages.header import make_header
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -63,7 +63,7 @@ def test_exchanged_names_are_noticed():
 
 
 def test_roll_error_is_taken_the_short_way():
-    observed = Observed('by hand')
+    observed = EvaluationRun('by hand')
     for target, roll in ((observed.results, 3.1), (observed.truth, -3.1)):
         message = Vector3Stamped(header=make_header(7, 'camera'), vector=Vector3(x=roll))
         target.add('rpy', serialize_message(message))

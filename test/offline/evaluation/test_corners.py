@@ -120,9 +120,9 @@ def labelled(tmp_path):
 def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     from mvuav_ros.cli.app import app
 
-    folder = labelled.parent / 'pictures'
+    folder = labelled.parent / 'images'
     arguments = ['evaluate', 'corners', str(labelled)]
-    app([*arguments, '--pictures', str(folder)], standalone_mode=False)
+    app([*arguments, '--images', str(folder)], standalone_mode=False)
     printed = capsys.readouterr().out
     assert 'frames counted 6' in printed
     assert 'both edges found 0.0 %' in printed
@@ -133,7 +133,7 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     assert status == 1
 
 
-def test_a_missing_picture_is_a_users_mistake(labelled):
+def test_a_missing_image_is_a_users_mistake(labelled):
     from mvuav_ros.cli.app import app
     from mvuav_ros.recordings.sources.frame import SourceError
 

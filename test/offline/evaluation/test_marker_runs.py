@@ -15,31 +15,31 @@ from mvuav_ros.offline.thesis.tracking import (
     trial_settings,
 )
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 # Left wing, left stabilizer, rudder, right stabilizer, right wing.
 PLACES = ((60, 200), (150, 180), (200, 120), (250, 180), (340, 200))
 STEP_NS = 100_000_000
 
 
-def picture(shift):
+def image(shift):
     """Five squares whose centroids are whole numbers."""
     image = np.zeros((300, 480), np.uint8)
     for x, y in PLACES:
         image[y - 1 : y + 2, x + shift - 1 : x + shift + 2] = 255
-    return Picture(image, 'mono8')
+    return Image(image, 'mono8')
 
 
 @pytest.mark.parametrize(('method', 'error'), [('velocity', 2.0), ('acceleration', 1.0)])
 def test_rms_of_prediction_on_a_hand_made_sequence(method, error):
     """At 0, 1, 4, 9 … px the velocity of the last step is 2 px short; half of that with eq. 4.2."""
-    pipeline = MarkerPipeline(tracker(mode='track', prediction=method))
+    pipeline = MarkerTracker(tracker(mode='track', prediction=method))
     errors = []
     for frame in range(9):
-        expected = predict(pipeline, picture(0), frame * STEP_NS)
-        found = pipeline.process(picture(frame**2), frame * STEP_NS)
+        expected = predict(pipeline, image(0), frame * STEP_NS)
+        found = pipeline.process(image(frame**2), frame * STEP_NS)
         assert all(marker.state is MarkerState.DETECTED for marker in found.markers)
         if found.windows:
             errors.append(
@@ -54,12 +54,12 @@ def test_rms_of_prediction_on_a_hand_made_sequence(method, error):
 
 @pytest.mark.parametrize('method', METHODS)
 def test_predicting_leaves_the_pipeline_alone(method):
-    pipeline = MarkerPipeline(tracker(mode='track', prediction=method))
+    pipeline = MarkerTracker(tracker(mode='track', prediction=method))
     untouched = copy.deepcopy(pipeline)
     for frame in range(8):
-        predict(pipeline, picture(0), frame * STEP_NS)
-        a = pipeline.process(picture(3 * frame), frame * STEP_NS)
-        b = untouched.process(picture(3 * frame), frame * STEP_NS)
+        predict(pipeline, image(0), frame * STEP_NS)
+        a = pipeline.process(image(3 * frame), frame * STEP_NS)
+        b = untouched.process(image(3 * frame), frame * STEP_NS)
         # NaN is not equal to itself, its text is.
         assert repr(a) == repr(b)
 

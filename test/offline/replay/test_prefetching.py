@@ -12,9 +12,9 @@ import pytest
 
 from mvuav_ros.offline.replay.prefetching import prefetched
 from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
-PICTURE = Picture(np.zeros((2, 2), np.uint8), 'mono8')
+PICTURE = Image(np.zeros((2, 2), np.uint8), 'mono8')
 
 
 def frames(count: int) -> Iterator[Frame]:

@@ -11,7 +11,7 @@ from mvuav_ros.offline.report.model import (
     NOT_AVAILABLE,
     Claim,
     Column,
-    Picture,
+    Figure,
     Report,
     Section,
     Table,
@@ -66,7 +66,7 @@ def written(tmp_path_factory):
 def test_every_table_and_figure_is_there(written):
     report, folder = written
     assert {table.key for table in report.tables()} == TABLES
-    assert {picture.key for picture in report.pictures()} == FIGURES
+    assert {figure.key for figure in report.figures()} == FIGURES
     for key in TABLES:
         with (folder / f'{key}.csv').open() as stream:
             rows = list(csv.reader(stream))
@@ -135,13 +135,13 @@ def test_a_table_with_a_ragged_row_is_refused():
         Table('t', 'T', (Column('a'), Column('b')), ((1, 2, 3),))
 
 
-def test_the_same_data_make_the_same_picture():
+def test_the_same_data_make_the_same_image():
     def draw(last):
         with drawing(4.0, 2.0) as canvas:
             axes = canvas.figure.subplots()
             axes.plot([1, last], label='curve')
             label(axes, 'title', 'time [s]', 'x [px]')
             legend_below(canvas.figure, axes)
-        return Picture('p', 'P', canvas.png)
+        return Figure('p', 'P', canvas.png)
 
     assert draw(2).png == draw(2).png != draw(3).png

@@ -17,16 +17,16 @@ from mvuav_ros.offline.thesis.beyond import identity_table, pose_table
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
-class Exchanging(MarkerPipeline):
+class Exchanging(MarkerTracker):
     """From frame 10 on the wings have each other's names; frame 20 has none at all."""
 
     frames = 0
 
-    def process(self, picture, stamp_ns):
-        result = super().process(picture, stamp_ns)
+    def process(self, image, stamp_ns):
+        result = super().process(image, stamp_ns)
         self.frames += 1
         left, *others, right = result.markers
         if self.frames - 1 == 20:
@@ -38,7 +38,7 @@ class Exchanging(MarkerPipeline):
 
 
 def test_exchanged_names_are_counted(monkeypatch):
-    monkeypatch.setattr(identity_runs, 'MarkerPipeline', Exchanging)
+    monkeypatch.setattr(identity_runs, 'MarkerTracker', Exchanging)
     flown = fly_names(IdentityTask('x', TankerSettings(frames=30, fps=30.0, seed=3)))
     assert {frame for frame, _, _ in flown.wrong} == set(range(10, 30)) - {20}
     assert {name for _, name, _ in flown.wrong} == {'left_wing', 'right_wing'}

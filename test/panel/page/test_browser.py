@@ -115,16 +115,16 @@ def looks(canvas):
     return hashlib.sha256(canvas.evaluate('c => c.toDataURL()').encode()).hexdigest()
 
 
-def test_pictures_appear_and_change(panel):
-    canvases = panel.page.locator('canvas.picture')
+def test_images_appear_and_change(panel):
+    canvases = panel.page.locator('canvas.image')
     panel.until(lambda: canvases.count() == 2, 'input and overlay')
     for canvas in (canvases.nth(0), canvases.nth(1)):
         canvas.scroll_into_view_if_needed()
         panel.until(
-            lambda c=canvas: int(c.get_attribute('data-frames') or 0) > 0, 'the first picture'
+            lambda c=canvas: int(c.get_attribute('data-frames') or 0) > 0, 'the first image'
         )
         first = looks(canvas)
-        panel.until(lambda c=canvas, f=first: looks(c) != f, 'another picture')
+        panel.until(lambda c=canvas, f=first: looks(c) != f, 'another image')
         bright = canvas.evaluate(
             "c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data"
             '.filter((v, i) => i % 4 == 0).reduce((a, b) => Math.max(a, b))'
@@ -257,7 +257,7 @@ def test_a_set_is_saved_changed_and_loaded(panel):
 
 def test_a_click_on_the_input_sets_a_row_or_shows_the_pixel(panel):
     panel.choose(DETECTOR)
-    panel.part('pictures')
+    panel.part('images')
     tile = panel.page.locator('.tile', has_text='Input').filter(has_text=DETECTOR)
     tile.wait_for()
     canvas = tile.locator('canvas')

@@ -20,7 +20,7 @@ from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 
 OFFSETS = {
     'x': 0,
@@ -53,10 +53,10 @@ def camera():
 @lru_cache
 def frame(index):
     simulated = flight().frame(index)
-    return Frame(simulated.stamp_ns, 'camera', simulated.picture)
+    return Frame(simulated.stamp_ns, 'camera', simulated.image)
 
 
-EMPTY = Picture(np.full((480, 640, 3), 90, np.uint8), 'bgr8')
+EMPTY = Image(np.full((480, 640, 3), 90, np.uint8), 'bgr8')
 
 
 def outputs(processor, index, debug=()):
@@ -174,11 +174,11 @@ def test_absence_is_said_on_every_topic():
 
 def test_the_overlay_shows_the_edges_on_the_frame():
     processor, said = flown(runway_width=30.0)
-    picture = decode_image(said['debug/overlay'])
-    frame_pixels = frame(19).picture.pixels
-    assert picture.pixels.shape == frame_pixels.shape
+    image = decode_image(said['debug/overlay'])
+    frame_pixels = frame(19).image.pixels
+    assert image.pixels.shape == frame_pixels.shape
     rows = decode_points(said['line_params'])
-    changed = (picture.pixels.astype(int) - frame_pixels).any(axis=2)
+    changed = (image.pixels.astype(int) - frame_pixels).any(axis=2)
     for row in rows[:2]:
         x, y = 0.5 * (row['x'] + row['x2']), 0.5 * (row['y'] + row['y2'])
         assert changed[round(float(y)), round(float(x))]

@@ -27,13 +27,13 @@ from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import TANKER_NAMES
 from mvuav_ros.vision.pose import Pose
 
 # Of every length that the alignment to eight bytes tells apart.
 FRAME_IDS = ['', 'c', 'ca', 'cam', 'nose', 'left1', 'Kamera µ', 'a/b/opt', 'camera_1']
-BLACK = Picture(np.zeros((240, 320), np.uint8), 'mono8')
+BLACK = Image(np.zeros((240, 320), np.uint8), 'mono8')
 
 
 def flight_of(processor: Processor, flight) -> Iterator[tuple[str, str, bytes]]:
@@ -42,8 +42,8 @@ def flight_of(processor: Processor, flight) -> Iterator[tuple[str, str, bytes]]:
     processor.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
     for index, given in enumerate([*flight, None]):
         frame_id = FRAME_IDS[index % len(FRAME_IDS)]
-        picture = BLACK if given is None else given.picture
-        frame = Frame(-5_000_000_007 + index * 33_333_333, frame_id, picture)
+        image = BLACK if given is None else given.image
+        frame = Frame(-5_000_000_007 + index * 33_333_333, frame_id, image)
         debug = processor.debug_topics if index % 4 == 0 else ()
         for topic, make in processor.process(frame, debug):
             yield frame_id, topic, make()
@@ -63,10 +63,10 @@ def processors():
     ):
         processor = MarkerTrackerProcessor(MarkerTrackerParameters.from_mapping(values))
         yield pytest.param(processor, tanker, missing, id=f'markers {values}')
-    pictures = {'debug/confined', 'debug/edges', 'debug/hough'}
+    images = {'debug/confined', 'debug/edges', 'debug/hough'}
     for values, missing in (
         ({}, {'pose'}),
-        ({'mode': 'approach', 'runway_width': 30.0}, pictures),
+        ({'mode': 'approach', 'runway_width': 30.0}, images),
     ):
         processor = RunwayDetectorProcessor(RunwayDetectorParameters.from_mapping(values))
         yield pytest.param(processor, approach, missing, id=f'runway {values}')
@@ -106,7 +106,7 @@ def test_a_whole_runway_frame_field_by_field():
     processor = RunwayDetectorProcessor()
     flight = RunwayFlight(RunwaySettings(frames=3, width=320, height=240))
     for given in flight:
-        outputs = processor.process(Frame(given.stamp_ns, 'nose', given.picture))
+        outputs = processor.process(Frame(given.stamp_ns, 'nose', given.image))
     said = messages_of(processor, outputs)
     rows = points.decode_points(said['line_params'])
     marker, corrections = said['lines'], said['corrections']

@@ -23,7 +23,7 @@ def run(camera=CAMERA, debug=(), **parameters):
     if camera is not None:
         processor.set_camera(camera)
     frames = [
-        messages_of(processor, processor.process(Frame(f.stamp_ns, 'camera', f.picture), debug))
+        messages_of(processor, processor.process(Frame(f.stamp_ns, 'camera', f.image), debug))
         for f in FLIGHT
     ]
     return processor, frames
@@ -50,7 +50,7 @@ def test_one_pose_for_every_frame_and_nan_without_markers():
             assert all(math.isnan(number) for number in numbers(pose))
 
 
-def test_roll_stays_the_pictures_and_pitch_and_yaw_are_the_poses():
+def test_roll_stays_the_images_and_pitch_and_yaw_are_the_poses():
     _, with_pose = run()
     _, without = run(camera=None)
     for index in range(6):
@@ -117,7 +117,7 @@ def test_a_new_calibration_takes_effect():
         k = flight.camera.matrix.ravel().tolist()
         k[0], k[4] = factor * k[0], factor * k[4]
         processor.set_camera(CameraModel(640, 480, tuple(k)))
-        given = Frame(frame.stamp_ns, 'camera', frame.picture)
+        given = Frame(frame.stamp_ns, 'camera', frame.image)
         outputs = messages_of(processor, processor.process(given))
         distances.append(outputs['pose'].pose.pose.position.z)
     assert distances[0] == pytest.approx(distances[2], rel=0.01)

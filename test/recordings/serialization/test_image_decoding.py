@@ -1,4 +1,4 @@
-"""sensor_msgs images to pictures and back, good and bad."""
+"""sensor_msgs images to images and back, good and bad."""
 
 import array
 import sys
@@ -8,19 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as RosImage
 from support.node_outputs import image_of
 
 from mvuav_ros.processing.messages.header import make_header
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.vision.image import ENCODINGS, ImageError, Picture
+from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 HEADER = make_header(5_000_000_007, 'nose')
 
 
 def message(encoding, data, width, height, step=None, is_bigendian=0):
     data = np.ascontiguousarray(data)
-    result = Image(
+    result = RosImage(
         header=HEADER,
         encoding=encoding,
         width=width,
@@ -42,7 +43,7 @@ def random_pixels(encoding, height=6, width=8, seed=0):
 @pytest.mark.parametrize('encoding', ENCODINGS)
 def test_round_trip(encoding):
     pixels = random_pixels(encoding)
-    encoded = image_of(Picture(pixels, encoding), 5_000_000_007, 'nose')
+    encoded = image_of(Image(pixels, encoding), 5_000_000_007, 'nose')
     assert encoded.header == HEADER
     assert len(encoded.data) == pixels.nbytes
     decoded = decode_image(encoded)
@@ -52,7 +53,7 @@ def test_round_trip(encoding):
 
 @pytest.mark.parametrize('encoding', ENCODINGS)
 def test_nothing_is_copied(encoding):
-    encoded = image_of(Picture(random_pixels(encoding), encoding), 5_000_000_007, 'nose')
+    encoded = image_of(Image(random_pixels(encoding), encoding), 5_000_000_007, 'nose')
     decoded = decode_image(encoded)
     before = decoded.pixels.ravel()[0]
     encoded.data[0] ^= 1
@@ -68,7 +69,7 @@ def test_padded_rows(encoding, padding):
     encoded = message(encoding, padded, 8, 6)
     decoded = decode_image(encoded)
     np.testing.assert_array_equal(decoded.pixels, pixels)
-    np.testing.assert_array_equal(decoded.gray(), Picture(pixels, encoding).gray())
+    np.testing.assert_array_equal(decoded.gray(), Image(pixels, encoding).gray())
 
 
 @pytest.mark.parametrize('encoding', ['mono16', '16UC1'])
@@ -90,11 +91,11 @@ def test_colours_become_the_same_bgr_and_intensity():
     }
     expected = np.round(bgr @ np.array([0.114, 0.587, 0.299]))
     for encoding, pixels in versions.items():
-        picture = decode_image(message(encoding, pixels, 6, 4))
-        np.testing.assert_array_equal(picture.bgr(), bgr)
-        assert np.abs(picture.gray() - expected).max() <= 1
+        image = decode_image(message(encoding, pixels, 6, 4))
+        np.testing.assert_array_equal(image.bgr(), bgr)
+        assert np.abs(image.gray() - expected).max() <= 1
         np.testing.assert_array_equal(
-            picture.gray_window(slice(1, 3), slice(2, 5)), picture.gray()[1:3, 2:5]
+            image.gray_window(slice(1, 3), slice(2, 5)), image.gray()[1:3, 2:5]
         )
 
 
@@ -110,9 +111,9 @@ def test_yuv_422(encoding, code):
     gray = np.zeros(4, np.uint8)
     gray[[y_at, y_at + 2]], gray[u_at], gray[v_at] = 60, 128, 128
     pixels = np.concatenate([pair, gray]).reshape(1, 4, 2)
-    picture = decode_image(message(encoding, pixels, 4, 1))
-    np.testing.assert_array_equal(picture.gray(), [[81, 81, 60, 60]])
-    blue, green, red = picture.bgr()[0, 0].astype(int)
+    image = decode_image(message(encoding, pixels, 4, 1))
+    np.testing.assert_array_equal(image.gray(), [[81, 81, 60, 60]])
+    blue, green, red = image.bgr()[0, 0].astype(int)
     assert red > 240 and green < 15 and blue < 15
 
 
@@ -171,17 +172,17 @@ def test_bad_images_are_refused_with_the_reason(changes, reason):
     is_bigendian=st.integers(0, 1),
     size=st.integers(0, 200),
 )
-def test_any_header_gives_a_picture_or_an_image_error(
+def test_any_header_gives_a_image_or_an_image_error(
     height, width, step, encoding, is_bigendian, size
 ):
-    made = Image(
+    made = RosImage(
         height=height, width=width, step=step, encoding=encoding, is_bigendian=is_bigendian
     )
     made.data = array.array('B', bytes(size))
     try:
-        picture = decode_image(made)
-        assert picture.gray().shape == (height, width)
-        assert picture.bgr().shape == (height, width, 3)
+        image = decode_image(made)
+        assert image.gray().shape == (height, width)
+        assert image.bgr().shape == (height, width, 3)
     except ImageError as error:
         assert str(error)
 
@@ -191,18 +192,18 @@ def test_compressed(kind):
     gray = cv2.GaussianBlur(random_pixels('mono8', 48, 64), (0, 0), 3)
     suffix = '.png' if 'png' in kind.lower() else '.jpg'
     data = cv2.imencode(suffix, gray)[1].tobytes()
-    picture = decode_compressed_image(CompressedImage(format=kind, data=data))
-    assert picture.encoding == 'mono8'
-    assert np.abs(picture.pixels.astype(int) - gray).max() <= (0 if suffix == '.png' else 8)
+    image = decode_compressed_image(CompressedImage(format=kind, data=data))
+    assert image.encoding == 'mono8'
+    assert np.abs(image.pixels.astype(int) - gray).max() <= (0 if suffix == '.png' else 8)
 
 
 @pytest.mark.parametrize('encoding', ['mono16', 'bgr8', 'bgra8'])
 def test_compressed_png_keeps_depth_and_colour(encoding):
     pixels = random_pixels(encoding)
     data = cv2.imencode('.png', pixels)[1].tobytes()
-    picture = decode_compressed_image(CompressedImage(format='png', data=data))
-    assert picture.encoding == encoding
-    np.testing.assert_array_equal(picture.pixels, pixels)
+    image = decode_compressed_image(CompressedImage(format='png', data=data))
+    assert image.encoding == encoding
+    np.testing.assert_array_equal(image.pixels, pixels)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +222,7 @@ def test_bad_compressed_images_are_refused_with_the_reason(kind, data, reason):
         decode_compressed_image(CompressedImage(format=kind, data=data))
 
 
-def test_a_truncated_jpeg_gives_a_picture_or_an_image_error():
+def test_a_truncated_jpeg_gives_a_image_or_an_image_error():
     data = cv2.imencode('.jpg', random_pixels('bgr8', 48, 64))[1].tobytes()
     for end in range(0, len(data), 97):
         try:

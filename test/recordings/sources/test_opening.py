@@ -28,7 +28,7 @@ def write_video(path, count=10, fps=20.0):
 def test_images_come_in_the_order_of_their_numbers(tmp_path):
     source = open_source(str(write_images(tmp_path / 'images')))
     frames = list(source.frames())
-    assert [int(f.picture.pixels[0, 0]) for f in frames] == list(range(12))
+    assert [int(f.image.pixels[0, 0]) for f in frames] == list(range(12))
     assert [f.stamp_ns for f in frames] == [round(i * 1e9 / 30) for i in range(12)]
     assert source.count == 12
     assert source.rate == 30.0
@@ -60,7 +60,7 @@ def test_a_video_and_its_own_rate(tmp_path):
     for _ in range(2):
         frames = list(source.frames())
         assert [f.stamp_ns for f in frames] == [i * 50_000_000 for i in range(10)]
-        assert frames[0].picture.encoding == 'bgr8'
+        assert frames[0].image.encoding == 'bgr8'
     assert source.losses == []
     assert source.count == 10
 
@@ -126,8 +126,8 @@ def test_a_synthetic_flight_with_its_calibration(kind, encoding):
     frames = list(source.frames())
     assert len(frames) == 4
     assert set(np.diff([f.stamp_ns for f in frames])) == {100_000_000}
-    assert frames[0].picture.encoding == encoding
-    assert frames[0].picture.width == 320
+    assert frames[0].image.encoding == encoding
+    assert frames[0].image.width == 320
     frames[0].camera.check(320, 240)
 
 

@@ -10,7 +10,7 @@ from mvuav_ros.cli.bench.approach import approach_cases
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.runway.results import LineRole
 
@@ -19,25 +19,25 @@ FRAMES = 40
 
 
 @pytest.fixture(scope='module')
-def pictures():
+def images():
     flight = RunwayFlight(RunwaySettings(frames=FRAMES))
-    return [flight.frame(index).picture.pixels for index in range(FRAMES)]
+    return [flight.frame(index).image.pixels for index in range(FRAMES)]
 
 
-def run(pipeline, pictures):
-    return [pipeline.process(picture, index) for index, picture in enumerate(pictures)]
+def run(pipeline, images):
+    return [pipeline.process(image, index) for index, image in enumerate(images)]
 
 
-def test_it_starts_by_itself_within_a_second_and_stays(pictures):
-    seen = [result.corners is not None for result in run(ApproachPipeline(APPROACH), pictures)]
+def test_it_starts_by_itself_within_a_second_and_stays(images):
+    seen = [result.corners is not None for result in run(ApproachDetector(APPROACH), images)]
     first = seen.index(True)
     # Not at the first glance, but soon.
     assert 5 <= first <= 25
     assert all(seen[first:])
 
 
-def test_lines_pass_through_the_corners_and_meet_in_the_vanishing_point(pictures):
-    result = run(ApproachPipeline(APPROACH), pictures)[-1]
+def test_lines_pass_through_the_corners_and_meet_in_the_vanishing_point(images):
+    result = run(ApproachDetector(APPROACH), images)[-1]
     near_left, near_right, far_right, far_left = result.corners
     assert near_left[0] < near_right[0] and far_left[0] < far_right[0]
     assert near_left[1] > far_left[1]
@@ -55,11 +55,11 @@ def test_lines_pass_through_the_corners_and_meet_in_the_vanishing_point(pictures
             assert abs(distance) < 1e-6
 
 
-def test_a_runway_that_disappears_is_let_go_within_half_a_second(pictures):
-    pipeline = ApproachPipeline(APPROACH)
-    run(pipeline, pictures)
-    sky = np.full_like(pictures[0], 0)
-    sky[:] = pictures[0][5, 5]
+def test_a_runway_that_disappears_is_let_go_within_half_a_second(images):
+    pipeline = ApproachDetector(APPROACH)
+    run(pipeline, images)
+    sky = np.full_like(images[0], 0)
+    sky[:] = images[0][5, 5]
     after = run(pipeline, [sky] * 20)
     assert after[-1].corners is None
     assert after[-1].status
@@ -68,19 +68,19 @@ def test_a_runway_that_disappears_is_let_go_within_half_a_second(pictures):
     assert confidences == sorted(confidences, reverse=True)
 
 
-def test_results_repeat(pictures):
-    first, second = (run(ApproachPipeline(APPROACH), pictures)[-1] for _ in range(2))
+def test_results_repeat(images):
+    first, second = (run(ApproachDetector(APPROACH), images)[-1] for _ in range(2))
     assert first.corners == second.corners
-    pipeline = ApproachPipeline(APPROACH)
-    run(pipeline, pictures)
+    pipeline = ApproachDetector(APPROACH)
+    run(pipeline, images)
     pipeline.reset()
-    assert run(pipeline, pictures)[-1].corners == first.corners
+    assert run(pipeline, images)[-1].corners == first.corners
 
 
-def test_the_frame_is_not_changed(pictures):
-    before = pictures[3].copy()
-    ApproachPipeline(APPROACH).process(pictures[3], 0)
-    assert np.array_equal(pictures[3], before)
+def test_the_frame_is_not_changed(images):
+    before = images[3].copy()
+    ApproachDetector(APPROACH).process(images[3], 0)
+    assert np.array_equal(images[3], before)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_the_frame_is_not_changed(pictures):
 @pytest.mark.parametrize('target', ['runway', 'road', 'pipeline'])
 def test_any_size_and_format_gives_a_result(shape, dtype, target):
     rng = np.random.default_rng(4)
-    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', target=target))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', target=target))
     for index in range(4):
         image = rng.integers(0, np.iinfo(dtype).max, shape, dtype)
         result = pipeline.process(image, index)
@@ -98,19 +98,19 @@ def test_any_size_and_format_gives_a_result(shape, dtype, target):
         assert draw_approach(result).ndim == 3
 
 
-def test_a_frame_of_another_size_starts_afresh(pictures):
-    pipeline = ApproachPipeline(APPROACH)
-    run(pipeline, pictures)
-    small = cv2.resize(pictures[-1], (320, 240), interpolation=cv2.INTER_AREA)
+def test_a_frame_of_another_size_starts_afresh(images):
+    pipeline = ApproachDetector(APPROACH)
+    run(pipeline, images)
+    small = cv2.resize(images[-1], (320, 240), interpolation=cv2.INTER_AREA)
     assert pipeline.process(small, FRAMES).corners is None
     again = run(pipeline, [small] * 30)
     assert again[-1].corners is not None
 
 
-def test_large_frames_give_the_same_runway_in_their_own_pixels(pictures):
-    large = [cv2.resize(p, (1280, 960), interpolation=cv2.INTER_LINEAR) for p in pictures]
-    small = run(ApproachPipeline(APPROACH), pictures)[-1]
-    big = run(ApproachPipeline(APPROACH), large)[-1]
+def test_large_frames_give_the_same_runway_in_their_own_pixels(images):
+    large = [cv2.resize(p, (1280, 960), interpolation=cv2.INTER_LINEAR) for p in images]
+    small = run(ApproachDetector(APPROACH), images)[-1]
+    big = run(ApproachDetector(APPROACH), large)[-1]
     for corner, other in zip(small.corners, big.corners, strict=True):
         assert ((other[0] + 0.5) / 2 - 0.5, (other[1] + 0.5) / 2 - 0.5) == pytest.approx(
             corner, abs=1.5
@@ -122,7 +122,7 @@ def test_a_pipeline_is_followed():
     rng = np.random.default_rng(3)
     y, x = np.mgrid[:240, :320].astype(float)
     land = np.where((y > 80)[:, :, None], (60.0, 120.0, 100.0), (230.0, 210.0, 190.0))
-    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', target='pipeline'))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', target='pipeline'))
     result = None
     for index in range(40):
         depth = y - 80
@@ -139,20 +139,20 @@ def test_a_pipeline_is_followed():
     assert not result.lines[LineRole.NEAR_END - 1].found
 
 
-def test_flags_are_raised_line_by_line(pictures):
+def test_flags_are_raised_line_by_line(images):
     """With thresholds of nothing every move is a jump, and the old values are kept."""
     strict = RunwayDetectorParameters(
         mode='approach', rho_error_threshold=0.0, theta_error_threshold_deg=0.0, max_hold=0
     )
-    pipeline = ApproachPipeline(strict)
-    results = run(pipeline, pictures)
+    pipeline = ApproachDetector(strict)
+    results = run(pipeline, images)
     left = [result.lines[0] for result in results if result.lines[0].found]
     assert left[-1].rho_flag and left[-1].corrected
     assert left[-1].rho == left[-2].rho
     assert left[-1].rho != left[-1].rho_raw
     assert pipeline.statistics().lines[0].corrected > 5
-    calm = ApproachPipeline(APPROACH)
-    run(calm, pictures)
+    calm = ApproachDetector(APPROACH)
+    run(calm, images)
     assert calm.statistics().lines[0].found > 10
     assert calm.statistics().corrected == 0
 

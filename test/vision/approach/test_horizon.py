@@ -1,4 +1,4 @@
-"""The horizon on drawn pictures."""
+"""The horizon on drawn images."""
 
 import math
 
@@ -51,7 +51,7 @@ def test_a_horizon_that_moves_a_little_is_followed_and_one_that_jumps_is_found_a
     assert math.degrees(far.slope) == pytest.approx(30, abs=0.3)
 
 
-def test_treetops_and_an_even_picture_are_not_trusted():
+def test_treetops_and_an_even_image_are_not_trusted():
     finder = HorizonFinder(HEIGHT, WIDTH)
     assert not finder.find(view(110, 0, treetops=True)).trusted
     assert not finder.find(np.full((HEIGHT, WIDTH, 3), 90, np.uint8)).trusted

@@ -9,7 +9,7 @@ import pytest
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.detector import ApproachPipeline
+from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.results import LineRole
@@ -29,14 +29,14 @@ def fly(name: str):
     """Results and truth of the frames down to 20 m before the runway."""
     flight = RunwayFlight(RunwaySettings(frames=1000, **FLIGHTS[name]))
     width = flight.settings.runway_width
-    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', runway_width=width))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=width))
     camera = flight.camera
     pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
     last = int((flight.settings.start_distance - 20) / flight.settings.speed * flight.settings.fps)
     flown = []
     for index in range(last - FRAMES, last):
         frame = flight.frame(index)
-        flown.append((pipeline.process(frame.picture.pixels, frame.stamp_ns), frame.truth))
+        flown.append((pipeline.process(frame.image.pixels, frame.stamp_ns), frame.truth))
     return flown
 
 
@@ -134,13 +134,13 @@ def test_the_distance_is_known_while_the_near_end_is_in_sight(name):
 
 def test_beyond_the_threshold_the_distance_is_unknown_and_says_so():
     flight = RunwayFlight(RunwaySettings(frames=1000, motion='low_pass', start_distance=200.0))
-    pipeline = ApproachPipeline(RunwayDetectorParameters(mode='approach', runway_width=30.0))
+    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=30.0))
     camera = flight.camera
     pipeline.set_camera(CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel())))
     seen = 0
     for index in range(0, 270, 2):
         frame = flight.frame(index)
-        result = pipeline.process(frame.picture.pixels, frame.stamp_ns)
+        result = pipeline.process(frame.image.pixels, frame.stamp_ns)
         guidance = result.guidance
         if frame.truth.pose.position[0] > 30 and guidance.known:
             seen += 1

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.derotation import Level, turn_edge
+from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
 from mvuav_ros.vision.approach.edges import find_edges
 from mvuav_ros.vision.approach.features import Colours, features_of, row_sums, shrink, white_of
 from mvuav_ros.vision.approach.strip import score_strips
@@ -31,7 +31,7 @@ def strip(shape=SHAPE, far=FAR, near=NEAR, size=(320, 240), factor=1) -> np.ndar
 
 
 def test_a_level_point_comes_back_from_the_frame():
-    level = Level(320, 240, 2, math.radians(12))
+    level = Derotation(320, 240, 2, math.radians(12))
     x, y = level.to_frame(100.0, 90.0)
     # By hand: turned by 12 degrees about (159.5, 119.5), then two frame px for one.
     dx, dy = -59.5, -29.5
@@ -42,7 +42,7 @@ def test_a_level_point_comes_back_from_the_frame():
 
 def test_levelled_pixels_lie_where_the_points_do():
     image = np.zeros((240, 320, 3), np.uint8)
-    level = Level(320, 240, 1, math.radians(9))
+    level = Derotation(320, 240, 1, math.radians(9))
     x, y = level.to_frame(200.0, 150.0)
     cv2.circle(image, (round(x), round(y)), 3, (255, 255, 255), -1)
     turned = level.turned(image, 100)[:, :, 0].astype(float)
@@ -52,7 +52,7 @@ def test_levelled_pixels_lie_where_the_points_do():
 
 
 def test_an_edge_stays_on_the_ground_when_the_level_turns():
-    old, new = Level(320, 240, 1, 0.05), Level(320, 240, 1, -0.12)
+    old, new = Derotation(320, 240, 1, 0.05), Derotation(320, 240, 1, -0.12)
     p, slope = turn_edge(140.0, -0.4, 180.0, old, new)
     before = old.line_on_frame(140.0, 180.0, -0.4)
     after = new.line_on_frame(p, 180.0, slope).facing(before.theta)
@@ -97,7 +97,7 @@ def test_no_strip_no_score():
 @pytest.mark.parametrize('factor', [1, 2])
 def test_edges_are_found_to_a_fraction_of_a_pixel_from_two_pixels_away(factor):
     image = strip(factor=factor)
-    level = Level(320, 240, factor, 0.0)
+    level = Derotation(320, 240, factor, 0.0)
     guess = SHAPE + np.array((1.5, 0, 0.01, -0.015))
     left, right = find_edges(
         image, level, guess, (FAR + 2, NEAR - 2), np.array([15.0, -60.0]), RUNWAY.look
@@ -110,16 +110,16 @@ def test_edges_are_found_to_a_fraction_of_a_pixel_from_two_pixels_away(factor):
         assert points.support > 0.3
 
 
-def test_an_even_picture_supports_no_edge():
+def test_an_even_image_supports_no_edge():
     even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
-    level = Level(320, 240, 1, 0.0)
+    level = Derotation(320, 240, 1, 0.0)
     for points in find_edges(even, level, SHAPE, (FAR, NEAR), np.array([15.0, -60.0]), RUNWAY.look):
-        # But for the rounding of a smoothed picture.
+        # But for the rounding of a smoothed image.
         assert points.support < 1e-6
         assert (points.weights == 0).all()
 
 
-def test_a_tinted_or_faded_picture_has_the_same_white():
+def test_a_tinted_or_faded_image_has_the_same_white():
     even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
     even[:60] = (200, 200, 200)
     assert white_of(even) == pytest.approx((1, 1, 1))

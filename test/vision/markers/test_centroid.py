@@ -9,9 +9,9 @@ import pytest
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.markers.centroid import SpotMeter, cutter
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
 def rms(values, axis=None):
@@ -20,10 +20,10 @@ def rms(values, axis=None):
 
 def errors(frames, truth, centroid, **parameters):
     """Centroids minus truth, px, and the roll's, degrees; tracked at 15 frames/s."""
-    pipeline = MarkerPipeline(MarkerTrackerParameters(centroid=centroid, **parameters))
+    pipeline = MarkerTracker(MarkerTrackerParameters(centroid=centroid, **parameters))
     places, rolls = [], []
     for index, frame in enumerate(frames):
-        result = pipeline.process(Picture(frame, 'mono8'), round(index / 15 * 1e9))
+        result = pipeline.process(Image(frame, 'mono8'), round(index / 15 * 1e9))
         places.append([(m.x, m.y) for m in result.markers])
         rolls.append(result.roll)
     left, right = truth[:, 0], truth[:, 4]
@@ -50,7 +50,7 @@ def test_reference_frames(reference, trial, parameters):
 @pytest.mark.parametrize('motion', ['translation', 'roll', 'docking'])
 def test_simulated_frames(motion):
     flight = TankerFlight(TankerSettings(motion=motion, frames=60, fps=5.0, seed=5, exposure=0.0))
-    meter = SpotMeter(0.7, weighted=True)
+    meter = CentroidMeter(0.7, weighted=True)
     found = []
     for index in flight.indices:
         frame = flight.frame(index)
@@ -58,7 +58,7 @@ def test_simulated_frames(motion):
             if marker.whole and 25 < marker.x < 614 and 25 < marker.y < 454:
                 x, y = round(marker.x), round(marker.y)
                 window = (x - 10, x + 10, y - 10, y + 10)
-                spot = meter.measure(cutter(frame.picture), window, (640, 480))
+                spot = meter.measure(cutter(frame.image), window, (640, 480))
                 found.append((spot.x - marker.x, spot.y - marker.y))
     assert len(found) > 200
     assert max(rms(found, 0)) <= 0.03
@@ -76,8 +76,8 @@ def light(x, y, size=21, dark=40.0, scale=255, step=0.0):
 def centroid(image, weighted=True, encoding='mono8'):
     height, width = image.shape
     window = (0, width - 1, 0, height - 1)
-    meter = SpotMeter(0.7, weighted)
-    return meter.measure(cutter(Picture(image, encoding)), window, (width, height))
+    meter = CentroidMeter(0.7, weighted)
+    return meter.measure(cutter(Image(image, encoding)), window, (width, height))
 
 
 @pytest.mark.parametrize('shift', [0.0, 0.2, 0.5, 0.8])
@@ -90,8 +90,8 @@ def test_any_place_within_a_pixel(shift, scale, encoding):
 
 def test_a_brighter_background_on_one_side_pulls_little():
     image = light(20.0, 20.0, 41, step=12.0)
-    meter = SpotMeter(0.7, weighted=True)
-    spot = meter.measure(cutter(Picture(image, 'mono8')), (10, 30, 10, 30), (41, 41))
+    meter = CentroidMeter(0.7, weighted=True)
+    spot = meter.measure(cutter(Image(image, 'mono8')), (10, 30, 10, 30), (41, 41))
     weights = image[10:31, 10:31].astype(float) - 40.0
     naive = (weights * np.arange(10, 31)).sum() / weights.sum()
     assert meter.pull[0] > 0.01
@@ -103,9 +103,9 @@ def test_another_light_in_the_ring_is_no_background():
     alone = light(20.0, 20.0, 41)
     beside = np.maximum(alone, light(31.0, 20.0, 41))
     size, window = (41, 41), (14, 26, 14, 26)
-    meter = SpotMeter(0.7, weighted=True)
-    near = meter.measure(cutter(Picture(beside, 'mono8')), window, size)
-    far = meter.measure(cutter(Picture(alone, 'mono8')), window, size)
+    meter = CentroidMeter(0.7, weighted=True)
+    near = meter.measure(cutter(Image(beside, 'mono8')), window, size)
+    far = meter.measure(cutter(Image(alone, 'mono8')), window, size)
     assert near.x == pytest.approx(far.x, abs=0.02)
 
 

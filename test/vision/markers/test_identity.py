@@ -10,9 +10,9 @@ from support.marker_scenes import draw, tanker_at
 from mvuav_ros.offline.evaluation.identity_runs import IdentityTask, fly_names
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 DETECTED, PREDICTED, LOST = MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST
 FPS = 30.0
@@ -125,9 +125,9 @@ def test_the_thesiss_assumption_where_the_layout_does_not_tell():
     places = np.array(
         [(100.0, 240.0), (230.0, 220.0), (330.0, 140.0), (430.0, 250.0), (560.0, 200.0)]
     )
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for step in range(5):
-        result = pipeline.process(Picture(draw(places + step), 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(draw(places + step), 'mono8'), step * 33_000_000)
         assert [m.x for m in result.markers] == pytest.approx(places[:, 0] + step, abs=0.2)
 
 
@@ -146,21 +146,21 @@ def test_colour_and_a_small_frame():
 
 def test_lights_wider_than_the_grouping_distance():
     places = tanker_at()
-    pipeline = MarkerPipeline(MarkerTrackerParameters(grouping_distance=15, threshold=0.7))
+    pipeline = MarkerTracker(MarkerTrackerParameters(grouping_distance=15, threshold=0.7))
     for step in range(40):
         image = draw(np.add(places, (step, 0.5 * step)), radius=11)
-        result = pipeline.process(Picture(image, 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(image, 'mono8'), step * 33_000_000)
         assert [m.state for m in result.markers] == [DETECTED] * 5, step
         found = [(m.x, m.y) for m in result.markers]
         assert np.abs(np.subtract(found, places) - (step, 0.5 * step)).max() < 0.3
 
 
 def test_lights_that_grow_as_the_tanker_comes_closer():
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for step in range(100):
         places = np.add((320, 240), (tanker_at() - (320, 240)) * (0.5 + 0.012 * step))
         image = draw(places, radius=2 + step // 8)
-        result = pipeline.process(Picture(image, 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(image, 'mono8'), step * 33_000_000)
         seen = [0 <= x < 640 for x, _ in places]
         for marker, place, inside in zip(result.markers, places, seen, strict=True):
             if inside and 20 < place[0] < 620:
@@ -169,10 +169,10 @@ def test_lights_that_grow_as_the_tanker_comes_closer():
 
 
 def test_a_marker_that_leaves_the_frame_and_returns():
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for step in range(120):
         places = tanker_at(220 - 100 * math.sin(step * math.pi / 110), 240)
-        result = pipeline.process(Picture(draw(places), 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(draw(places), 'mono8'), step * 33_000_000)
         wing = result.markers[0]
         if places[0, 0] > 8:
             assert wing.state is DETECTED, step
@@ -183,13 +183,13 @@ def test_a_marker_that_leaves_the_frame_and_returns():
 
 
 def test_the_window_grows_while_a_marker_is_out_of_sight():
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     sizes = []
     for step in range(40):
         places = tanker_at(200 + step, 240)
         if step >= 10:
             places = places[1:]
-        result = pipeline.process(Picture(draw(places), 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(draw(places), 'mono8'), step * 33_000_000)
         if step >= 10:
             x0, x1, _, _ = result.windows[0]
             sizes.append(x1 - x0)
@@ -199,23 +199,23 @@ def test_the_window_grows_while_a_marker_is_out_of_sight():
 
 def test_a_hot_pixel_beside_a_marker_does_not_move_it():
     places = tanker_at()
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for step in range(30):
         image = draw(np.add(places, (step, 0.0)))
         image[240, 185] = 255
-        result = pipeline.process(Picture(image, 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(image, 'mono8'), step * 33_000_000)
         wing = result.markers[0]
         if abs(places[0, 0] + step - 185) > 6:
             assert wing.x == pytest.approx(places[0, 0] + step, abs=0.15), step
 
 
 def test_a_flash_that_fills_the_frame():
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for step in range(20):
         image = draw(tanker_at(250 + step, 240))
         if step in (8, 9):
             image[:] = 255
-        result = pipeline.process(Picture(image, 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(image, 'mono8'), step * 33_000_000)
         expected = PREDICTED if step in (8, 9) else DETECTED
         assert [m.state for m in result.markers] == [expected] * 5, step
     assert result.markers[2].x == pytest.approx(269, abs=0.2)
@@ -223,14 +223,14 @@ def test_a_flash_that_fills_the_frame():
 
 def test_four_strangers_and_one_marker_are_no_tanker():
     """The tracker follows five lights; four vanish while others light up elsewhere."""
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     rng = np.random.default_rng(2)
     for step in range(60):
         places = tanker_at(300, 240)
         if step >= 10:
             places = np.vstack((places[:1], [(80, 60), (560, 70), (100, 420), (540, 430)]))
         places = places + rng.normal(0, 0.2, places.shape)
-        result = pipeline.process(Picture(draw(places), 'mono8'), step * 33_000_000)
+        result = pipeline.process(Image(draw(places), 'mono8'), step * 33_000_000)
         for marker, true in zip(result.markers, tanker_at(300, 240), strict=True):
             if marker.state is DETECTED:
                 assert math.hypot(marker.x - true[0], marker.y - true[1]) < 4.0
@@ -240,7 +240,7 @@ def test_four_strangers_and_one_marker_are_no_tanker():
 def test_any_frames_at_all_are_survived(seed):
     """Noise, sizes and jumps that make no sense: a result for every frame, and finite ones."""
     rng = np.random.default_rng(seed)
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     stamp_ns = 0
     for _ in range(80):
         stamp_ns += int(rng.choice([1, 1_000_000, 33_000_000, 5_000_000_000]))
@@ -255,7 +255,7 @@ def test_any_frames_at_all_are_survived(seed):
             image = draw(tanker_at(*rng.uniform(100, 500, 2), rng.uniform(-180, 180)))
         if kind == 4:
             image = cv2.GaussianBlur(image, (0, 0), 2.0)
-        result = pipeline.process(Picture(image, 'mono8'), stamp_ns)
+        result = pipeline.process(Image(image, 'mono8'), stamp_ns)
         assert len(result.markers) == 5
         for marker in result.markers:
             assert math.isnan(marker.x) == (marker.state is LOST)
@@ -263,11 +263,11 @@ def test_any_frames_at_all_are_survived(seed):
 
 
 def test_no_name_for_long_means_a_start_from_nothing():
-    pipeline = MarkerPipeline()
+    pipeline = MarkerTracker()
     for step in range(6):
-        pipeline.process(Picture(draw(tanker_at(roll_deg=170)), 'mono8'), step * 33_000_000)
+        pipeline.process(Image(draw(tanker_at(roll_deg=170)), 'mono8'), step * 33_000_000)
     for second in range(1, 15):
-        result = pipeline.process(Picture(draw([]), 'mono8'), second * 1_000_000_000)
+        result = pipeline.process(Image(draw([]), 'mono8'), second * 1_000_000_000)
     assert [m.state for m in result.markers] == [LOST] * 5
-    result = pipeline.process(Picture(draw(tanker_at()), 'mono8'), 16_000_000_000)
+    result = pipeline.process(Image(draw(tanker_at()), 'mono8'), 16_000_000_000)
     assert result.roll == pytest.approx(0.0, abs=0.01)

@@ -6,10 +6,10 @@ import pytest
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.image import Picture
-from mvuav_ros.vision.markers.kalman import LightFilter
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.kalman import KalmanFilter
 from mvuav_ros.vision.markers.motion import Motion
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 THESIS = ('none', 'velocity', 'acceleration', 'acceleration_program')
 TRIALS = ('translation', 'erratic', 'roll', 'roll_translation')
@@ -34,7 +34,7 @@ def thesis_rms(times, places, method):
 
 
 def kalman_rms(times, places):
-    lights = LightFilter(len(places[0]))
+    lights = KalmanFilter(len(places[0]))
     errors = []
     for index, (time, now) in enumerate(zip(times, places, strict=True)):
         predicted = np.reshape(lights.predict(time), (-1, 2))
@@ -121,7 +121,7 @@ def test_uneven_frame_times():
     rng = np.random.default_rng(3)
     times = np.cumsum(rng.uniform(0.02, 0.06, 200))
     places = np.stack((100.0 + 50.0 * times, 200.0 - 30.0 * times), axis=-1)[:, None]
-    lights = LightFilter(1)
+    lights = KalmanFilter(1)
     errors = []
     for time, now in zip(times, places, strict=True):
         errors.append(now.ravel() - lights.predict(float(time)))
@@ -130,7 +130,7 @@ def test_uneven_frame_times():
 
 
 def test_the_deviation_follows_the_motion():
-    quiet, shaken = LightFilter(1), LightFilter(1)
+    quiet, shaken = KalmanFilter(1), KalmanFilter(1)
     rng = np.random.default_rng(1)
     for index in range(100):
         for lights, jitter in ((quiet, 0.01), (shaken, 1.0)):
@@ -146,7 +146,7 @@ def test_the_deviation_follows_the_motion():
 
 
 def test_velocity_and_acceleration():
-    lights = LightFilter(1)
+    lights = KalmanFilter(1)
     for index in range(60):
         time = index / 30
         lights.predict(time)
@@ -159,7 +159,7 @@ def test_velocity_and_acceleration():
 
 
 def test_lights_come_and_go():
-    lights = LightFilter(0)
+    lights = KalmanFilter(0)
     lights.predict(0.0)
     lights.add((1.0, 2.0))
     lights.add((30.0, 40.0))
@@ -171,7 +171,7 @@ def test_lights_come_and_go():
 
 
 def test_a_wild_measurement_does_not_break_it():
-    lights = LightFilter(2)
+    lights = KalmanFilter(2)
     for index in range(200):
         lights.predict(index / 30)
         wild = 1e4 if index % 17 == 5 else 0.0
@@ -182,8 +182,8 @@ def test_a_wild_measurement_does_not_break_it():
 def test_the_tracker_tells_its_predictions():
     flown = TankerFlight(TankerSettings(motion='translation', frames=30, seed=3))
     for prediction in ('kalman', 'velocity'):
-        pipeline = MarkerPipeline(MarkerTrackerParameters(prediction=prediction))
-        results = [pipeline.process(f.picture, f.stamp_ns) for f in flown]
+        pipeline = MarkerTracker(MarkerTrackerParameters(prediction=prediction))
+        results = [pipeline.process(f.image, f.stamp_ns) for f in flown]
         expected = np.array(results[-1].predictions)
         found = np.array([(m.x, m.y) for m in results[-1].markers])
         assert np.abs(expected - found).max() < 0.5
@@ -193,9 +193,9 @@ def test_the_tracker_tells_its_predictions():
 def test_a_change_of_the_prediction_takes_over(reference):
     with np.load(reference / 'trial1.npz', allow_pickle=True) as data:
         frames = data['frames'][:30]
-    pipeline = MarkerPipeline(MarkerTrackerParameters(prediction='acceleration'))
+    pipeline = MarkerTracker(MarkerTrackerParameters(prediction='acceleration'))
     for index, frame in enumerate(frames):
         if index == 15:
             pipeline.configure(pipeline.parameters.changed({'prediction': 'kalman'}))
-        result = pipeline.process(Picture(frame, 'mono8'), round(index / 15 * 1e9))
+        result = pipeline.process(Image(frame, 'mono8'), round(index / 15 * 1e9))
         assert all(m.state == 1 for m in result.markers)

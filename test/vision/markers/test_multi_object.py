@@ -6,9 +6,9 @@ import pytest
 from support.marker_scenes import draw
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import Label, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 DETECTED, PREDICTED = MarkerState.DETECTED, MarkerState.PREDICTED
 STEP_NS = 33_000_000
@@ -16,12 +16,12 @@ STEP_NS = 33_000_000
 
 class Lights:
     def __init__(self, **parameters):
-        self.pipeline = MarkerPipeline(MarkerTrackerParameters(mode='track_any', **parameters))
+        self.pipeline = MarkerTracker(MarkerTrackerParameters(mode='track_any', **parameters))
         self.stamp_ns = 0
 
     def see(self, places, step_ns=STEP_NS):
         self.stamp_ns += step_ns
-        return self.pipeline.process(Picture(draw(places), 'mono8'), self.stamp_ns)
+        return self.pipeline.process(Image(draw(places), 'mono8'), self.stamp_ns)
 
 
 def places_by_id(result):
@@ -121,12 +121,12 @@ def test_dropped_frames():
 )
 def test_real_leds_keep_their_numbers_throughout(footage, video, fps, count, frames):
     capture = cv2.VideoCapture(str(footage / 'led' / video))
-    pipeline = MarkerPipeline(MarkerTrackerParameters(mode='track_any'))
+    pipeline = MarkerTracker(MarkerTrackerParameters(mode='track_any'))
     before = {}
     for index in range(frames):
         grabbed, image = capture.read()
         assert grabbed
-        result = pipeline.process(Picture(image, 'bgr8'), index * 1_000_000_000 // fps)
+        result = pipeline.process(Image(image, 'bgr8'), index * 1_000_000_000 // fps)
         assert sorted(result.ids) == list(range(1, count + 1)), index
         now = places_by_id(result)
         detected = all(m.state is DETECTED for m in result.markers)

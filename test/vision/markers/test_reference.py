@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.grouping import bright_pixels, group_pixels
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 TRIALS = sorted(f'trial{n}' for n in (1, 3))
 
@@ -25,9 +25,9 @@ def frames(trial):
 
 
 def run(frames, **parameters):
-    pipeline = MarkerPipeline(MarkerTrackerParameters.from_mapping(parameters))
+    pipeline = MarkerTracker(MarkerTrackerParameters.from_mapping(parameters))
     return [
-        pipeline.process(Picture(frame, 'mono8'), round(index / 15 * 1e9))
+        pipeline.process(Image(frame, 'mono8'), round(index / 15 * 1e9))
         for index, frame in enumerate(frames)
     ]
 

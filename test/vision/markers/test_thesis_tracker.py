@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from support.marker_scenes import draw, picture, tanker_at
+from support.marker_scenes import draw, image, tanker_at
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.vision.image import Picture
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.motion import Motion
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import window_around
-from mvuav_ros.vision.markers.tracker import MarkerPipeline
+from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 LOST, DETECTED, PREDICTED = MarkerState.LOST, MarkerState.DETECTED, MarkerState.PREDICTED
 STEP_NS = 100_000_000
@@ -21,12 +21,12 @@ class Flight:
     """A pipeline fed at 10 frames per second."""
 
     def __init__(self, **parameters):
-        self.pipeline = MarkerPipeline(MarkerTrackerParameters.from_mapping(parameters))
+        self.pipeline = MarkerTracker(MarkerTrackerParameters.from_mapping(parameters))
         self.stamp_ns = 0
 
     def see(self, places, **keywords):
         self.stamp_ns += STEP_NS
-        return self.pipeline.process(picture(places, **keywords), self.stamp_ns)
+        return self.pipeline.process(image(places, **keywords), self.stamp_ns)
 
 
 def states(result):
@@ -139,7 +139,7 @@ def test_fewer_than_five_clusters_are_not_named(mode):
 def test_five_markers_among_hot_pixels():
     image = draw(tanker_at())
     image[100:400:37, 5] = 255
-    result = Flight(mode='detect').pipeline.process(Picture(image, 'mono8'), 0)
+    result = Flight(mode='detect').pipeline.process(Image(image, 'mono8'), 0)
     assert [m.x for m in result.markers] == pytest.approx(tanker_at()[:, 0], abs=0.1)
 
 
@@ -152,12 +152,12 @@ def test_area_limits():
     places = tanker_at()
     image = draw(places)
     image[50, 50] = 255
-    any_size = MarkerPipeline(MarkerTrackerParameters(mode='detect_any'))
-    assert len(any_size.process(Picture(image, 'mono8'), 0).markers) == 6
-    larger = MarkerPipeline(MarkerTrackerParameters(mode='detect_any', min_area=2))
-    assert len(larger.process(Picture(image, 'mono8'), 0).markers) == 5
-    smaller = MarkerPipeline(MarkerTrackerParameters(mode='detect_any', max_area=10))
-    assert len(smaller.process(Picture(image, 'mono8'), 0).markers) == 1
+    any_size = MarkerTracker(MarkerTrackerParameters(mode='detect_any'))
+    assert len(any_size.process(Image(image, 'mono8'), 0).markers) == 6
+    larger = MarkerTracker(MarkerTrackerParameters(mode='detect_any', min_area=2))
+    assert len(larger.process(Image(image, 'mono8'), 0).markers) == 5
+    smaller = MarkerTracker(MarkerTrackerParameters(mode='detect_any', max_area=10))
+    assert len(smaller.process(Image(image, 'mono8'), 0).markers) == 1
 
 
 @pytest.mark.parametrize('mode', ['detect', 'detect_any', 'track'])
@@ -170,7 +170,7 @@ def test_area_limits():
     ids=['white', 'salt and pepper'],
 )
 def test_frames_without_markers_give_a_clear_status(mode, image):
-    result = Flight(mode=mode).pipeline.process(Picture(image, 'mono8'), 0)
+    result = Flight(mode=mode).pipeline.process(Image(image, 'mono8'), 0)
     assert 'threshold' in result.status
     assert all(marker.state is LOST for marker in result.markers)
 
@@ -180,7 +180,7 @@ def test_frames_without_markers_give_a_clear_status(mode, image):
 @pytest.mark.parametrize('value', [0, 255])
 def test_tiny_frames_give_a_result(mode, shape, value):
     flight = Flight(mode=mode)
-    image = Picture(np.full(shape, value, np.uint8), 'mono8')
+    image = Image(np.full(shape, value, np.uint8), 'mono8')
     for stamp_ns in range(5):
         result = flight.pipeline.process(image, stamp_ns)
     if mode != 'detect_any':
@@ -202,7 +202,7 @@ def test_stamps_must_grow():
     flight = Flight()
     flight.see(tanker_at())
     with pytest.raises(ValueError, match='not later'):
-        flight.pipeline.process(picture(tanker_at()), STEP_NS)
+        flight.pipeline.process(image(tanker_at()), STEP_NS)
 
 
 def test_parameters_change_between_frames():

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
 
 WHOLE = {'start_row': 0, 'end_row': 0}
 
 
 def pipeline(**parameters):
-    return RunwayPipeline(RunwayDetectorParameters(**parameters))
+    return RunwayDetector(RunwayDetectorParameters(**parameters))
 
 
 def painted(*ends, width=320, height=240, thickness=3, dtype=np.uint8):

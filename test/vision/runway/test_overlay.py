@@ -1,4 +1,4 @@
-"""The debug pictures: what they show, not how."""
+"""The debug images: what they show, not how."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.hough_image import draw_hough
 from mvuav_ros.vision.runway.overlay import (
     AMBER,
@@ -31,31 +31,31 @@ def step_at(x, dtype=np.uint8, channels=3):
 
 
 def results(*frames, **parameters):
-    pipeline = RunwayPipeline(RunwayDetectorParameters(**{'num_peaks': 1, **parameters}))
+    pipeline = RunwayDetector(RunwayDetectorParameters(**{'num_peaks': 1, **parameters}))
     return [pipeline.process(frame, 0) for frame in frames]
 
 
-def column_of(picture, color):
+def column_of(image, color):
     """Mean column and number of rows with pixels close to the colour, at rows without numbers."""
-    close = np.abs(picture[20:180].astype(int) - color).max(axis=2) < 40
+    close = np.abs(image[20:180].astype(int) - color).max(axis=2) < 40
     rows, columns = np.nonzero(close)
     return columns.mean(), np.unique(rows).size
 
 
 def test_the_overlay_shows_a_believed_line_solid_green_on_the_whole_frame():
-    picture = draw_overlay(results(step_at(100))[0])
-    assert picture.shape == (240, 320, 3)
-    column, rows = column_of(picture, GREEN)
+    image = draw_overlay(results(step_at(100))[0])
+    assert image.shape == (240, 320, 3)
+    column, rows = column_of(image, GREEN)
     assert column == pytest.approx(99.5, abs=2) and rows == 160
 
 
 def test_a_held_line_is_dashed_where_it_was_and_thin_where_it_was_measured():
     last = results(step_at(100), step_at(100), step_at(250))[-1]
     assert last.lines[0].flags == 5
-    picture = draw_overlay(last)
-    _, rows = column_of(picture[:, :180], AMBER)
+    image = draw_overlay(last)
+    _, rows = column_of(image[:, :180], AMBER)
     assert 40 < rows < 130
-    column, rows = column_of(picture[:, 180:], AMBER)
+    column, rows = column_of(image[:, 180:], AMBER)
     assert column + 180 == pytest.approx(250, abs=2) and rows == 160
 
 
@@ -67,28 +67,28 @@ def test_flags_have_their_colours():
     assert line_color(rho | theta | corrected) == RED
 
 
-def test_the_confined_picture_is_the_channel_in_its_rows():
+def test_the_confined_image_is_the_channel_in_its_rows():
     frame = step_at(100)
     frame[:, :, 0] = 7
-    picture = draw_confined(results(frame)[0])
-    np.testing.assert_array_equal(picture, frame[50:130, :, 2])
+    image = draw_confined(results(frame)[0])
+    np.testing.assert_array_equal(image, frame[50:130, :, 2])
 
 
-def test_the_edges_picture_is_white_at_edges():
-    picture = draw_edges(results(step_at(100))[0])
+def test_the_edges_image_is_white_at_edges():
+    image = draw_edges(results(step_at(100))[0])
     expected = np.zeros((80, 320), np.uint8)
     expected[:, 99:101] = 255
-    np.testing.assert_array_equal(picture, expected)
+    np.testing.assert_array_equal(image, expected)
 
 
-def marks(picture):
+def marks(image):
     """Centre of the green pixels inside the axes, which only peaks' marks have."""
-    green = np.abs(picture.astype(int) - (120, 255, 80)).max(axis=2) < 30
+    green = np.abs(image.astype(int) - (120, 255, 80)).max(axis=2) < 30
     rows, columns = np.nonzero(green)
     return columns.mean(), rows.size
 
 
-def test_the_hough_picture_marks_the_peak_at_its_theta_and_has_one_size():
+def test_the_hough_image_marks_the_peak_at_its_theta_and_has_one_size():
     vertical = draw_hough(results(step_at(100))[0])
     diagonal = np.zeros((240, 320), np.uint8)
     diagonal[np.add.outer(np.arange(240), np.arange(320)) > 250] = 200
@@ -101,10 +101,10 @@ def test_the_hough_picture_marks_the_peak_at_its_theta_and_has_one_size():
     assert (right - left) / 3 == pytest.approx(45, abs=3)
 
 
-def test_the_hough_picture_is_readable_without_the_peaks_alone():
+def test_the_hough_image_is_readable_without_the_peaks_alone():
     """The sinusoids around the peak must be visible, not only the peak."""
-    picture = draw_hough(results(step_at(100))[0])
-    assert np.count_nonzero(picture.max(axis=2) > 60) > 2000
+    image = draw_hough(results(step_at(100))[0])
+    assert np.count_nonzero(image.max(axis=2) > 60) > 2000
 
 
 FRAMES = {
@@ -124,19 +124,19 @@ FRAMES = {
 @pytest.mark.parametrize('parameters', [{}, {'start_row': 0, 'end_row': 0}])
 @pytest.mark.parametrize('draw', ALL)
 @pytest.mark.parametrize('name', FRAMES)
-def test_every_frame_has_every_picture(name, draw, parameters):
+def test_every_frame_has_every_image(name, draw, parameters):
     frame = FRAMES[name]
     before = frame.copy()
-    picture = draw(results(frame, **parameters)[0])
-    assert picture.dtype == np.uint8 and picture.flags.c_contiguous and picture.size > 0
+    image = draw(results(frame, **parameters)[0])
+    assert image.dtype == np.uint8 and image.flags.c_contiguous and image.size > 0
     if draw is draw_overlay:
-        assert picture.shape == (max(1, frame.shape[0]), max(1, frame.shape[1]), 3)
+        assert image.shape == (max(1, frame.shape[0]), max(1, frame.shape[1]), 3)
     np.testing.assert_array_equal(frame, before)
 
 
 def test_sixteen_bits_show_their_upper_eight():
-    picture = draw_confined(results(step_at(100, np.uint16, 1) * 257)[0])
-    assert set(np.unique(picture)) == {40, 180}
+    image = draw_confined(results(step_at(100, np.uint16, 1) * 257)[0])
+    assert set(np.unique(image)) == {40, 180}
 
 
 def test_the_overlay_draws_many_lines_near_each_other():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayPipeline
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold, detect_edges, open_vertically
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import find_peaks
@@ -87,7 +87,7 @@ def test_the_same_peaks_as_octaves_own_hough_at_one_pixel(octave):
 def test_the_pipeline_reports_octaves_peaks_on_the_whole_frame(
     octave, thinning, edge_key, opened_key, peaks_key
 ):
-    pipeline = RunwayPipeline(
+    pipeline = RunwayDetector(
         RunwayDetectorParameters(
             start_row=FIRST,
             end_row=LAST,
@@ -106,7 +106,7 @@ def test_the_pipeline_reports_octaves_peaks_on_the_whole_frame(
 
 def test_the_pipeline_finds_the_painted_lines_as_well_as_octave_does(octave):
     """The README's 1.47 px rms across at mid-slice and 0.88° rms, on the whole frame."""
-    pipeline = RunwayPipeline(
+    pipeline = RunwayDetector(
         RunwayDetectorParameters(start_row=FIRST, end_row=LAST, edge_thinning=True)
     )
     middle = 40
