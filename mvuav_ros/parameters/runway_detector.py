@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
@@ -188,6 +189,7 @@ class RunwayDetectorParameters(ParameterSet):
         read_only=True,
     )
     opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
 
     def _check_together(self) -> None:
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:

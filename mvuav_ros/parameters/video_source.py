@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterSet, parameter
+from mvuav_ros.parameters.image_input import AUTOSTART
 
 
 @dataclass(frozen=True)
@@ -72,3 +73,4 @@ class VideoSourceParameters(ParameterSet):
         maximum=100,
         read_only=True,
     )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
