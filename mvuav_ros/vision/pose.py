@@ -84,6 +84,18 @@ class PoseEstimator:
     GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
     the error in object space by orthogonal iteration; at the solution they agree with this one
     to within the noise.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import CameraModel, PoseEstimator
+        >>> from mvuav_ros.vision.rig import TANKER_747
+        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> ahead = cv2.Rodrigues(FROM_BEHIND)[0], np.array([2.0, -1.0, 120.0])
+        >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
+        >>> estimator = PoseEstimator(TANKER_747)
+        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
+        >>> [round(float(metres), 3) for metres in pose.translation]
+        [2.0, -1.0, 120.0]
     """
 
     def __init__(self, rig: MarkerRig) -> None:
@@ -104,29 +116,29 @@ class PoseEstimator:
         return math.hypot(math.sqrt(squares / (self._freedom + self._doubt)), _STEADY_ERROR)
 
     def estimate(
-        self, camera: CameraModel, lights: Sequence[int], pixels: Array, time: float
+        self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
     ) -> Pose | None:
         """The pose in one frame.
 
         Args:
             camera: calibrated (see `CameraModel.check`).
-            lights: which of the rig's lights are seen.
+            labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
             time: s, later than the last frame's.
 
         Returns:
-            The pose, or None where the lights are too few or do not fit.
+            The pose, or None where the labels are too few or do not fit.
         """
-        if len(lights) < FEWEST:
+        if len(labels) < FEWEST:
             return None
-        points = self._points[list(lights)]
+        points = self._points[list(labels)]
         image = np.ascontiguousarray(pixels, np.float64)
         view = _Lens(camera, points, image)
         solution = self._follow(view, time) or self._find(view, time)
         if solution is None:
             return None
         rvec, tvec, squares = solution
-        freedom = 2 * len(lights) - 6
+        freedom = 2 * len(labels) - 6
         if freedom > 0:
             self._squares = _NOISE_MEMORY * self._squares + squares
             self._freedom = _NOISE_MEMORY * self._freedom + freedom
@@ -143,7 +155,7 @@ class PoseEstimator:
             tvec.reshape(3),
             np.asarray(self.noise**2 * spread, np.float64),
             np.asarray(seen, np.float64).reshape(-1, 2),
-            math.sqrt(squares / (2 * len(lights))),
+            math.sqrt(squares / (2 * len(labels))),
         )
 
     def _follow(self, view: _Lens, time: float) -> _Solution | None:

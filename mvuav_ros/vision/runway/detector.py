@@ -18,7 +18,19 @@ from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 class RunwayDetector:
     """Finds lines in one frame after the other.
 
-    Not safe for calls from several threads at once.
+    It is what the node runway_detector runs in mode thesis. Lines are in normal form on the whole
+    frame, x cos(theta) + y sin(theta) = rho, in px and radians. Not safe for calls from several
+    threads at once.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import RunwayDetector
+        >>> frame = np.zeros((240, 320, 3), np.uint8)
+        >>> _ = cv2.line(frame, (100, 0), (100, 239), (255, 255, 255), 3)
+        >>> result = RunwayDetector().process(frame, stamp_ns=0)
+        >>> line = result.lines[0]
+        >>> f'rho {line.rho:.0f} px, theta {line.theta:.2f} rad, {line.votes:.0f} votes'
+        'rho 98 px, theta 0.00 rad, 160 votes'
     """
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
