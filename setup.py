@@ -56,6 +56,7 @@ setup(
         'dev': [
             'ruff',
             'mypy',
+            'import-linter',
             'types-PyYAML',
             'colcon-common-extensions',
             'colcon-ros',

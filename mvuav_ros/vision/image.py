@@ -67,7 +67,7 @@ ENCODINGS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Image:
     """Pixels and their sensor_msgs encoding.
 

@@ -32,7 +32,7 @@ def test_flight_truth_agrees_with_opencv_from_the_pose():
         truth = sim.truth(index)
         vector, _ = cv2.Rodrigues(truth.rotation)
         expected, _ = cv2.projectPoints(
-            sim.layout.positions,
+            sim.rig.positions,
             vector,
             truth.translation,
             truth.camera.matrix,
