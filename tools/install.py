@@ -1,5 +1,7 @@
-"""Builds a virtual environment with the package's dependencies: install.py FOLDER EXTRA,...
+"""Builds a virtual environment: install.py FOLDER EXTRA,... or install.py FOLDER FILE.txt.
 
+With extras it holds this package and their dependencies, in the versions that were tested; with a
+file of requirements just those.
 Installs with uv, which takes a fraction of pip's time, from wherever pip is configured to
 install from (index, mirror, proxy, certificates); with pip itself where uv cannot be had.
 """
@@ -29,63 +31,68 @@ OPTIONS = {
 """pip's settings and uv's options for the same; any of them may hold several values."""
 VARIABLES = {'cert': 'SSL_CERT_FILE', 'client-cert': 'SSL_CLIENT_CERT', 'proxy': 'ALL_PROXY'}
 """pip's settings and the environment variables that uv reads."""
+_ORDER = ('global', 'install', ':env:')
+"""Where pip's settings come from; later ones win."""
 
 
 def main() -> None:
     """Build or complete the environment that the command line names."""
     folder = ROOT / sys.argv[1]
-    extras = sys.argv[2] if len(sys.argv) > 2 else ''
+    wanted = sys.argv[2]
     python = folder / 'bin' / 'python'
     if not python.exists():
         _run(f'building {folder.name}', [sys.executable, '-m', 'venv', str(folder)])
     # A module that was moved or deleted would be installed from here for ever.
     shutil.rmtree(ROOT / 'build' / 'lib', ignore_errors=True)
-    what = [f'{ROOT}[{extras}]'] if extras else [str(ROOT)]
-    if not install(python, f'installing {extras or "the package"} into {folder.name}', what):
+    if wanted.endswith('.txt'):
+        what = ['--requirement', str(ROOT / wanted)]
+    else:
+        what = ['--constraint', str(CONSTRAINTS), f'{ROOT}[{wanted}]']
+    if not install(python, f'installing {wanted} into {folder.name}', what):
         sys.exit(1)
 
 
 def install(python: Path, title: str, what: Sequence[str]) -> bool:
-    """Install packages into an environment; whether that succeeded, reasons on stderr."""
+    """Install packages into an environment.
+
+    Args:
+        python: the environment's.
+        title: what the progress line says.
+        what: requirements and options that pip and uv share.
+
+    Returns:
+        Whether it succeeded; reasons are on stderr.
+    """
     uv = python.parent / 'uv'
     pip = [str(python), '-m', 'pip', '--disable-pip-version-check']
-    constraints = ['--constraint', str(CONSTRAINTS)]
     if not uv.exists():
-        _run('fetching the installer', [*pip, 'install', *constraints, 'uv'], quiet=True)
+        fetch = [*pip, 'install', '--constraint', str(CONSTRAINTS), 'uv']
+        _run('fetching the installer', fetch, quiet=True)
     if uv.exists():
         options, variables = uv_settings(pip_settings(pip))
         command = [str(uv), 'pip', 'install', '--python', str(python)]
         # Our own package is built anew each time: its version does not change with its files.
         command += ['--reinstall-package', 'mvuav_ros', '--index-strategy', 'unsafe-best-match']
-        command += [*options, '--constraints', str(CONSTRAINTS), *what]
+        command += [*options, *what]
         if _run(title, command, variables, quiet=True):
             return True
         print('uv could not; trying pip', file=sys.stderr)
-    return _run(title, [*pip, 'install', *constraints, *what])
+    return _run(title, [*pip, 'install', *what])
 
 
 def pip_settings(pip: Sequence[str]) -> dict[str, str]:
     """What pip is configured with, in files and variables; more particular settings win."""
     listed = subprocess.run([*pip, 'config', 'list'], capture_output=True, text=True).stdout
     settings: dict[str, str] = {}
-    for line in sorted(listed.splitlines(), key=_rank):
+    for line in sorted(listed.splitlines(), key=lambda line: _ORDER.index(line.split('.')[0])):
         name, sign, value = line.partition('=')
         if sign:
             settings[name.rpartition('.')[2]] = str(literal_eval(value))
     return settings
 
 
-def _rank(line: str) -> int:
-    """pip's order: global, then the command's own, then the environment's."""
-    return ['global.', 'install.', ':env:.'].index(next(iter(_section(line)), 'global.'))
-
-
-def _section(line: str) -> list[str]:
-    return [name for name in ('global.', 'install.', ':env:.') if line.startswith(name)]
-
-
 def uv_settings(settings: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-    """pip's settings as options and environment variables of uv."""
+    """What pip is configured with, as options and environment variables of uv."""
     options: list[str] = []
     for name, option in OPTIONS.items():
         for value in shlex.split(settings.get(name, '')):

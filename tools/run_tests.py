@@ -1,6 +1,6 @@
-"""Runs the tests part by part, all of them even if one fails: run_tests.py test|fast|rest|all|…
+"""Runs the tests part by part, all of them even if one fails, with one verdict at the end.
 
-One summary and one exit status at the end.
+Usage: run_tests.py test|fast|rest|all|footage|robot (see the Makefile).
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ PYTHONS = ('3.11', '3.12', '3.13')
 WITHOUT_GRAPH = ['test', *(f'--ignore=test/{name}' for name in ('nodes', 'cli/demo', 'panel'))]
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
 QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
-ROBOT_EXTRAS = 'ros'
 _COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
 
 
@@ -206,7 +205,9 @@ def summarize(outcomes: Sequence[Outcome]) -> int:
             f'{outcome.name:24}{outcome.passed:6} passed{outcome.failed:5} failed'
             f'{outcome.skipped:5} skipped{outcome.seconds:7.0f} s  {outcome.note}'
         )
-    passed, failed, skipped = (sum(column) for column in zip(*(o[1:4] for o in outcomes)))
+    passed, failed, skipped = (
+        sum(column) for column in zip(*(o[1:4] for o in outcomes), strict=True)
+    )
     print(f'{passed} passed, {failed} failed, {skipped} skipped')
     return 1 if failed else 0
 
