@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
-FROM_BEHIND: Array = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
-"""Rotation of a body that flies straight ahead of the camera: x forward, y left, z up to the
-optical frame's x right, y down, z ahead."""
 FEWEST = 3
 """Lights for a pose: with three there may be four solutions, all of which fit."""
 LAST_POSE_HOLDS = 1.0
@@ -61,7 +59,7 @@ class Pose:
 
         REP-103's fixed-axis angles: right wing down, nose down and nose left are positive.
         """
-        r = FROM_BEHIND.T @ self.rotation
+        r = OPTICAL_FROM_BODY.T @ self.rotation
         pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))
         roll = math.atan2(float(r[2, 1]), float(r[2, 2]))
         return roll, pitch, math.atan2(float(r[1, 0]), float(r[0, 0]))
@@ -90,7 +88,7 @@ class PoseEstimator:
         >>> from mvuav_ros import CameraModel, PoseEstimator
         >>> from mvuav_ros.vision.rig import TANKER_747
         >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
-        >>> ahead = cv2.Rodrigues(FROM_BEHIND)[0], np.array([2.0, -1.0, 120.0])
+        >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])
         >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
         >>> estimator = PoseEstimator(TANKER_747)
         >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
@@ -183,7 +181,7 @@ class PoseEstimator:
         limit = _ALIKE * least + count * self.noise**2
         fitting = [solution for solution in solutions if solution[2] <= limit]
         if self._last is None or time - self._last_time > LAST_POSE_HOLDS:
-            expected = FROM_BEHIND
+            expected = OPTICAL_FROM_BODY
         else:
             expected = _rotation(self._last[0])
         chosen = max(fitting, key=lambda solution: _likeness(expected, solution[0]))
@@ -235,7 +233,7 @@ class _Lens:
         for rvec, tvec in starts[:1]:
             centre = _rotation(rvec) @ middle + tvec.reshape(3)
             for pitch, yaw in product(_TILTS, _TILTS):
-                rotation = _rotation(np.array((pitch, yaw, 0.0))) @ FROM_BEHIND
+                rotation = _rotation(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
                 turned = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
                 starts.append((turned, (centre - rotation @ middle).reshape(3, 1)))
         refined = [self.refine(rvec, tvec) for rvec, tvec in starts]
