@@ -1,5 +1,6 @@
 """ament_python package; ``pip install '.[ros]'`` brings ROS 2 Jazzy itself along."""
 
+import re
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -15,7 +16,7 @@ def files(pattern):
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=re.search("__version__ = '(.+)'", Path(NAME, '__init__.py').read_text())[1],
     description=(
         "Machine vision for UAVs on ROS 2: a tanker's marker lights, a runway's lines, live and "
         'over recorded flights'
@@ -58,6 +59,7 @@ setup(
         'dev': [
             'ruff',
             'mypy',
+            'import-linter',
             'types-PyYAML',
             'colcon-common-extensions',
             'colcon-ros',

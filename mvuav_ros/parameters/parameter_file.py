@@ -12,7 +12,7 @@ import yaml
 from mvuav_ros.parameters.declaration import ParameterError
 
 
-def load_parameters(path: Path, node: str) -> dict[str, object]:
+def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     """The values that a parameter file has for a node.
 
     Keys name nodes with or without slash, in namespaces or with wildcards (``/**``, ``/*``);

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.rotation import Matrix
 from mvuav_ros.simulation.sky import draw_sky
 from mvuav_ros.simulation.texture import smooth_noise, to_bytes
+from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels
 
 MARGIN = 48
@@ -22,7 +22,7 @@ CLOUDINESS = 0.6
 
 
 class Background:
-    """A image at infinity, seen by a camera that turns a little."""
+    """An image at infinity, seen by a camera that turns a little."""
 
     def __init__(
         self,

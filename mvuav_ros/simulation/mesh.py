@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.rotation import Matrix, Vector, read_only
+from mvuav_ros.vision.frames import Matrix, Vector, read_only
 from mvuav_ros.vision.point_operations import Pixels
 
 SUPERSAMPLING = 2

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.rotation import read_only
+from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 
 _PAD = 1

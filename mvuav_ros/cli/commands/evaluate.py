@@ -13,7 +13,7 @@ from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.progress import frame_progress
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -152,7 +152,7 @@ def _parameters(
     given: dict[str, dict[str, Any]] = {}
     for name in nodes_for(source):
         known = PROCESSORS[name].parameters_type.names()
-        loaded = load_parameters(params_file, name) if params_file else {}
+        loaded = read_parameter_values(params_file, name) if params_file else {}
         given[name] = {key: value for key, value in loaded.items() if key in known}
     for node, name, value in map(parse_assignment, assignments):
         if node not in PROCESSORS:

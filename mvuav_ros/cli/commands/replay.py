@@ -17,7 +17,7 @@ from mvuav_ros.offline.replay.interruptions import (
     interrupt_on_signals,
 )
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.selection import Selection
 
@@ -141,7 +141,7 @@ def _parameters(
             '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
         )
     given: dict[str, dict[str, object]] = {
-        name: load_parameters(params_file, name) if params_file else {} for name in names
+        name: read_parameter_values(params_file, name) if params_file else {} for name in names
     }
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:

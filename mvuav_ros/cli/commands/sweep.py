@@ -10,7 +10,7 @@ import typer
 from mvuav_ros.cli.progress import frame_progress
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -117,7 +117,7 @@ def _nodes(
             raise ParameterError('--param', f'{node} is not among --nodes {nodes}')
     base: dict[str, dict[str, Any]] = {}
     for name in names:
-        given = load_parameters(params_file, name) if params_file else {}
+        given = read_parameter_values(params_file, name) if params_file else {}
         known = PROCESSORS[name].parameters_type.names()
         base[name] = {key: value for key, value in given.items() if key in known}
     return base

@@ -118,7 +118,7 @@ def predict(pipeline: MarkerTracker, like: Image, stamp_ns: int) -> MarkerResult
 
     Args:
         pipeline: left as it is.
-        like: a image of the size and encoding to expect.
+        like: an image of the size and encoding to expect.
         stamp_ns: later than its last frame's.
     """
     black = Image(np.zeros_like(like.pixels), like.encoding)

@@ -14,7 +14,7 @@ class SourceError(Exception):
     """A source that cannot be opened or read, with what the user can do about it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """One image with its time (ns) and the name of its coordinate frame.
 
@@ -30,7 +30,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class BadFrame:
-    """A image that was there but cannot be used."""
+    """An image that was there but cannot be used."""
 
     stamp_ns: int
     reason: str

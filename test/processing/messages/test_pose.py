@@ -102,7 +102,7 @@ def test_the_debug_image_shows_axes_and_reprojections():
     changed = (a.reshape(480, 640, 3) != b.reshape(480, 640, 3)).any(axis=2)
     assert changed.sum() > 100
     truth = FLIGHT.truth(4)
-    dock = truth.rotation @ FLIGHT.layout.dock + truth.translation
+    dock = truth.rotation @ FLIGHT.rig.dock + truth.translation
     x, y = FLIGHT.camera.project(dock[None])[0]
     assert changed[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4].any()
     # After all is lost nothing is drawn any more.

@@ -1,4 +1,7 @@
-"""Rotations between the frames of REP-103: bodies x forward, y left, z up; cameras optical."""
+"""The frames of REP-103, and rotations between them.
+
+Bodies and the world: x forward, y left, z up. A camera's optical frame: x right, y down, z ahead.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ Vector = NDArray[np.float64]
 Array = TypeVar('Array', bound=NDArray[Any])
 
 OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
-"""Axes x forward, y left, z up to x right, y down, z forward."""
+"""The one matrix from a body's axes to the optical axes of a camera that looks along its x."""
 
 
 def about_x(angle: float) -> Matrix:
