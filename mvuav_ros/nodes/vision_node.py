@@ -21,6 +21,7 @@ from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.result_publishers import ResultPublishers
 from mvuav_ros.parameters.declaration import ParameterSet
+from mvuav_ros.processing.messages.transforms import TF_TOPIC
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.sources.frame import Frame
@@ -124,9 +125,10 @@ class VisionNode(ManagedNode):
         assert self._input is not None
         values = self._live.current.as_dict()
         files = ', '.join(parameter_files(sys.argv)) or 'none'
-        self.get_logger().info(
-            f'mode {values["mode"]}, images from {self._input.topic}, parameter files: {files}'
-        )
+        words = f'mode {values["mode"]}, images from {self._input.topic}, parameter files: {files}'
+        if values['publish_tf'] and TF_TOPIC not in self._processor.topics:
+            words += '; no /tf, as tf2_msgs is not installed'
+        self.get_logger().info(words)
 
     def _apply(self, parameters: ParameterSet) -> None:
         with self._answerer.lock:

@@ -87,8 +87,9 @@ class MarkerTrackerParameters(ParameterSet):
         thesis='left to others',
     )
     publish_tf: bool = parameter(
-        False,
-        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name.",
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
+        'only where tf2_msgs is installed.',
         read_only=True,
     )
     min_area: int = parameter(

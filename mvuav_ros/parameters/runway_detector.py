@@ -44,6 +44,18 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000.0,
         unit='m',
     )
+    runway_frame: str = parameter(
+        'runway',
+        'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
+        'the far end, y left, z up.',
+        read_only=True,
+    )
+    publish_tf: bool = parameter(
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
+        'all of it is known; only where tf2_msgs is installed.',
+        read_only=True,
+    )
     start_row: int = parameter(
         50,
         'First row searched; start_row and end_row both 0: the whole frame.',
@@ -192,6 +204,8 @@ class RunwayDetectorParameters(ParameterSet):
     autostart: bool = parameter(True, AUTOSTART, read_only=True)
 
     def _check_together(self) -> None:
+        if not self.runway_frame:
+            raise ParameterError('runway_frame', 'must not be empty')
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
             raise ParameterError(
                 'end_row',

@@ -44,7 +44,7 @@ class VideoSourceParameters(ParameterSet):
         thesis='eq. 3.2',
     )
     frame_id: str = parameter(
-        '', "Frame of the published headers; empty: the source's own, or camera."
+        '', "Frame of the published headers; empty: the source's own, or camera_optical_frame."
     )
     camera_info_url: str = parameter(
         '',
