@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
@@ -86,8 +87,9 @@ class MarkerTrackerParameters(ParameterSet):
         thesis='left to others',
     )
     publish_tf: bool = parameter(
-        False,
-        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name.",
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
+        'only where tf2_msgs is installed.',
         read_only=True,
     )
     min_area: int = parameter(
@@ -118,6 +120,7 @@ class MarkerTrackerParameters(ParameterSet):
         read_only=True,
     )
     opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
 
     @property
     def weighted(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterSet, parameter
+from mvuav_ros.parameters.image_input import AUTOSTART
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class VideoSourceParameters(ParameterSet):
         thesis='eq. 3.2',
     )
     frame_id: str = parameter(
-        '', "Frame of the published headers; empty: the source's own, or camera."
+        '', "Frame of the published headers; empty: the source's own, or camera_optical_frame."
     )
     camera_info_url: str = parameter(
         '',
@@ -72,3 +73,4 @@ class VideoSourceParameters(ParameterSet):
         maximum=100,
         read_only=True,
     )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)

@@ -45,6 +45,24 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Matrix:
     return about_z(yaw) @ about_y(pitch) @ about_x(roll)
 
 
+def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
+    """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
+    m = rotation.tolist()
+    parts = (m[0][0], m[1][1], m[2][2])
+    trace = sum(parts)
+    if trace > max(parts):
+        s = 2.0 * math.sqrt(max(1.0 + trace, 0.0))
+        return (m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, 0.25 * s
+    i = parts.index(max(parts))
+    j, k = (i + 1) % 3, (i + 2) % 3
+    s = 2.0 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
+    q = [0.0, 0.0, 0.0]
+    q[i], q[j], q[k] = 0.25 * s, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
+    w = (m[k][j] - m[j][k]) / s
+    sign = -1.0 if w < 0.0 else 1.0
+    return sign * q[0], sign * q[1], sign * q[2], sign * w
+
+
 def read_only(array: Array) -> Array:
     """Forbid writing to what several frames share."""
     array.setflags(write=False)

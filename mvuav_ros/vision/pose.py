@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class Pose:
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """The rotation as x, y, z, w."""
-        return _quaternion(self.rotation)
+        return quaternion(self.rotation)
 
 
 class PoseEstimator:
@@ -284,21 +284,3 @@ def _left_jacobian(rvec: Array) -> Array:
     first = (1.0 - math.cos(angle)) / angle**2
     second = (angle - math.sin(angle)) / angle**3
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
-
-
-def _quaternion(r: Array) -> tuple[float, float, float, float]:
-    """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
-    m = r.tolist()
-    parts = (m[0][0], m[1][1], m[2][2])
-    trace = sum(parts)
-    if trace > max(parts):
-        s = 2.0 * math.sqrt(max(1.0 + trace, 0.0))
-        return (m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, 0.25 * s
-    i = parts.index(max(parts))
-    j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
-    q = [0.0, 0.0, 0.0]
-    q[i], q[j], q[k] = 0.25 * s, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
-    w = (m[k][j] - m[j][k]) / s
-    sign = -1.0 if w < 0.0 else 1.0
-    return sign * q[0], sign * q[1], sign * q[2], sign * w

@@ -49,5 +49,5 @@ def test_memory_and_latency_stay_where_they_are(graph):
         assert growth < 5.0
         if SECONDS >= DRIFT_SHOWS:
             assert last < 1.5 * first + 0.5
-        assert graph.diagnostics(name)['frames_refused'] == '0'
+        assert graph.diagnostics(name)['frames_rejected'] == '0'
     stream.check_alive()

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.replay.interruptions import (
     Terminated,
     ignore_signals,
@@ -93,10 +94,7 @@ def replay(
         from mvuav_ros.offline.replay.job import ReplaySettings
         from mvuav_ros.offline.replay.outputs import plan
     except ImportError as error:
-        raise SourceError(
-            'replay needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('replay', error)) from error
 
     settings = ReplaySettings(
         parameters=_parameters(nodes, params_file, param or []),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.recordings.errors import RecordingError
@@ -62,10 +63,7 @@ def sweep(
         from mvuav_ros.offline.sweep import run as sweeping
         from mvuav_ros.offline.sweep.report import sweep_report, sweep_table
     except ImportError as error:
-        raise SourceError(
-            'sweep needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('sweep', error)) from error
 
     axes = [sweeping.parse_axis(text) for text in param or []]
     base = _nodes(nodes, axes, params_file)

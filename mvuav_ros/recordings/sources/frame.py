@@ -9,6 +9,9 @@ from typing import Protocol
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 
+OPTICAL_FRAME = 'camera_optical_frame'
+"""Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
+
 
 class SourceError(Exception):
     """A source that cannot be opened or read, with what the user can do about it."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
@@ -61,7 +61,7 @@ class VideoFile:
                 ok, pixels = capture.read()
                 if not ok:
                     break
-                yield Frame(round(index * 1e9 / self.rate), 'camera', _image(pixels))
+                yield Frame(round(index * 1e9 / self.rate), OPTICAL_FRAME, _image(pixels))
                 index += 1
         finally:
             capture.release()
@@ -103,7 +103,7 @@ class Camera:
                 ok, pixels = self._capture.read()
                 if not ok:
                     raise SourceError(f'{self.name} has stopped delivering frames')
-                yield Frame(time.time_ns(), 'camera', _image(pixels))
+                yield Frame(time.time_ns(), OPTICAL_FRAME, _image(pixels))
         finally:
             self.close()
 
