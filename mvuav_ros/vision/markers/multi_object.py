@@ -13,7 +13,8 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import Array, KalmanFilter
+from mvuav_ros.vision.markers.kalman import Array
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
 GATE = 4.0
@@ -46,13 +47,13 @@ class MultiObjectTracker:
 
     The lights of a frame are given to the known ones so that the squared distances from the
     predictions, over their variances, are least in sum; where several are new or hidden at once
-    the others' motion is a prediction too (`KalmanFilter` shares what they have in common). A
+    the others' motion is a prediction too (`MotionPredictor` shares what they have in common). A
     light out of sight is predicted for ``lost_timeout`` and then forgotten; two that run into
     one are both kept that long.
     """
 
     def __init__(self) -> None:
-        self._filter = KalmanFilter(0)
+        self._filter = MotionPredictor(0)
         self._lights: list[Light] = []
         self._newest_id = 0
 
