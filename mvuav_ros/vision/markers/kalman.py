@@ -67,35 +67,36 @@ class KalmanFilter:
         transition[0, 2] = 0.5 * elapsed * elapsed
         self.state = transition.dot(self.state)
 
-    def gain(self, seen: int, gap: int) -> Array:
-        """The gain (3, 1) of a marker's next measurement.
+    def gains(self, seen: NDArray[np.intp], gap: NDArray[np.intp]) -> Array:
+        """The gain of every marker's next measurement, (3, n).
 
         Args:
-            seen: earlier measurements.
-            gap: frames since the last of them, before this one.
+            seen: (n,), earlier measurements.
+            gap: (n,), frames since the last of them, before this one.
         """
-        starting = _starting_gains()
-        if gap == 0:
-            return np.asarray(starting[min(seen, len(starting) - 1)] * self._per_frame)
-        return np.asarray(_gains_after_gaps()[gap] * self._per_frame)
+        starting, after_gap = _starting_gains(), _gains_after_gaps()
+        new = starting[np.minimum(seen, len(starting) - 1), :, 0]
+        returned = after_gap[np.minimum(gap, len(after_gap) - 1), :, 0]
+        return np.asarray(np.where(gap[:, None] > 0, returned, new).T * self._per_frame)
 
-    def start(self, pair: slice, x: float, y: float) -> None:
-        """Put a marker to its first place (px), at rest."""
-        self.state[:, pair] = 0.0
-        self.state[0, pair] = x, y
+    def start(self, columns: NDArray[np.bool_], places: Array) -> None:
+        """Put markers (2 n, where true) to their first places (2 n,), px, at rest."""
+        self.state[:, columns] = 0.0
+        self.state[0, columns] = places[columns]
 
-    def fade(self, pair: slice) -> None:
-        """Trust the motion of a marker that is out of sight a frame less."""
-        self.state[1, pair] *= TUNING.velocity_fading
-        self.state[2, pair] *= TUNING.acceleration_fading
+    def fade(self, columns: NDArray[np.bool_]) -> None:
+        """Trust the motion of markers that are out of sight (2 n, where true) a frame less."""
+        self.state[1, columns] *= TUNING.velocity_fading
+        self.state[2, columns] *= TUNING.acceleration_fading
 
-    def add(self, x: float, y: float) -> None:
-        """Append a marker at a place (px), at rest."""
-        self.state = np.hstack((self.state, [(x, y), (0.0, 0.0), (0.0, 0.0)]))
+    def add(self, places: Array) -> None:
+        """Append markers at their first places, (2 k,) px, at rest."""
+        rest = np.zeros_like(places)
+        self.state = np.hstack((self.state, np.stack((places, rest, rest))))
 
-    def remove(self, pair: slice) -> None:
-        """Forget a marker."""
-        self.state = np.delete(self.state, pair, axis=1)
+    def keep(self, columns: NDArray[np.bool_]) -> None:
+        """Forget all markers but some (2 n, true for those)."""
+        self.state = self.state[:, columns]
 
 
 def _transition() -> tuple[Array, Array]:

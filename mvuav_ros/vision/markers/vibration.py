@@ -84,17 +84,17 @@ class VibrationPredictor:
         lagged[1:] = self.lagged[:-1]
         self.lagged = lagged
 
-    def clear(self, pair: slice) -> None:
-        """Forget a marker's innovations."""
-        self.lagged[:, pair] = 0.0
+    def clear(self, columns: NDArray[np.bool_]) -> None:
+        """Forget the innovations of some markers (2 n, where true)."""
+        self.lagged[:, columns] = 0.0
 
-    def add(self) -> None:
-        """Append a marker without innovations."""
-        self.lagged = np.hstack((self.lagged, np.zeros((TUNING.lags, 2))))
+    def add(self, count: int) -> None:
+        """Append markers without innovations."""
+        self.lagged = np.hstack((self.lagged, np.zeros((TUNING.lags, 2 * count))))
 
-    def remove(self, pair: slice) -> None:
-        """Forget a marker."""
-        self.lagged = np.delete(self.lagged, pair, axis=1)
+    def keep(self, columns: NDArray[np.bool_]) -> None:
+        """Forget all markers but some (2 n, true for those)."""
+        self.lagged = self.lagged[:, columns]
 
     def learn(self, lagged: Array, innovation: Array, predicted: Array, solve: bool) -> None:
         """Improve the coefficients by some markers' newest innovations.

@@ -161,12 +161,12 @@ def test_velocity_and_acceleration():
 def test_lights_come_and_go():
     lights = MotionPredictor(0)
     lights.predict(0.0)
-    lights.add((1.0, 2.0))
-    lights.add((30.0, 40.0))
+    lights.update([])
+    lights.add(np.array([(1.0, 2.0), (30.0, 40.0)]))
     for index in range(1, 10):
         lights.predict(index / 30)
         lights.update([1.0 + index, 2.0, 30.0, 40.0 - index])
-    lights.remove(0)
+    lights.keep(np.array([False, True]))
     assert lights.predict(10 / 30) == pytest.approx([30.0, 30.0], abs=0.1)
 
 
