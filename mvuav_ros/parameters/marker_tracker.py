@@ -14,6 +14,7 @@ from mvuav_ros.parameters.image_input import (
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
+GROUPINGS = ('auto', 'distance', 'components')
 CENTROIDS = ('auto', 'binary', 'weighted')
 
 
@@ -39,10 +40,19 @@ class MarkerTrackerParameters(ParameterSet):
         unit='fraction of full scale',
         thesis='eq. 3.4; 0.7',
     )
+    grouping: str = parameter(
+        'auto',
+        'How bright pixels become clusters in whole frames: distance (around a first pixel up to '
+        'grouping_distance, thesis), components (connected pixels, so that lights of any width '
+        'are whole and close ones apart), auto (components in track_any and in track with '
+        'prediction kalman, which always uses them, else distance).',
+        choices=GROUPINGS,
+        thesis='distance',
+    )
     grouping_distance: int = parameter(
         15,
-        "T: bright pixels up to this far right of, above and below a group's first pixel join "
-        'the group.',
+        'T: with grouping distance, bright pixels up to this far right of, above and below a '
+        "group's first pixel join the group.",
         minimum=0,
         maximum=10_000,
         unit='px',
@@ -127,6 +137,13 @@ class MarkerTrackerParameters(ParameterSet):
         """Whether lights are measured by intensity."""
         if self.centroid != 'auto':
             return self.centroid == 'weighted'
+        return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
+
+    @property
+    def by_components(self) -> bool:
+        """Whether the clusters of a whole frame are connected pixels."""
+        if self.grouping != 'auto':
+            return self.grouping == 'components'
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:
