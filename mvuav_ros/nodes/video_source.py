@@ -17,6 +17,7 @@ from mvuav_ros.nodes.source_player import SourcePlayer
 from mvuav_ros.nodes.source_status import SourceStatus
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.sources.calibration import load_calibration
+from mvuav_ros.recordings.sources.camera import CameraSettings
 from mvuav_ros.recordings.sources.frame import Frame, FrameSource
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.vision.image import Image
@@ -63,7 +64,15 @@ class VideoSource(ManagedNode):
 
     def _open_source(self) -> FrameSource:
         given = self._live.current
-        return open_source(given.source, topic=given.bag_topic or None)
+        camera = CameraSettings(
+            width=given.width,
+            height=given.height,
+            fps=given.fps,
+            pixel_format=given.pixel_format,
+            exposure_time_absolute=given.exposure_time_absolute,
+            gain=given.gain,
+        )
+        return open_source(given.source, topic=given.bag_topic or None, camera=camera)
 
     def begin(self) -> None:
         """Take the camera, or play the recording from its start."""

@@ -29,6 +29,7 @@ from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, about_x, about_y, about_z
+from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.pose import Pose
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -147,17 +148,24 @@ def test_the_pose_in_the_runways_frame_is_the_inverse_of_the_transform():
 
 def test_the_tankers_markers_land_on_their_pixels():
     said, info = fly(MarkerTrackerProcessor(), TANKER), camera_info(TANKER)
+    checked = 0
     for outputs in said:
+        assert ('/tf' in outputs) == ('vision_pose' in outputs)
+        if '/tf' not in outputs:
+            continue
         parent, child, place = tf(outputs['/tf'])
         assert (parent, child) == (CAMERA_FRAME, 'tanker_747')
         rows = decode_points(deserialize_message(outputs['markers'], PointCloud2))
         for point, row in zip(TANKER.rig.positions, rows, strict=True):
-            assert math.dist(project(point, place, info), (row['x'], row['y'])) < 2.0
+            if row['state'] == MarkerState.DETECTED:
+                assert math.dist(project(point, place, info), (row['x'], row['y'])) < 2.0
+                checked += 1
         frame_id, camera = pose_of(outputs['vision_pose'])
         assert frame_id == 'tanker_747'
         body = np.eye(4)
         body[:3, :3] = OPTICAL_FROM_BODY
         np.testing.assert_allclose(place @ camera, body, atol=1e-6)
+    assert checked > 20
 
 
 def test_the_covariance_follows_the_change_of_frame():
@@ -224,7 +232,8 @@ def test_tf_can_be_switched_off_and_needs_tf2_msgs(make, monkeypatch):
 
 def test_images_of_a_camera_without_a_name_have_no_transform():
     said = fly(MarkerTrackerProcessor(MarkerTrackerParameters()), TANKER, frame_id='')
-    assert all('vision_pose' in outputs and '/tf' not in outputs for outputs in said)
+    assert 'vision_pose' in said[0]
+    assert not any('/tf' in outputs for outputs in said)
 
 
 def test_the_runways_frame_needs_a_name():
