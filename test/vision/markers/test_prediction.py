@@ -7,8 +7,8 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.motion import Motion
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 THESIS = ('none', 'velocity', 'acceleration', 'acceleration_program')
