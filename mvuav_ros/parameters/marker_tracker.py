@@ -60,7 +60,8 @@ class MarkerTrackerParameters(ParameterSet):
     )
     search_radius: int = parameter(
         10,
-        'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side.',
+        'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side; in '
+        'track_any a light is sought at least this far around.',
         minimum=1,
         maximum=1_000,
         unit='px',
@@ -69,8 +70,9 @@ class MarkerTrackerParameters(ParameterSet):
     prediction: str = parameter(
         'kalman',
         'Where the next window is centred: kalman (a filter that follows the motion and what '
-        'vibration the lights have in common; it also never loses the names, see '
-        "docs/markers.md). The thesis's ways, with the thesis's tracking: none (the last "
+        "vibration the lights have in common, and the thesis's ways, each as far as it has "
+        'proved right; it also keeps the names, see docs/markers.md). The '
+        "thesis's ways, in track with the thesis's tracking: none (the last "
         'position), velocity (eq. 4.1), acceleration (eq. 4.2), acceleration_program (what the '
         'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
@@ -88,6 +90,13 @@ class MarkerTrackerParameters(ParameterSet):
         '',
         "A YAML file with the body's markers, their names and places (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
+        read_only=True,
+    )
+    allow_ambiguous: bool = parameter(
+        False,
+        'Whether a layout is used although its names or its pose cannot be certain: fewer than '
+        'three markers, all on one line, or a symmetric shape (see mvuav rig check). '
+        '/diagnostics then says why.',
         read_only=True,
     )
     pose: bool = parameter(
@@ -118,7 +127,8 @@ class MarkerTrackerParameters(ParameterSet):
     )
     lost_timeout: float = parameter(
         0.5,
-        'A marker not seen for this long is lost, and the whole frame is searched again.',
+        'A marker not seen for this long is lost, and the whole frame is searched again; in '
+        'track_any a light is forgotten then.',
         minimum=0.0,
         maximum=60.0,
         unit='s',
