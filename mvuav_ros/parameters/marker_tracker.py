@@ -13,6 +13,7 @@ from mvuav_ros.parameters.image_input import (
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
+CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
 CENTROIDS = ('auto', 'binary', 'weighted')
 
 
@@ -28,6 +29,15 @@ class MarkerTrackerParameters(ParameterSet):
         'each followed under a number of its own.',
         choices=MODES,
         thesis='Appendices A, B, C',
+    )
+    channel: str = parameter(
+        'auto',
+        'What of a colour image is looked at: intensity (eq. 3.3, in which a pure red light has '
+        '0.3 of full scale), brightest (in each pixel the strongest of red, green and blue, so '
+        'that a light of any colour is bright), or one colour. auto: intensity, or brightest '
+        'where no marker is found in it. A grey image has only its intensity.',
+        choices=CHANNELS,
+        thesis='intensity; eq. 3.3',
     )
     threshold: float = parameter(
         0.7,

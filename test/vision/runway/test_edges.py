@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from mvuav_ros.vision.runway.edges import (
     automatic_threshold,
     detect_edges,
-    open_vertically,
+    open_edges,
     select_channel,
 )
 
@@ -100,7 +100,9 @@ def naive_opening(edges, length):
     st.sampled_from([1, 3, 5, 7, 31]),
 )
 def test_opening_removes_short_vertical_runs(edges, length):
-    np.testing.assert_array_equal(open_vertically(edges, length), naive_opening(edges, length))
+    np.testing.assert_array_equal(
+        open_edges(edges, 'vertical_line', length), naive_opening(edges, length)
+    )
 
 
 @pytest.mark.parametrize(('channel', 'index'), [('blue', 0), ('green', 1), ('red', 2)])
