@@ -37,7 +37,6 @@ from mvuav_ros.recordings.sources.calibration import Calibration, load_calibrati
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.vision.image import Image, ImageError
-from mvuav_ros.vision.point_operations import gamma_correct
 
 RETRY_INTERVAL = 1.0
 """Seconds between two attempts to open a camera."""
@@ -199,9 +198,7 @@ class VideoSource(Node):
 
     def _publish(self, frame: Frame) -> None:
         given = self._live.current
-        image = _as_encoding(frame.image, given.encoding)
-        if given.gamma != 1.0:
-            image = Image(gamma_correct(image.pixels, given.gamma), image.encoding)
+        image = _as_encoding(frame.image, given.encoding).gamma_corrected(given.gamma)
         stamp_ns = frame.stamp_ns
         if given.stamp == 'now':
             stamp_ns = self.get_clock().now().nanoseconds

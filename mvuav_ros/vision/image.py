@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.point_operations import Pixels, gamma_correct
 
 CHANNELS = ('brightest', 'intensity', 'red', 'green', 'blue')
 """What a colour image can be looked at in: its intensity (eq. 3.3), one of its colours, or in each
@@ -125,6 +125,16 @@ class Image:
         if channel == self.channel or self.is_gray:
             return self
         return replace(self, channel=channel)
+
+    def gamma_corrected(self, gamma: float) -> Image:
+        """The image with out = in ** gamma on each value (eq. 3.2); 1 gives the image itself.
+
+        Raises:
+            ValueError: gamma is not a positive number.
+        """
+        if gamma == 1.0:
+            return self
+        return replace(self, pixels=gamma_correct(self.pixels, gamma))
 
     def gray(self) -> Pixels:
         """The channel, (height, width) uint8 or uint16; a view where it can be."""

@@ -82,7 +82,7 @@ def name_claims(flights: Sequence[NamedFlight]) -> list[Claim]:
         Claim(
             'A marker that returns has its name again',
             f'no name after a loss; limit {RETURN_LIMIT} frames (ours)',
-            f'the slowest of {len(partial)} returns after {slowest} frames',
+            f'the slowest after {slowest} frames, while others were in sight',
             slowest <= RETURN_LIMIT,
         ),
         Claim(

@@ -280,7 +280,7 @@ def _whiskers(
     axes.errorbar(
         places,
         means,
-        yerr=[below, deviations],
+        yerr=np.array([below, deviations]),
         fmt='none',
         ecolor=TRUTH,
         capsize=4,

@@ -110,7 +110,7 @@ def structuring_element(shape: str, length: int) -> Mask:
         'disk': x * x + y * y <= (reach + 0.5) ** 2,
         'diamond': x + y <= reach,
     }[shape]
-    return inside.astype(np.uint8)
+    return np.asarray(inside, np.uint8)
 
 
 def _squared_gradient(gray: Pixels) -> Gradient:
