@@ -51,7 +51,9 @@ class MarkerTrackerParameters(ParameterSet):
     grouping_distance: int = parameter(
         15,
         "T: bright pixels up to this far right of, above and below a group's first pixel join "
-        'the group.',
+        'the group. It has effect where whole frames are searched by grouping: in detect and '
+        "detect_any, and in track with one of the thesis's predictions; track with prediction "
+        'kalman and track_any separate lights by themselves.',
         minimum=0,
         maximum=10_000,
         unit='px',

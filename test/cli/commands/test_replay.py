@@ -43,9 +43,9 @@ def test_help_names_every_option() -> None:
     run = mvuav_process('replay', '--help')
     assert run.status == 0
     options = (
-        'nodes image-topic params-file param fps start duration every keep-inputs debug-images gamma'
+        'nodes image-topic params-file param fps start duration every keep-inputs debug-images'
     )
-    for option in [*options.split(), 'jobs', 'dask', 'strict', 'force']:
+    for option in [*options.split(), 'gamma', 'jobs', 'dask', 'strict', 'force']:
         assert f'--{option}' in run.out
 
 
