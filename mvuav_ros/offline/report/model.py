@@ -11,6 +11,10 @@ from mvuav_ros.offline.report.comparison import Compared, ComparedCell
 Cell = str | float | int | Compared | None
 
 
+_GROUPED = 10_000
+"""Counts from here on are written with commas."""
+
+
 @dataclass(frozen=True)
 class Column:
     """One column of a table; ``digits`` are those after the point of its numbers."""
@@ -62,7 +66,9 @@ class Table:
             return '–'  # noqa: RUF001
         if isinstance(given, Compared):
             return given.text(digits)
-        return f'{value:.{digits}f}' if isinstance(value, float) else str(value)
+        if isinstance(value, float):
+            return f'{value:.{digits}f}'
+        return f'{value:,}' if isinstance(value, int) and value >= _GROUPED else str(value)
 
     def comparisons(self) -> list[ComparedCell]:
         """Every cell that is held against the thesis, in order."""
@@ -139,10 +145,15 @@ def _row_name(row: tuple[Cell, ...]) -> str:
     """The words with which a row begins."""
     words = []
     for cell in row:
-        if not isinstance(cell, str):
+        if not isinstance(cell, str) or is_number(cell):
             break
         words.append(cell)
     return ', '.join(words[:3])
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number as somebody else prints it, with its interval or its bound."""
+    return text in ('N/A', '') or text.lstrip('<-')[:1].isdigit()
 
 
 def _known(value: Cell) -> str | float | int | None:

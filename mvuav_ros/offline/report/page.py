@@ -13,7 +13,7 @@ from mvuav_ros.offline.report.comparison import (
     count_text,
     worst_first,
 )
-from mvuav_ros.offline.report.model import Claim, Figure, Report, Section, Table
+from mvuav_ros.offline.report.model import Claim, Figure, Report, Section, Table, is_number
 
 _CSS = """
 :root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #d5dbe3;
@@ -47,6 +47,8 @@ th { text-align: right; font-weight: 600; vertical-align: bottom;
   border-bottom: 2px solid var(--line); }
 th .unit { display: block; font-weight: 400; color: var(--soft); white-space: nowrap; }
 th.word, td.word { text-align: left; }
+.wide table { font-size: .76rem; }
+.wide th, .wide td { padding: .3rem .4rem; }
 tbody tr:nth-child(even) { background: var(--band); }
 tr.first td { border-top: 2px solid var(--line); }
 td .range { display: block; color: var(--soft); font-size: .9em; white-space: nowrap; }
@@ -58,7 +60,7 @@ ol.worse li { margin: .15rem 0; }
 .no { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
 @media (max-width: 600px) { main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
-  th, td { padding: .28rem .45rem; } nav a { display: inline-block; padding: .2rem 0; } }
+  th, td { padding: .28rem .45rem; } td.whole { white-space: normal; } nav a { display: inline-block; padding: .2rem 0; } }
 footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
 @media print {
@@ -71,6 +73,8 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
   .scroll { overflow: visible; }
   table { font-size: 8pt; min-width: 0; }
   th, td { padding: .15rem .38rem; }
+  .wide table { font-size: 5.6pt; }
+  .wide th, .wide td { padding: .1rem .16rem; }
   thead { display: table-header-group; }
   tr { break-inside: avoid; }
   figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
@@ -79,6 +83,8 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 """
 _SHORT = 22
 """Tables with at most so many rows are kept on one printed page."""
+_WIDE = 9
+"""Tables with more columns are set smaller."""
 _WHOLE = 26
 """Texts of at most so many characters are not broken into lines."""
 
@@ -166,7 +172,7 @@ def _section(section: Section) -> str:
 
 def _table(table: Table) -> str:
     words = [
-        any(isinstance(row[number], str) for row in table.rows)
+        any(isinstance(cell := row[number], str) and not is_number(cell) for row in table.rows)
         for number in range(len(table.columns))
     ]
     heads = ''.join(
@@ -186,6 +192,7 @@ def _table(table: Table) -> str:
         rule = ' class="first"' if grouped and first else ''
         rows.append(f'<tr{rule}>{"".join(cells)}</tr>')
     short = ' short' if len(table.rows) <= _SHORT else ''
+    short += ' wide' if len(table.columns) > _WIDE else ''
     return (
         f'<div class="table{short}" id="{escape(table.key)}"><h3>{escape(table.title)}</h3>'
         f'<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
