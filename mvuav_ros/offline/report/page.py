@@ -60,7 +60,8 @@ ol.worse li { margin: .15rem 0; }
 .no { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
 @media (max-width: 600px) { main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
-  th, td { padding: .28rem .45rem; } td.whole { white-space: normal; } nav a { display: inline-block; padding: .2rem 0; } }
+  th, td { padding: .28rem .45rem; } td.whole { white-space: normal; }
+  nav a { display: inline-block; padding: .2rem 0; } }
 footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
 @media print {
