@@ -15,6 +15,7 @@ from mvuav_ros.parameters.image_input import (
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
 GROUPINGS = ('auto', 'distance', 'components')
+CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
 CENTROIDS = ('auto', 'binary', 'weighted')
 
 
@@ -30,6 +31,15 @@ class MarkerTrackerParameters(ParameterSet):
         'each followed under a number of its own.',
         choices=MODES,
         thesis='Appendices A, B, C',
+    )
+    channel: str = parameter(
+        'auto',
+        'What of a colour image is looked at: intensity (eq. 3.3, in which a pure red light has '
+        '0.3 of full scale), brightest (in each pixel the strongest of red, green and blue, so '
+        'that a light of any colour is bright), or one colour. auto: intensity, or brightest '
+        'where no marker is found in it. A grey image has only its intensity.',
+        choices=CHANNELS,
+        thesis='intensity; eq. 3.3',
     )
     threshold: float = parameter(
         0.7,
@@ -52,7 +62,8 @@ class MarkerTrackerParameters(ParameterSet):
     grouping_distance: int = parameter(
         15,
         'T: with grouping distance, bright pixels up to this far right of, above and below a '
-        "group's first pixel join the group.",
+        "group's first pixel join the group. It has effect in detect and detect_any, and in track "
+        "with one of the thesis's predictions; prediction kalman and track_any use components.",
         minimum=0,
         maximum=10_000,
         unit='px',
