@@ -16,7 +16,7 @@ def files(pattern):
 
 setup(
     name=NAME,
-    version=re.search("__version__ = '(.+)'", Path(NAME, '__init__.py').read_text())[1],
+    version=re.search("__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text())[1],
     description=(
         "Machine vision for UAVs on ROS 2: a tanker's marker lights, a runway's lines, live and "
         'over recorded flights'

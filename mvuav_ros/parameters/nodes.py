@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import read_parameter_values
+from mvuav_ros.parameters.parameter_file import is_every_nodes, read_parameter_values
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 
@@ -43,4 +43,6 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
     parameters = NODE_PARAMETERS.get(node)
     if parameters is None:
         raise ParameterError(node, f'no such node; there are {", ".join(NODE_PARAMETERS)}')
-    return parameters.from_mapping(read_parameter_values(Path(path), node))
+    values = read_parameter_values(Path(path), node)
+    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
+    return parameters.from_mapping(own)

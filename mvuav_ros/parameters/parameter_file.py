@@ -43,6 +43,13 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     return values
 
 
+def is_every_nodes(name: str) -> bool:
+    """Whether it is a parameter that every ROS node has, as ``ros2 param dump`` writes them."""
+    return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
+        'qos_overrides.'
+    )
+
+
 def parse_assignment(text: str) -> tuple[str, str, object]:
     """Split ``node:name:=value``; the value is read as YAML, as ROS does.
 

@@ -13,6 +13,7 @@ from mvuav_ros.parameters.image_input import (
 )
 
 CHANNELS = ('red', 'green', 'blue', 'intensity')
+OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
@@ -58,7 +59,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     start_row: int = parameter(
         50,
-        'First row searched; start_row and end_row both 0: the whole frame.',
+        'First row searched, counted from 0; start_row and end_row both 0: the whole frame. Row 50 '
+        'of the thesis, which counts from 1, is 49 here.',
         minimum=0,
         maximum=100_000,
         unit='px',
@@ -66,7 +68,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     end_row: int = parameter(
         130,
-        'Row after the last one searched: rows start_row to end_row - 1 are.',
+        'Row after the last one searched: rows start_row to end_row - 1 are. Row 130 of the '
+        'thesis, which is searched too, is the last one with 130 here.',
         minimum=0,
         maximum=100_000,
         unit='px',
@@ -77,7 +80,7 @@ class RunwayDetectorParameters(ParameterSet):
         'Colour channel searched for edges, or the intensity of all three; a grey image has '
         'only its intensity.',
         choices=CHANNELS,
-        thesis='red; eq. 3.3',
+        thesis='a choice (section 4.3.2.2); red is ours',
     )
     edge_threshold: float = parameter(
         0.0,
@@ -92,12 +95,20 @@ class RunwayDetectorParameters(ParameterSet):
     edge_thinning: bool = parameter(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
-        thesis='off',
+        thesis='not said; off is ours',
+    )
+    opening_shape: str = parameter(
+        'vertical_line',
+        'Structuring element of the opening: what it does not fit in is removed. vertical_line: '
+        'one pixel wide; square, disk, diamond: as wide as high, for edges that are several '
+        'pixels wide.',
+        choices=OPENING_SHAPES,
+        thesis='section 3.4.2.1; vertical line',
     )
     opening_length: int = parameter(
         3,
-        'Height of the vertical structuring element: shorter vertical runs of edge pixels are '
-        'removed. 1: no opening.',
+        'Height of the structuring element: with the vertical line, shorter vertical runs of '
+        'edge pixels are removed. 1: no opening.',
         minimum=1,
         maximum=999,
         odd=True,

@@ -61,8 +61,7 @@ class Background:
 def _sky(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
     width, height = _size(camera)
     return draw_sky(
-        width,
-        height,
+        (width, height),
         1.25 * height,
         camera.fx,
         rng,
@@ -75,8 +74,8 @@ def _foam(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDA
     """Boards of extruded foam: a fine grain, faint flow marks, seams, uneven lamplight."""
     width, height = _size(camera)
     unit = camera.width / 640.0
-    grain = smooth_noise(height, width, 5.0 * unit, rng, octaves=2)
-    flow = smooth_noise(height, width, 12.0 * unit, rng, octaves=3, stretch=14.0)
+    grain = smooth_noise((height, width), 5.0 * unit, rng, octaves=2)
+    flow = smooth_noise((height, width), 12.0 * unit, rng, octaves=3, stretch=14.0)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     lamp = np.exp(-(((x / width - 0.42) / 0.75) ** 2 + ((y / height - 0.35) / 0.8) ** 2))
     shade = 0.62 + 0.5 * lamp + detail * (0.012 * grain + 0.018 * flow)

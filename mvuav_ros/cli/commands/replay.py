@@ -73,6 +73,14 @@ def replay(
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')
     ] = False,
+    gamma: Annotated[
+        float,
+        typer.Option(
+            help='out = in ** gamma on every image (eq. 3.2), as video_source does; 1: off.',
+            min=0.01,
+            max=100.0,
+        ),
+    ] = 1.0,
     jobs: Annotated[int, typer.Option(help='Recordings to process at a time.', min=1)] = 1,
     dask: Annotated[
         str | None,
@@ -103,6 +111,7 @@ def replay(
         selection=Selection(start, duration, every),
         keep_inputs=keep_inputs,
         debug_images=debug_images,
+        gamma=gamma,
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
     with _told_when_interrupted():
