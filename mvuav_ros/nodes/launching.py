@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 
 DETECTORS = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
 _DESCRIPTIONS = {
-    'source': "What video_source plays: see its parameter; '' for none, where a camera driver runs",
+    'source': 'What video_source plays: see its parameter; none: a camera driver publishes',
     'loop': 'Play a recording again and again',
     'detectors': 'markers, runway, or both with a comma',
     'one_process': 'Source and both detectors in one process, without copies (docs/transport.md)',
@@ -103,8 +103,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
 
     if 'one_process' in switches:
         return [node('vision_process', playing)]
-    # A shell leaves nothing of '' behind, a launch file in XML or YAML may leave the quotes.
-    source = [node('video_source', playing)] if given['source'].strip('\'"') else []
+    # ros2 launch does not take an empty value: '' reaches it as two quotes, or not at all.
+    none = given['source'].strip('\'"') in ('', 'none')
+    source = [] if none else [node('video_source', playing)]
     return [*source, *(node(DETECTORS[name], seeing) for name in names)]
 
 

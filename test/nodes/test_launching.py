@@ -96,10 +96,11 @@ def test_short_cuts(launch, file, executables):
         SETS[node.executable.replace('vision_process', 'video_source')].from_mapping(given)
 
 
-def test_detectors_alone_for_another_image_topic(launch):
+@pytest.mark.parametrize('source', ['none', '', "''"])
+def test_detectors_alone_for_another_image_topic(launch, source):
     nodes = launch(
         'vision.launch.py',
-        source='',
+        source=source,
         detectors='runway',
         image_topic='/nose/camera/image',
         namespace='nose',
