@@ -58,18 +58,13 @@ def mvuav() -> None:
 
 
 def _run(name: str) -> None:
-    status = 0 if name in NODES else 128 + signal.SIGINT
+    def leave(number: int, _frame: FrameType | None) -> None:
+        os._exit(0 if name in NODES else 128 + number)
 
-    def leave(_number: int, _frame: FrameType | None) -> None:
-        os._exit(status)
-
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, leave) for number in numbers]
-    run = import_module(EXECUTABLES[name]).main
-    if name not in NODES:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
-    run()
+    # Until the executable has its own handlers.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, leave)
+    import_module(EXECUTABLES[name]).main()
 
 
 if __name__ == '__main__':

@@ -23,7 +23,7 @@ from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.subscribers import is_heard
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor
+from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
@@ -66,7 +66,7 @@ class VisionNode(Node):
             topic: self._publisher(Image, topic) for topic in processor.debug_topics
         }
         self._periodic_publishers = {
-            topic: self.create_publisher(kind, f'~/{topic}', 10)
+            topic: self.create_publisher(kind, resolve(topic), 10)
             for topic, kind in processor.periodic_topics.items()
         }
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -88,8 +88,7 @@ class VisionNode(Node):
     def _publisher(self, kind: type, topic: str) -> Any:
         return self.create_publisher(
             kind,
-            # Its own topics but for those that belong to all, such as /tf.
-            topic if topic.startswith('/') else f'~/{topic}',
+            resolve(topic),
             # One for each: rclpy writes the user's overrides into it.
             QoSProfile(depth=10),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),

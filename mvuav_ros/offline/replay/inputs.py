@@ -21,7 +21,7 @@ IMAGE_TOPIC = '/image_raw'
 
 
 class Input(Protocol):
-    """An input; as `FrameSource`, with ``remarks`` on what is unusual without a loss."""
+    """An input; ``errors`` are what cannot be read, ``warnings`` what is unusual without a loss."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -30,10 +30,10 @@ class Input(Protocol):
     def count(self) -> int | None: ...  # noqa: D102
 
     @property
-    def losses(self) -> list[str]: ...  # noqa: D102
+    def errors(self) -> list[str]: ...  # noqa: D102
 
     @property
-    def remarks(self) -> list[str]: ...  # noqa: D102
+    def warnings(self) -> list[str]: ...  # noqa: D102
 
     def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
         """Frames, with ``keep`` the messages to be copied, with ``camera`` their calibrations."""
@@ -65,11 +65,11 @@ class _Bag:
         return self._bag.count
 
     @property
-    def losses(self) -> list[str]:
+    def errors(self) -> list[str]:
         return self._bag.losses
 
     @property
-    def remarks(self) -> list[str]:
+    def warnings(self) -> list[str]:
         return self._bag.remarks
 
     def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
@@ -85,10 +85,10 @@ class _Images:
         self._selection = selection
         self.name = source.name
         self.count = selection.count(source.count, source.rate)
-        self.remarks: list[str] = []
+        self.warnings: list[str] = []
 
     @property
-    def losses(self) -> list[str]:
+    def errors(self) -> list[str]:
         return self._source.losses
 
     def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
