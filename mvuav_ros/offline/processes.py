@@ -86,7 +86,7 @@ class Worker:
 
     def fileno(self) -> int:
         """Can be read when `receive` has something."""
-        return self._connection.fileno()
+        return int(self._connection.fileno())
 
     def send(self, number: int, task: Any) -> None:
         """Give it a task; what has died meanwhile is told by `receive`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -63,7 +64,14 @@ def replay(
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')
     ] = False,
-    jobs: Annotated[int, typer.Option(help='Recordings to process at a time.', min=1)] = 1,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            help='Processes that share the recordings, or one; all cores if left out.',
+            min=1,
+            show_default=False,
+        ),
+    ] = None,
     dask: Annotated[
         str | None,
         typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
@@ -99,11 +107,12 @@ def replay(
         debug_images=debug_images,
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
+    processes = jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
-        if dask is None and not planned[0].resume:
-            outcomes = [reports.replay_one(planned[0], stop)]
+        if dask is None and len(planned) == 1:
+            outcomes = [reports.replay_one(planned[0], processes, stop)]
         else:
-            outcomes = reports.replay_many(planned, jobs, dask, stop)
+            outcomes = reports.replay_many(planned, processes, dask, stop)
     if stop:
         raise Interrupted(stop.number)
     if any(outcome.failure for outcome in outcomes):

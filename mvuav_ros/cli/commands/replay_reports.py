@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 
+import cv2
 import typer
 from rich.progress import Progress, TaskID
 
@@ -18,9 +19,10 @@ from mvuav_ros.offline.stopping import Stop
 _MOST_REASONS = 5
 
 
-def replay_one(job: ReplayJob, stop: Stop) -> ReplayOutcome:
-    """Replay one recording in this process, and report it also when interrupted."""
+def replay_one(job: ReplayJob, processes: int, stop: Stop) -> ReplayOutcome:
+    """Replay one recording, and report it also when interrupted."""
     keep_freed_memory()
+    cv2.setNumThreads(1)
     with frame_progress(thread=False) as progress:
         task = progress.add_task(job.source, total=None)
 
@@ -29,7 +31,7 @@ def replay_one(job: ReplayJob, stop: Stop) -> ReplayOutcome:
                 task, description=state.name, completed=state.done, total=state.total, refresh=True
             )
 
-        outcome = attempt(job, show, stop)
+        outcome = attempt(job, show, stop, processes)
     if outcome.frames or outcome.failure:
         _report(outcome)
     return outcome

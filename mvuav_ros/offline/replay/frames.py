@@ -12,6 +12,7 @@ from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.type_name import type_name
+from mvuav_ros.recordings.sources.bag import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.image import ImageError
 
@@ -61,7 +62,7 @@ def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Process
 
 
 def replay(
-    items: Iterable[Frame | BadFrame | RecordedMessage],
+    items: Iterable[Frame | BadFrame | EncodedFrame | RecordedMessage],
     processors: Sequence[Processor],
     *,
     debug: bool = False,
@@ -79,6 +80,8 @@ def replay(
     """
     last: Frame | None = None
     for item in items:
+        if isinstance(item, EncodedFrame):
+            item = item.decoded()
         if isinstance(item, RecordedMessage):
             yield item
         elif isinstance(item, BadFrame):

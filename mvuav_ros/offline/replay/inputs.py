@@ -9,13 +9,13 @@ from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.recordings.sources.bag import BagImages, EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.writing import RELIABLE_QOS
 
-Item = Frame | BadFrame | RecordedMessage
+Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
 

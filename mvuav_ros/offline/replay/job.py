@@ -6,19 +6,22 @@ import dataclasses
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mvuav_ros
 from mvuav_ros.offline.processes import ProcessDiedError
+from mvuav_ros.offline.replay.ahead import ReplayAhead
 from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
-from mvuav_ros.offline.replay.inputs import Input, open_input
+from mvuav_ros.offline.replay.inputs import Input, Item, open_input
 from mvuav_ros.offline.replay.records import DESCRIPTION, RESULT, State, fingerprint, state_of
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.sources.frame import SourceError
@@ -120,9 +123,12 @@ class JobProgress(NamedTuple):
 
 
 Progress = Callable[[JobProgress], None]
+Replaying = Callable[[Iterable[Item]], Iterator[FrameResults | RecordedMessage]]
 
 
-def run_job(job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: Stop) -> None:
+def run_job(
+    job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: Stop, processes: int = 1
+) -> None:
     """Replay a recording.
 
     Interrupted, the output is a complete file, though not a finished one in the sense of
@@ -133,6 +139,7 @@ def run_job(job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: St
         outcome: kept up to date; it holds also after an error.
         progress: told now and then how far it is.
         stop: when to end early.
+        processes: that share the work; with 1 all of it is done in this one.
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.
@@ -151,17 +158,17 @@ def run_job(job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: St
         raise RecordingError(_exists(job))
     settings = job.settings
     processors = make_processors(settings.parameters)
-    with _opened(job, stop) as source:
+    # The processes first: they are forked, which is right only before the input has threads.
+    with _replaying(processors, settings, processes) as replaying, _opened(job, stop) as source:
         if source is None:
             outcome.interrupted = True
             return
         progress(JobProgress(source.name, 0, source.count))
         with RecordingWriter(job.output, redo, {DESCRIPTION: description}) as writer:
             camera = any(processor.uses_camera_info for processor in processors)
-            items = source.items(settings.keep_inputs, camera)
-            steps = replay(items, processors, debug=settings.debug_images)
-            with closing(items):
-                _write(steps, _Output(job, writer, outcome), source, progress, stop)
+            with closing(source.items(settings.keep_inputs, camera)) as items:
+                output = _Output(job, writer, outcome)
+                _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted:
                 if outcome.processed == 0:
                     raise SourceError(f'{job.source}: not a single frame could be used')
@@ -169,17 +176,28 @@ def run_job(job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: St
                 writer.conclude(RESULT, {'json': json.dumps(result)})
 
 
-def attempt(job: ReplayJob, progress: Progress, stop: Stop) -> ReplayOutcome:
+def attempt(job: ReplayJob, progress: Progress, stop: Stop, processes: int = 1) -> ReplayOutcome:
     """`run_job`, with what goes wrong told in the outcome."""
     outcome = ReplayOutcome(job.source, job.output)
     try:
-        run_job(job, outcome, progress, stop)
+        run_job(job, outcome, progress, stop, processes)
     except (SourceError, RecordingError, ParameterError, ProcessDiedError, OSError) as error:
         outcome.failure = ' '.join(str(error).split())
     except Exception as error:
         # A defect of ours costs one recording and not all the others.
         outcome.failure = ' '.join(f'{job.source}: {type(error).__name__}: {error}'.split())
     return outcome
+
+
+@contextmanager
+def _replaying(
+    processors: list[Processor], settings: ReplaySettings, processes: int
+) -> Iterator[Replaying]:
+    if processes == 1:
+        yield partial(replay, processors=processors, debug=settings.debug_images)
+        return
+    with closing(ReplayAhead(processors, processes, debug=settings.debug_images)) as ahead:
+        yield ahead.replay
 
 
 @contextmanager
