@@ -18,6 +18,7 @@ from mvuav_ros.offline.replay.shared_buffer import SharedBuffer, Sizes
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.schemas import typestore
 from mvuav_ros.recordings.sources.bag import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 
@@ -88,6 +89,8 @@ class ReplayAhead:
             processes: number of processes that decode or run a node; at least one for each node.
             debug: also make the debug images.
         """
+        # It takes half a second, and the processes inherit it.
+        typestore()
         self._slots = [_Slot(SharedBuffer(), SharedBuffer()) for _ in range(_SLOTS)]
         spare = max(0, processes - len(processors))
         stages = [_Stage(processor, self._slots, debug) for processor in processors]
