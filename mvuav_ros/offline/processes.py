@@ -79,7 +79,8 @@ class Worker:
             target=_serve, args=(theirs, forked, work, threads), daemon=True
         )
         # It would let the signals through again when it is started with the first process.
-        resource_tracker.ensure_running()
+        if method == 'spawn':
+            resource_tracker.ensure_running()
         with signals_held_back():
             self._process.start()
         theirs.close()
