@@ -30,7 +30,7 @@ def measured_run(
     observed = read_bag(outcome.output)
     observed.truth = read_bag(Path(source)).truth
     observed.frames = outcome.frames
-    observed.refused = outcome.frames - outcome.answered
+    observed.rejected = outcome.frames - outcome.processed
     metrics = [metric for metric in metrics_of(observed) if metric.name != 'time per frame']
     return SavedRun(
         name=name,
@@ -41,6 +41,6 @@ def measured_run(
         version=mvuav_ros.__version__,
         made=time.time(),
         frames=outcome.frames,
-        answered=outcome.answered,
+        answered=outcome.processed,
         settings=settings,
     )

@@ -16,7 +16,7 @@ from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.observed import replay
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.names import NameRefusedError
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess
+from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
 from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table
 from mvuav_ros.panel.trend_figures import image_of
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -32,7 +32,8 @@ def run(name, store, values=VALUES, source=BAG):
     folder = store.new_folder(name)
     done = asyncio.run(
         RunProcess().run(
-            name, KIND, source, values, folder / RESULTS, lambda *step: steps.append(step)
+            RunRequest(name, KIND, source, values, folder / RESULTS),
+            lambda *step: steps.append(step),
         )
     )
     store.finish(done)
@@ -79,7 +80,8 @@ def test_a_run_can_be_cancelled(made):
 
     async def cancel_at_once():
         await process.run(
-            'cancelled', KIND, BAG, VALUES, folder / RESULTS, lambda *_: process.cancel()
+            RunRequest('cancelled', KIND, BAG, VALUES, folder / RESULTS),
+            lambda *_: process.cancel(),
         )
 
     with pytest.raises(RunFailedError, match='cancelled'):

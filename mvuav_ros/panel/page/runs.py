@@ -23,7 +23,7 @@ from mvuav_ros.panel.page.elements import (
     text,
 )
 from mvuav_ros.panel.page.trends import Trends
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess
+from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
 from mvuav_ros.panel.runs import RESULTS, SavedRun, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
@@ -195,9 +195,8 @@ class Runs:
         self._busy(True)
         settings = self._page.chosen_set
         try:
-            run = await process.run(
-                name, kind, bag, values, folder / RESULTS, self._progress, settings
-            )
+            request = RunRequest(name, kind, bag, values, folder / RESULTS, settings)
+            run = await process.run(request, self._progress)
             if keep:
                 self._page.services.runs.finish(run)
                 self._chosen.append(run.name)
