@@ -59,7 +59,7 @@ class RunProcess:
         """Replay a recording with a node's code and measure its results.
 
         Args:
-            name: of the run.
+            name: of the run; empty: it is not kept and gets no report.
             kind: the node.
             source: the recording.
             parameters: of the node.

@@ -14,6 +14,11 @@ from mvuav_ros.parameters.image_input import (
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
 CENTROIDS = ('auto', 'binary', 'weighted')
+_FOLLOWED = ({'mode': ('track', 'track_any')},)
+_GROUPED = (
+    {'mode': ('detect', 'detect_any')},
+    {'mode': ('track',), 'prediction': PREDICTIONS[1:]},
+)
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,7 @@ class MarkerTrackerParameters(ParameterSet):
         'each followed under a number of its own.',
         choices=MODES,
         thesis='Appendices A, B, C',
+        stage='Mode',
     )
     threshold: float = parameter(
         0.7,
@@ -37,6 +43,8 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=1.0,
         unit='fraction of full scale',
         thesis='eq. 3.4; 0.7',
+        stage='Detection',
+        usual=(0.05, 0.99),
     )
     grouping_distance: int = parameter(
         15,
@@ -46,6 +54,9 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=10_000,
         unit='px',
         thesis='T',
+        stage='Detection',
+        usual=(0, 60),
+        counts=_GROUPED,
     )
     search_radius: int = parameter(
         10,
@@ -54,6 +65,9 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=1_000,
         unit='px',
         thesis='RoIT',
+        stage='Tracking',
+        usual=(2, 60),
+        counts=_FOLLOWED,
     )
     prediction: str = parameter(
         'kalman',
@@ -64,6 +78,8 @@ class MarkerTrackerParameters(ParameterSet):
         'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
+        stage='Tracking',
+        counts=({'mode': ('track',)},),
     )
     centroid: str = parameter(
         'auto',
@@ -72,23 +88,27 @@ class MarkerTrackerParameters(ParameterSet):
         'prediction kalman and in track_any, else binary).',
         choices=CENTROIDS,
         thesis='binary',
+        stage='Detection',
     )
     layout: str = parameter(
         '',
         "A YAML file with the body's markers, their names and places (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
         read_only=True,
+        stage='Pose',
     )
     pose: bool = parameter(
         True,
         'Whether ~/pose is estimated, where camera_info holds a calibration and at least three '
         'markers are named.',
         thesis='left to others',
+        stage='Pose',
     )
     publish_tf: bool = parameter(
         False,
         "Whether the pose is also broadcast on /tf, from the image's frame to the body's name.",
         read_only=True,
+        stage='Pose',
     )
     min_area: int = parameter(
         1,
@@ -96,6 +116,8 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=1,
         maximum=100_000_000,
         unit='px',
+        stage='Detection',
+        usual=(1, 1_000),
     )
     max_area: int = parameter(
         0,
@@ -103,6 +125,8 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=0,
         maximum=100_000_000,
         unit='px',
+        stage='Detection',
+        usual=(0, 5_000),
     )
     lost_timeout: float = parameter(
         0.5,
@@ -110,14 +134,20 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=0.0,
         maximum=60.0,
         unit='s',
+        stage='Tracking',
+        usual=(0, 5),
+        counts=_FOLLOWED,
     )
     image_transport: str = parameter(
         'raw',
         'raw subscribes to the image topic, compressed to <image topic>/compressed.',
         choices=IMAGE_TRANSPORTS,
         read_only=True,
+        stage='Node',
     )
-    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    opencv_threads: int = parameter(
+        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
+    )
 
     @property
     def weighted(self) -> bool:

@@ -15,6 +15,7 @@ CHANNELS = ('red', 'green', 'blue', 'intensity')
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
+_THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,15 @@ class RunwayDetectorParameters(ParameterSet):
         'edge, Hough and peak parameters do not count then.',
         choices=MODES,
         thesis='thesis',
+        stage='Mode',
     )
     target: str = parameter(
         'runway',
         'What mode approach looks for: a runway below the horizon, the painted lines of the lane '
         'that the camera drives in, or a pipeline (a narrow strip without ends).',
         choices=TARGET_NAMES,
+        counts=_APPROACH,
+        stage='Approach',
     )
     runway_width: float = parameter(
         0.0,
@@ -42,6 +46,9 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=0.0,
         maximum=1_000.0,
         unit='m',
+        counts=_APPROACH,
+        stage='Approach',
+        usual=(0, 80),
     )
     start_row: int = parameter(
         50,
@@ -50,6 +57,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000,
         unit='px',
         thesis='Starting Row Index; 50',
+        counts=_THESIS,
+        stage='Image',
+        usual=(0, 1080),
     )
     end_row: int = parameter(
         130,
@@ -58,6 +68,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000,
         unit='px',
         thesis='Ending Row Index; 130',
+        counts=_THESIS,
+        stage='Image',
+        usual=(0, 1080),
     )
     channel: str = parameter(
         'red',
@@ -65,6 +78,8 @@ class RunwayDetectorParameters(ParameterSet):
         'only its intensity.',
         choices=CHANNELS,
         thesis='red; eq. 3.3',
+        counts=_THESIS,
+        stage='Image',
     )
     edge_threshold: float = parameter(
         0.0,
@@ -75,11 +90,16 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1.0,
         unit='fraction of full scale',
         thesis='Sobel threshold',
+        counts=_THESIS,
+        stage='Edges',
+        usual=(0, 0.3),
     )
     edge_thinning: bool = parameter(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
         thesis='off',
+        counts=_THESIS,
+        stage='Edges',
     )
     opening_length: int = parameter(
         3,
@@ -90,6 +110,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='px',
         thesis='eqs 3.22-3.24; 3',
+        counts=_THESIS,
+        stage='Edges',
+        usual=(1, 31),
     )
     rho_resolution: float = parameter(
         2.0,
@@ -98,6 +121,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000.0,
         unit='px',
         thesis='Hough Transform Rho Resolution; 2',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(0.25, 10),
     )
     theta_resolution_deg: float = parameter(
         1.0,
@@ -106,6 +132,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=45.0,
         unit='°',
         thesis='Hough Transform Theta Resolution; 1',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(0.1, 10),
     )
     num_peaks: int = parameter(
         3,
@@ -113,6 +142,9 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=1,
         maximum=100,
         thesis='Number of Hough Peaks; 3',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 10),
     )
     peak_neighborhood_rho: int = parameter(
         11,
@@ -122,6 +154,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 101),
     )
     peak_neighborhood_theta: int = parameter(
         11,
@@ -131,6 +166,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 101),
     )
     peak_threshold: int = parameter(
         15,
@@ -139,6 +177,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000_000,
         unit='votes',
         thesis='Hough Peaks Threshold',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 500),
     )
     rho_error_threshold: float = parameter(
         30.0,
@@ -147,6 +188,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000.0,
         unit='px',
         thesis='Rho Error Flag Threshold; 30',
+        stage='Correction',
+        usual=(0, 100),
     )
     theta_error_threshold_deg: float = parameter(
         2.0,
@@ -155,6 +198,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=90.0,
         unit='°',
         thesis='Theta Error Flag Threshold; 2',
+        stage='Correction',
+        usual=(0, 15),
     )
     correction_warmup: int = parameter(
         2,
@@ -163,6 +208,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=10_000,
         unit='frames',
         thesis='N-Sample Switch; 2',
+        stage='Correction',
+        usual=(0, 30),
     )
     max_hold: int = parameter(
         15,
@@ -172,6 +219,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000_000,
         unit='frames',
         thesis='section 4.3.2.4; never',
+        stage='Correction',
+        usual=(0, 100),
     )
     association: str = parameter(
         'nearest',
@@ -180,14 +229,19 @@ class RunwayDetectorParameters(ParameterSet):
         'and theta over all lines).',
         choices=ASSOCIATIONS,
         thesis='index',
+        counts=_THESIS,
+        stage='Correction',
     )
     image_transport: str = parameter(
         'raw',
         'raw subscribes to the image topic, compressed to <image topic>/compressed.',
         choices=IMAGE_TRANSPORTS,
         read_only=True,
+        stage='Node',
     )
-    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    opencv_threads: int = parameter(
+        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
+    )
 
     def _check_together(self) -> None:
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
