@@ -20,6 +20,8 @@ _LOGARITHMIC = 40
 """A range whose ends have at least this ratio is spread logarithmically."""
 _MOST_STEPS = 500
 """Positions of a slider that a hand can still tell apart."""
+_WIDEST = 1e15
+"""Ends of a range that is a range: beyond that any number is allowed."""
 _LARGEST_INTEGER = 2**63 - 1
 _TYPES = {
     ParameterType.PARAMETER_BOOL: bool,
@@ -138,6 +140,8 @@ def scale_of(control: Control, image_size: float = 0.0) -> Scale:
     """
     low, high = control.text.usual or (control.minimum, control.maximum)
     low, high = max(low, control.minimum), min(high, control.maximum)
+    if low >= high:
+        low, high = control.minimum, control.maximum
     if control.text.unit == 'px' and image_size > 0 and control.text.usual:
         high = min(high, max(image_size, low + 1))
     whole = control.type is int
@@ -199,7 +203,7 @@ def _kind(
         return Kind.TEXT, (), none
     for each in (*descriptor.integer_range, *descriptor.floating_point_range):
         limits = float(each.from_value), float(each.to_value)
-        if all(map(math.isfinite, limits)) and limits[0] < limits[1]:
+        if -_WIDEST < limits[0] < limits[1] < _WIDEST:
             return Kind.SLIDER, (), limits
     return Kind.NUMBER, (), none
 

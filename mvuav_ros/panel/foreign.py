@@ -35,9 +35,13 @@ class KeyValue(Protocol):
 def words(text: object, longest: int = LONGEST_WORDS) -> str:
     """One line of visible characters, cut where it is too long."""
     raw = str(text)
+    if len(raw) <= longest and raw.isascii() and raw.isprintable() and '  ' not in raw:
+        return raw.strip()
     shown: list[str] = []
     marks = 0
     for letter in raw[: 4 * longest]:
+        if len(shown) > longest:
+            break
         category = unicodedata.category(letter)
         if letter.isspace() or category in ('Zl', 'Zp', 'Cc'):
             letter = ' '

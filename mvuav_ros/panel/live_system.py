@@ -23,6 +23,8 @@ from mvuav_ros.parameters.declaration import Value
 _SCAN_INTERVAL = 1.0
 _SILENCE = 4.0
 """Seconds without a sign of life; a killed node stays in the graph for much longer."""
+_SHORTEST = 0.2
+"""Seconds between two reports of a node; one that says more is not listened to all the time."""
 _LARGEST_SIDE = 100_000
 
 
@@ -39,6 +41,8 @@ class LiveNode:
         message: the words of those.
         level: their level, 0 when all is well.
         statistics: its newest ``~/statistics``, values by status name.
+        heard: when its newest diagnostics came, s.
+        counted: when its newest statistics came, s.
     """
 
     found: Found
@@ -50,6 +54,7 @@ class LiveNode:
     level: int = 0
     statistics: dict[str, dict[str, str]] = field(default_factory=dict)
     heard: float = 0.0
+    counted: float = 0.0
 
     @property
     def name(self) -> str:
@@ -249,16 +254,17 @@ class LiveSystem:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            node = self.nodes.get(status.name)
-            if node is not None:
-                node.heard = time.monotonic()
+            node, now = self.nodes.get(status.name), time.monotonic()
+            if node is not None and now - node.heard > _SHORTEST:
+                node.heard = now
                 node.status = foreign.key_values(status.values)
                 node.message, node.level = foreign.words(status.message), status.level[0]
                 self._tell('status', node)
 
     def _on_statistics(self, name: str, message: DiagnosticArray) -> None:
-        node = self.nodes.get(name)
-        if node is not None:
+        node, now = self.nodes.get(name), time.monotonic()
+        if node is not None and now - node.counted > _SHORTEST:
+            node.counted = now
             node.statistics = foreign.statuses(message)
             self._tell('statistics', node)
 

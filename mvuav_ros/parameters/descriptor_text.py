@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -90,8 +91,8 @@ def _conditions(text: str) -> tuple[Condition, ...]:
 
 
 def _range(text: str) -> tuple[float, float] | None:
-    low, mark, high = text.partition(' to ')
     try:
-        return (float(low), float(high)) if mark else None
+        low, high = map(float, text.split(' to '))
     except ValueError:
         return None
+    return (low, high) if -math.inf < low < high < math.inf else None
