@@ -17,7 +17,6 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import cv2
 
-from mvuav_ros.offline.replay.memory import keep_freed_memory
 from mvuav_ros.offline.stopping import (
     SIGNALS,
     Interrupted,
@@ -25,6 +24,7 @@ from mvuav_ros.offline.stopping import (
     signals_held_back,
     stop_on_signals,
 )
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 
 TaskT = TypeVar('TaskT')
 ResultT = TypeVar('ResultT')

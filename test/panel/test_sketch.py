@@ -18,7 +18,7 @@ def by_color(sketch, color):
 
 def test_on_the_centreline_the_runway_lies_in_the_middle_below_a_level_horizon():
     sketch = sketch_runway((-500.0, 0.0, 50.0), LEVEL, 45.0)
-    ((x1, y1, x2, y2),) = by_color(sketch, 'accent')
+    ((_, y1, _, y2),) = by_color(sketch, 'accent')
     assert y1 == pytest.approx(0.0, abs=1e-3) and y2 == pytest.approx(0.0, abs=1e-3)
     ((x1, y1, _, y2),) = by_color(sketch, 'soft')
     assert x1 == pytest.approx(0.0) and y1 == pytest.approx(1.6 * 50 / 500, abs=1e-3)
@@ -30,7 +30,7 @@ def test_a_roll_to_the_right_turns_the_horizon_to_the_left():
     roll = math.radians(20.0)
     turn = rotation_of(Quaternion(x=math.sin(roll / 2), w=math.cos(roll / 2)))
     sketch = sketch_runway((-500.0, 0.0, 50.0), turn, 45.0)
-    ((x1, y1, x2, y2),) = by_color(sketch, 'accent')
+    ((_, y1, _, y2),) = by_color(sketch, 'accent')
     # From left to right the horizon rises (y is down).
     assert math.degrees(math.atan2(y2 - y1, x2 - x1)) == pytest.approx(-20.0, abs=0.1)
     assert dict(sketch.numbers)['roll'] == '20.0°'
