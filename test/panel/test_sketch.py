@@ -30,7 +30,7 @@ def test_a_roll_to_the_right_turns_the_horizon_to_the_left():
     roll = math.radians(20.0)
     turn = rotation_of(Quaternion(x=math.sin(roll / 2), w=math.cos(roll / 2)))
     sketch = sketch_runway((-500.0, 0.0, 50.0), turn, 45.0)
-    ((_, y1, _, y2),) = by_color(sketch, 'accent')
+    ((x1, y1, x2, y2),) = by_color(sketch, 'accent')
     # From left to right the horizon rises (y is down).
     assert math.degrees(math.atan2(y2 - y1, x2 - x1)) == pytest.approx(-20.0, abs=0.1)
     assert dict(sketch.numbers)['roll'] == '20.0°'
