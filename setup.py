@@ -72,7 +72,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', files('launch/*.py')),
         # Fast DDS's profile also here, for the processes of other camera drivers.
-        (f'share/{NAME}/config', files('config/*.yaml') + files(f'{NAME}/nodes/*.xml')),
+        (f'share/{NAME}/config', files('config/*') + files(f'{NAME}/nodes/*.xml')),
         (f'share/{NAME}/sros2', files('sros2/*.xml')),
         (f'share/{NAME}/bags', files('bags/*.mcap')),
         # `ros2 run` looks in lib/mvuav_ros; pip puts console scripts into bin/.

@@ -18,6 +18,7 @@ from mvuav_ros.cli.commands.replay import replay
 from mvuav_ros.cli.commands.rig import rig
 from mvuav_ros.cli.commands.simulate import simulate
 from mvuav_ros.cli.commands.sweep import sweep
+from mvuav_ros.cli.typer_annotations import spell_unions_out
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
@@ -55,6 +56,9 @@ def _options(
     ] = False,
 ) -> None:
     pass
+
+
+spell_unions_out(app)
 
 
 def main() -> NoReturn:

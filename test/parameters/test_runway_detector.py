@@ -16,6 +16,7 @@ CONTRACT = {
     'channel': 'red',
     'edge_threshold': 0.0,
     'edge_thinning': False,
+    'opening_shape': 'vertical_line',
     'opening_length': 3,
     'rho_resolution': 2.0,
     'theta_resolution_deg': 1.0,
