@@ -15,6 +15,7 @@ import mvuav_ros
 from mvuav_ros.offline.report.model import Cell, Claim, Report, Section
 from mvuav_ros.offline.thesis.beyond import beyond_section, identity_tasks, pose_tasks
 from mvuav_ros.offline.thesis.plan import THESIS_RUN, ExperimentRunner, Plan, detector, tracker
+from mvuav_ros.offline.thesis.predictions import path_tasks, predictions_section
 from mvuav_ros.offline.thesis.roll_cells import ROLLS_DEG
 from mvuav_ros.offline.thesis.runway import runway_section, runway_tasks
 from mvuav_ros.offline.thesis.times import times_section
@@ -28,6 +29,7 @@ Chapter = Callable[[ExperimentRunner], tuple[Section, list[Claim]]]
 CHAPTERS: dict[str, Chapter] = {
     'times': times_section,
     'tracking': tracking_section,
+    'predictions': predictions_section,
     'vibration': vibration_section,
     'runway': runway_section,
     'beyond': beyond_section,
@@ -41,7 +43,7 @@ def steps_of(plan: Plan) -> int:
     cells = len(ROLLS_DEG) * len(VIBRATIONS) * plan.repeats
     flights = len(tracking_tasks(plan)) + len(spectrum_tasks(plan)) + len(runway_tasks(plan))
     beyond = len(identity_tasks(plan)) + len(pose_tasks(plan))
-    return 2 + flights + cells + beyond
+    return 2 + flights + len(path_tasks(plan)) + cells + beyond
 
 
 def build_report(

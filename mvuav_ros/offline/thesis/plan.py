@@ -36,6 +36,7 @@ class Plan:
         seed: of all flights.
         jobs: processes.
         trial_frames: frames of each trial.
+        prediction_flights: of each kind of motion and frame rate.
         passes: how often each timed flight is processed.
         timed_frames: frames of the timed flights.
         spectrum_seconds: length of the flights whose vibration is analysed.
@@ -49,6 +50,7 @@ class Plan:
     seed: int = 2006
     jobs: int = 2
     trial_frames: int = 300
+    prediction_flights: int = 30
     passes: int = 9
     timed_frames: int = 90
     spectrum_seconds: float = 60.0
@@ -65,6 +67,7 @@ class Plan:
             seed=seed,
             jobs=jobs,
             trial_frames=60,
+            prediction_flights=2,
             passes=3,
             timed_frames=45,
             spectrum_seconds=12.0,
