@@ -100,7 +100,7 @@ class MultiObjectTracker:
             found = np.empty((0, 3))
         given = self._give(predicted, found, parameters.search_radius)
         self._update(time, given, found)
-        given = self._forget(time - parameters.lost_timeout, given)
+        given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
         new = np.setdiff1d(np.arange(len(found)), given)
         self._add(time, found[new])
         return self._result(np.concatenate((given, new)), found, status)
@@ -140,13 +140,13 @@ class MultiObjectTracker:
         change = found[given[visible], 2] - self._areas[visible]
         self._areas[visible] += (1 - TUNING.size_memory) * change
 
-    def _forget(self, earliest: float, given: Integers) -> Integers:
+    def _forget(self, earliest: float, given: Integers, most_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
         hidden = given < 0
         kept = ~hidden | (self._last_seen >= earliest)
         tentative = self._sightings < TUNING.confirmed
         _thin_out(kept, hidden & tentative, self._sightings, TUNING.most_tentative)
-        _thin_out(kept, hidden, self._sightings, TUNING.most - int((~hidden).sum()))
+        _thin_out(kept, hidden, self._sightings, most_hidden)
         if not kept.all():
             self._motion.keep(kept)
             self._ids, self._areas = self._ids[kept], self._areas[kept]
