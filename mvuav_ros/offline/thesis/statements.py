@@ -86,6 +86,18 @@ def growth_text(errors: Sequence[tuple[float, float]], name: str) -> str:
     )
 
 
+def noise_text(rows: Sequence[tuple[Cell, ...]]) -> str:
+    """At which noise each program is below the thesis, which is the last row, by column."""
+    *ours, thesis = rows
+    printed = [float(str(cell)) for cell in thesis[2:]]
+    below = [
+        f'{row[1]} at {row[0]} in '
+        f'{sum(_as_float(c) < p for c, p in zip(row[2:], printed, strict=True))}'
+        for row in ours
+    ]
+    return f'Below the thesis, of {len(printed)} columns: {", ".join(below)}.'
+
+
 def monotonic_text(rows: Sequence[Sequence[float]], who: str) -> str:
     """In how many columns values grow from each row to the next."""
     columns = list(zip(*rows, strict=True))

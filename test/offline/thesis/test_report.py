@@ -23,6 +23,7 @@ TABLES = {
     'table_5_3_truth_found',
     'table_5_3_truth_predicted',
     'table_5_5_truth',
+    'table_5_5_noise',
     'figures_5_1_to_5_3',
     'figure_4_30',
     'runway_flags',
@@ -227,6 +228,10 @@ def test_what_is_said_of_the_roll(tables, said):
         rows = [[float(cell) for cell in values(table, c, by)[0]] for c in known.CONDITIONS]
         growing = sum((np.diff(column) > 0).all() for column in np.array(rows).T)
         assert f'{words}: grows with the vibration in {growing} of 3 columns' in said
+    *ours, thesis = tables['table_5_5_noise'].rows
+    for noise, by, *cells in ours:
+        below = sum(c < float(p) for c, p in zip(cells, thesis[2:], strict=True))
+        assert f'{by} at {noise} in {below}' in said
     for by in ("the thesis's program", 'as shipped'):
         calm, shaken = (
             [float(text.split()[0]) for text in values(tables['table_5_5_truth'], c, by)[0]]
