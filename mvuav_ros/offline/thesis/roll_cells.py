@@ -95,7 +95,7 @@ def _cell(roll_deg: float, vibration: int, flown: Sequence[FlownMarkers]) -> Rol
 
 
 def _about_mean(flown: Sequence[FlownMarkers], name: str = '') -> Interval:
-    """RMS of a program's roll about the mean of each flight, degrees; without a name of the truth."""
+    """RMS of the roll by a program about the mean of each flight, degrees; no name: the truth."""
     rolls = [np.degrees(f.runs[name].roll if name else f.roll) for f in flown]
     return pooled_rms([values - np.nanmean(values) for values in rolls])
 
