@@ -45,6 +45,18 @@ def winners_text(trials: Sequence[Trial]) -> str:
     return f'Here velocity only is smaller than full estimation for {", ".join(parts)}.'
 
 
+def ratio_text(thesis: Sequence[Sequence[float]], ours: Sequence[Sequence[float]]) -> str:
+    """Where full estimation over velocity only is smaller here than in the thesis."""
+    pairs = [pair for a, b in zip(thesis, ours, strict=True) for pair in zip(a, b, strict=True)]
+    smaller = sum(o < t for t, o in pairs)
+    larger = sum(o > t for t, o in pairs)
+    return (
+        f'The ratio is smaller here than in the thesis in {smaller} of {len(pairs)} cells, larger '
+        f'in {larger}: where it is not larger, a worse cell of full estimation is the motion, and '
+        'not the method.'
+    )
+
+
 def beats_text(rows: Sequence[tuple[Cell, ...]], runs: Sequence[str]) -> str:
     """Which method is best on how many flights; the last cell of a row names its best."""
     count = {words(name): sum(row[-1] == words(name) for row in rows) for name in runs}

@@ -195,6 +195,10 @@ def test_what_is_said_of_table_5_3(tables, said):
     for kind, count in above.items():
         found = re.search(rf'above 1 px: {kind.lower()} .*? (\d+) of 20 above; the worst', said)
         assert found is not None and int(found.group(1)) == count
+    ratios = tables['table_5_3_ratio'].rows
+    printed, ours = ([row[2:] for row in ratios if row[1] == by] for by in ('thesis', 'here'))
+    larger = int(np.sum(np.array(ours) > np.array(printed)))
+    assert f'of 20 cells, larger in {larger}: where' in said
     # Of the thesis's own numbers.
     assert 'velocity only is smaller in 14 of 20 cells, full estimation in 5, 1 equal' in said
 
