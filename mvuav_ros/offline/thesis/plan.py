@@ -50,7 +50,7 @@ class Plan:
     trial_seconds: float = known.TRIAL_SECONDS
     trial_repeats: int = 5
     passes: int = 3
-    repeats: int = 6
+    repeats: int = 5
     measurements: int = known.MEASUREMENTS
     runway_seconds: float = known.RUNWAY_SECONDS
     identity_scenes: int = len(SCENES)

@@ -201,7 +201,7 @@ def noise_tasks(plan: Plan) -> list[MarkerTask]:
 
 def noise_repeats(plan: Plan) -> int:
     """Flights of each cell of the table of noise."""
-    return min(plan.repeats, 3)
+    return min(plan.repeats, 2)
 
 
 def noise_table(runner: ExperimentRunner) -> Table:
