@@ -52,7 +52,7 @@ class Plan:
     trial_repeats: int = 5
     prediction_flights: int = 30
     passes: int = 3
-    repeats: int = 10
+    repeats: int = 5
     measurements: int = known.MEASUREMENTS
     runway_seconds: float = known.RUNWAY_SECONDS
     identity_scenes: int = len(SCENES)
