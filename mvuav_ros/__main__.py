@@ -9,6 +9,8 @@ import sys
 from importlib import import_module
 from types import FrameType
 
+from mvuav_ros.missing_module import explain_missing_module
+
 NODES = {
     'marker_tracker': 'mvuav_ros.nodes.marker_tracker',
     'runway_detector': 'mvuav_ros.nodes.runway_detector',
@@ -64,7 +66,11 @@ def _run(name: str) -> None:
     # Until the executable has its own handlers.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, leave)
-    import_module(EXECUTABLES[name]).main()
+    try:
+        run = import_module(EXECUTABLES[name]).main
+    except ModuleNotFoundError as error:
+        sys.exit(f'{name}: {explain_missing_module(name, error)}')
+    run()
 
 
 if __name__ == '__main__':

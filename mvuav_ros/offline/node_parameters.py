@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
 
 NodeParameters = dict[str, dict[str, Value]]
@@ -49,7 +49,7 @@ def resolve_parameters(
             or the file none of parameters.
     """
     given: dict[str, dict[str, object]] = {
-        node: load_parameters(path, node) if path else {} for node in nodes
+        node: read_parameter_values(path, node) if path else {} for node in nodes
     }
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:

@@ -64,19 +64,22 @@ class Worker:
     Ctrl-C in a terminal reaches it too and is left to the parent, which asks by `request_stop`.
     """
 
-    def __init__(self, work: Work, method: Method = 'spawn', threads: int = 1) -> None:
+    def __init__(
+        self, work: Work, method: Method = 'spawn', threads: int = 1, *, may_fork: bool = False
+    ) -> None:
         """Start the process.
 
         Args:
             work: does the tasks; a function of a module, or an object that can be pickled.
             method: how to start it.
             threads: OpenCV's.
+            may_fork: whether its work starts processes; `end` must then be called before the exit.
         """
         context: Any = multiprocessing.get_context(method)
         self._connection, theirs = context.Pipe()
         forked = self._connection if method == 'fork' else None
         self._process = context.Process(
-            target=_serve, args=(theirs, forked, work, threads), daemon=True
+            target=_serve, args=(theirs, forked, work, threads), daemon=not may_fork
         )
         # It would let the signals through again when it is started with the first process.
         if method == 'spawn':

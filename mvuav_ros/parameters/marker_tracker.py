@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
@@ -13,6 +14,7 @@ from mvuav_ros.parameters.image_input import (
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
+GROUPINGS = ('auto', 'distance', 'components')
 CENTROIDS = ('auto', 'binary', 'weighted')
 
 
@@ -38,10 +40,19 @@ class MarkerTrackerParameters(ParameterSet):
         unit='fraction of full scale',
         thesis='eq. 3.4; 0.7',
     )
+    grouping: str = parameter(
+        'auto',
+        'How bright pixels become clusters in whole frames: distance (around a first pixel up to '
+        'grouping_distance, thesis), components (connected pixels, so that lights of any width '
+        'are whole and close ones apart), auto (components in track_any and in track with '
+        'prediction kalman, which always uses them, else distance).',
+        choices=GROUPINGS,
+        thesis='distance',
+    )
     grouping_distance: int = parameter(
         15,
-        "T: bright pixels up to this far right of, above and below a group's first pixel join "
-        'the group.',
+        'T: with grouping distance, bright pixels up to this far right of, above and below a '
+        "group's first pixel join the group.",
         minimum=0,
         maximum=10_000,
         unit='px',
@@ -86,8 +97,9 @@ class MarkerTrackerParameters(ParameterSet):
         thesis='left to others',
     )
     publish_tf: bool = parameter(
-        False,
-        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name.",
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
+        'only where tf2_msgs is installed.',
         read_only=True,
     )
     min_area: int = parameter(
@@ -118,12 +130,20 @@ class MarkerTrackerParameters(ParameterSet):
         read_only=True,
     )
     opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
 
     @property
     def weighted(self) -> bool:
         """Whether lights are measured by intensity."""
         if self.centroid != 'auto':
             return self.centroid == 'weighted'
+        return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
+
+    @property
+    def by_components(self) -> bool:
+        """Whether the clusters of a whole frame are connected pixels."""
+        if self.grouping != 'auto':
+            return self.grouping == 'components'
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:

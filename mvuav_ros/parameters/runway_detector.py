@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
@@ -42,6 +43,18 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=0.0,
         maximum=1_000.0,
         unit='m',
+    )
+    runway_frame: str = parameter(
+        'runway',
+        'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
+        'the far end, y left, z up.',
+        read_only=True,
+    )
+    publish_tf: bool = parameter(
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
+        'all of it is known; only where tf2_msgs is installed.',
+        read_only=True,
     )
     start_row: int = parameter(
         50,
@@ -188,8 +201,11 @@ class RunwayDetectorParameters(ParameterSet):
         read_only=True,
     )
     opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
 
     def _check_together(self) -> None:
+        if not self.runway_frame:
+            raise ParameterError('runway_frame', 'must not be empty')
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
             raise ParameterError(
                 'end_row',

@@ -67,12 +67,22 @@ ENCODINGS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Image:
     """Pixels and their sensor_msgs encoding.
 
     ``pixels`` is (height, width) or (height, width, channels), of the encoding's dtype; rows may
     be padded (strided views are welcome). Nothing here writes to it.
+
+    Raises:
+        ImageError: the encoding is unknown, the pixels do not fit it, or there are none.
+
+    Example:
+        >>> import numpy as np
+        >>> from mvuav_ros import Image
+        >>> image = Image(np.full((2, 3, 3), (255, 0, 0), np.uint8), 'bgr8')
+        >>> image.width, image.height, int(image.gray()[0, 0])
+        (3, 2, 29)
     """
 
     pixels: Pixels

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
@@ -106,10 +107,7 @@ def bag(
         from mvuav_ros.offline.evaluation.bag_report import bag_report
         from mvuav_ros.offline.report.writing import write_report
     except ImportError as error:
-        raise SourceError(
-            'evaluate needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('evaluate', error)) from error
 
     _refuse_to_overwrite(output, force)
     observed = None

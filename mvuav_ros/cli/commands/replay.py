@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.selection import Selection
@@ -93,10 +94,7 @@ def replay(
         from mvuav_ros.offline.replay.job import ReplaySettings
         from mvuav_ros.offline.replay.outputs import plan
     except ImportError as error:
-        raise SourceError(
-            'replay needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('replay', error)) from error
 
     settings = ReplaySettings(
         parameters=complete(resolve_parameters(node_names(nodes), params_file, param or [])),

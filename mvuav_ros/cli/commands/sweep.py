@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -59,10 +60,7 @@ def sweep(
         from mvuav_ros.offline.sweep.report import sweep_report, sweep_table
         from mvuav_ros.processing.registry import PROCESSORS
     except ImportError as error:
-        raise SourceError(
-            'sweep needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('sweep', error)) from error
 
     axes = [sweeping.parse_axis(text) for text in param or []]
     swept = list(dict.fromkeys(axis.node for axis in axes))

@@ -53,7 +53,6 @@ def fly_cells(workshop: ExperimentRunner) -> list[RollCell]:
         MarkerTask(
             _flight(roll, shake, (plan.seed + 1000 * (1 + repeat)) % 2**31),
             {THESIS: tracker(mode='detect'), SHIPPED: MarkerTrackerParameters()},
-            predictions=False,
         )
         for roll, shake in keys
         for repeat in range(plan.repeats)

@@ -66,7 +66,6 @@ def spectrum_tasks(plan: Plan) -> list[MarkerTask]:
                 motion='still', fps=VIBRATION_FPS, frames=frames, seed=plan.seed, shake=shake
             ),
             {SHIPPED: MarkerTrackerParameters()},
-            predictions=False,
         )
         for shake in range(len(VIBRATIONS))
     ]
