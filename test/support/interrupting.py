@@ -90,7 +90,7 @@ def interrupt(flight: Path, folder: Path, seed: int) -> Interruption:
     if anywhere:
         time.sleep(choose.uniform(0.5, 4.0))
     else:
-        wait_for(process, *outputs, size=0)
+        wait_for(process, *outputs, size=choose.choice((0, 1_000, 20_000)))
         time.sleep(choose.expovariate(4.0))
     assert process.poll() is None, process.communicate()
     begin = time.monotonic()
