@@ -90,12 +90,12 @@ class Results:
                 with box('line titled'):
                     text('Statistics since the last reset', 'title grow', tag='h2')
                     button('Reset', self._reset, 'restart_alt')
-                heads = ('', 'frames', *_COUNTS.values(), *_MEANS.values())
+                heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
                 self._statistics = Sheet('Statistics of the lines', heads)
         with box('charts'):
             for chart, (title, unit) in CURVES[node.kind].items():
                 with box('card'):
-                    made = ui.echart(axes(title, unit, seconds=True)).classes('chart')
+                    made = ui.echart(axes(title, unit)).classes('chart')
                     made.props['data-curves'] = chart
                     made.props['data-node'] = node.name
         with box('charts'):

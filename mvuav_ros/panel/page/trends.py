@@ -91,7 +91,7 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
     """A chart with a line for each column, over the runs in order of the parameter's value."""
     if over != _OVER_NAMES:
         runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
-    options = axes(*_title(columns), categories=[_place(run, over) for run in runs])
+    options = axes(*_title(columns), [_place(run, over) for run in runs])
     options['series'] = [
         {
             'name': _plain(column),
@@ -107,7 +107,7 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
 
 def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
     """A chart with a group of bars for each column."""
-    options = axes(*_title(columns), categories=[_plain(column) for column in columns])
+    options = axes(*_title(columns), [_plain(column) for column in columns])
     options['yAxis']['scale'] = False
     values = [_numbers(runs, column) for column in columns]
     options['series'] = [
