@@ -14,7 +14,7 @@ from mvuav_ros.offline.evaluation.metric import Metric
 from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recordings.sources.opening import BAG_SUFFIXES
+from mvuav_ros.recordings.content import BAG_SUFFIXES
 
 RESULTS = 'results.mcap'
 _SUMMARY = 'run.json'

@@ -19,7 +19,8 @@ class ImageError(ValueError):
 class Encoding:
     """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it.
 
-    ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2).
+    ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2). With
+    ``chroma_below`` the rows of intensity are followed by half as many of colour (YUV 4:2:0).
     """
 
     dtype: type[np.uint8] | type[np.uint16]
@@ -27,6 +28,7 @@ class Encoding:
     to_gray: int | None = None
     to_bgr: int | None = None
     luma: int | None = None
+    chroma_below: bool = False
 
     @property
     def pixel_bytes(self) -> int:
@@ -36,13 +38,25 @@ class Encoding:
 
 _GRAY8 = Encoding(np.uint8, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _GRAY16 = Encoding(np.uint16, 1, to_bgr=cv2.COLOR_GRAY2BGR)
-_BGR8 = Encoding(np.uint8, 3, to_gray=cv2.COLOR_BGR2GRAY)
 _UYVY = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_UYVY, luma=1)
 _YUYV = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_YUY2, luma=0)
 
 
-def _bayer(to_gray: int, to_bgr: int) -> Encoding:
-    return Encoding(np.uint8, 1, to_gray=to_gray, to_bgr=to_bgr)
+# OpenCV names a pattern by its second row and column, ROS by its first.
+_BAYER = {
+    'rggb': (cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
+    'bggr': (cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
+    'gbrg': (cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2BGR),
+    'grbg': (cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2BGR),
+}
+
+
+def _color(name: str, channels: int, to_gray: int, to_bgr: int | None) -> dict[str, Encoding]:
+    """An encoding of 8 bits, and that of 16."""
+    return {
+        f'{name}8': Encoding(np.uint8, channels, to_gray, to_bgr),
+        f'{name}16': Encoding(np.uint16, channels, to_gray, to_bgr),
+    }
 
 
 ENCODINGS = {
@@ -50,21 +64,23 @@ ENCODINGS = {
     '8UC1': _GRAY8,
     'mono16': _GRAY16,
     '16UC1': _GRAY16,
-    'bgr8': _BGR8,
-    '8UC3': _BGR8,
-    'rgb8': Encoding(np.uint8, 3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR),
-    'bgra8': Encoding(np.uint8, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
-    'rgba8': Encoding(np.uint8, 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR),
+    **_color('bgr', 3, cv2.COLOR_BGR2GRAY, None),
+    **_color('rgb', 3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR),
+    **_color('bgra', 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
+    **_color('rgba', 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR),
+    '8UC3': Encoding(np.uint8, 3, cv2.COLOR_BGR2GRAY),
+    '8UC4': Encoding(np.uint8, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
+    '16UC3': Encoding(np.uint16, 3, cv2.COLOR_BGR2GRAY),
+    '16UC4': Encoding(np.uint16, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
     'yuv422': _UYVY,
     'uyvy': _UYVY,
     'yuv422_yuy2': _YUYV,
     'yuyv': _YUYV,
-    # OpenCV names a pattern by its second row and column, ROS by its first.
-    'bayer_rggb8': _bayer(cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
-    'bayer_bggr8': _bayer(cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
-    'bayer_gbrg8': _bayer(cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2BGR),
-    'bayer_grbg8': _bayer(cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2BGR),
+    'nv12': Encoding(np.uint8, 1, to_bgr=cv2.COLOR_YUV2BGR_NV12, chroma_below=True),
+    'nv21': Encoding(np.uint8, 1, to_bgr=cv2.COLOR_YUV2BGR_NV21, chroma_below=True),
 }
+for _pattern, _codes in _BAYER.items():
+    ENCODINGS |= _color(f'bayer_{_pattern}', 1, *_codes)
 
 
 @dataclass(frozen=True)
@@ -72,7 +88,8 @@ class Image:
     """Pixels and their sensor_msgs encoding.
 
     ``pixels`` is (height, width) or (height, width, channels), of the encoding's dtype; rows may
-    be padded (strided views are welcome). Nothing here writes to it.
+    be padded (strided views are welcome); of NV12 and NV21 it has height * 3 / 2 rows. Nothing
+    here writes to it.
     """
 
     pixels: Pixels
@@ -94,11 +111,14 @@ class Image:
             )
         if self.pixels.size == 0:
             raise ImageError(f'the image is empty ({self.width} x {self.height})')
+        if layout.chroma_below and (self.pixels.shape[0] % 3 or self.width % 2):
+            raise ImageError(f'{self.encoding} needs an even width and height')
 
     @property
     def height(self) -> int:
         """Rows."""
-        return int(self.pixels.shape[0])
+        rows = int(self.pixels.shape[0])
+        return rows * 2 // 3 if ENCODINGS[self.encoding].chroma_below else rows
 
     @property
     def width(self) -> int:
@@ -109,11 +129,11 @@ class Image:
     def is_gray(self) -> bool:
         """Whether the pixels are intensities already."""
         layout = ENCODINGS[self.encoding]
-        return layout.channels == 1 and layout.to_gray is None
+        return layout.channels == 1 and layout.to_gray is None and not layout.chroma_below
 
     def gray(self) -> Pixels:
         """The intensity (eq. 3.3), (height, width) uint8 or uint16; a view where it can be."""
-        return self._gray(self.pixels)
+        return self._gray(self.pixels[: self.height])
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
         """The intensity of a part of the frame at the cost of that part alone."""
@@ -121,7 +141,7 @@ class Image:
         if layout.channels == 1 and layout.to_gray is not None:
             # The colour of a mosaic's pixel comes from its neighbours: cut after the conversion.
             return self.gray()[rows, columns]
-        return self._gray(self.pixels[rows, columns])
+        return self._gray(self.pixels[: self.height][rows, columns])
 
     def bgr(self) -> NDArray[np.uint8]:
         """The image in colour, (height, width, 3) uint8, blue first.

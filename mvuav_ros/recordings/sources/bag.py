@@ -25,6 +25,8 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _NS = 1_000_000_000
+_END_OF_TIME = 1 << 31
+"""Seconds: a stamp has 32 bits for them."""
 
 
 class BagImages:
@@ -200,6 +202,8 @@ def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
         message = decode_message(recorded.type, recorded.data)
         header = message.header
         stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
+        if not -_END_OF_TIME <= stamp_ns // _NS < _END_OF_TIME:
+            raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
         compressed = recorded.type.endswith('CompressedImage')
         image = (decode_compressed_image if compressed else decode_image)(message)
     except (ImageError, MalformedMessageError) as error:
