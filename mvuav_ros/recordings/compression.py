@@ -23,6 +23,7 @@ SIZE_LIMIT = 1 << 30
 """Bytes; a larger chunk or message is refused."""
 
 _AT_ONCE = 1 << 26
+_TOO_LARGE = 'it is larger than it says'
 # A zstd block of 4 bytes can become 128 KiB: 1 KiB in makes 32 MiB out at most.
 _ZSTD_PIECE = 1 << 10
 _PIECE = 1 << 22
@@ -52,7 +53,7 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
     """
     if compression in ('', 'none'):
         data = stream.read(min(length, limit + 1))
-        return Unpacked(memoryview(data), _too_large(limit) if len(data) > limit else '')
+        return Unpacked(memoryview(data), _TOO_LARGE if len(data) > limit else '')
     if compression not in _DECODERS:
         return Unpacked(memoryview(b''), f'its compression {compression[:20]!r} is not known')
     if compression == 'zstd' and max(size, length) <= _AT_ONCE:
@@ -61,19 +62,13 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
         if raw is not None:
             return Unpacked(memoryview(raw), '')
         stream = BytesIO(block)
+    start = stream.tell()
+    if limit > _AT_ONCE and not _is_honest(stream, length, compression, size, limit):
+        limit = _AT_ONCE
+    stream.seek(start)
     output = BytesIO()
-    pieces = _decoded(stream, length, _DECODERS[compression])
-    problem = 'it cannot be decompressed'
-    try:
-        while output.tell() <= limit:
-            output.write(next(pieces))
-        problem = _too_large(limit)
-        output.truncate(limit)
-    except StopIteration as end:
-        problem = end.value
-    except _DAMAGE:
-        pass
-    return Unpacked(output.getbuffer(), problem)
+    problem = _pour(stream, length, compression, limit, output.write)
+    return Unpacked(output.getbuffer()[:limit], problem)
 
 
 def decompress_message(data: bytes | memoryview) -> memoryview:
@@ -86,7 +81,10 @@ def decompress_message(data: bytes | memoryview) -> memoryview:
         size = zstandard.frame_content_size(data)
     except zstandard.ZstdError:
         raise CompressionError('it cannot be decompressed') from None
-    raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, SIZE_LIMIT)
+    if size > SIZE_LIMIT:
+        raise CompressionError('it is larger than 1 GB')
+    limit = size if size >= 0 else SIZE_LIMIT
+    raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, limit)
     if problem:
         raise CompressionError(problem)
     return raw
@@ -118,10 +116,6 @@ def decompress_file(source: Path, target: Path, losses: Losses) -> None:
         losses.note((source, 'zstd'), f'{source.name}: zstd data {reason}, read as far as it goes')
 
 
-def _too_large(limit: int) -> str:
-    return f'it is larger than {"1 GB" if limit == SIZE_LIMIT else "it says"}'
-
-
 def _at_once(block: bytes, size: int) -> bytes | None:
     """The fast way for an honest block of a single frame; None of any other."""
     try:
@@ -130,6 +124,38 @@ def _at_once(block: bytes, size: int) -> bytes | None:
         return zstandard.ZstdDecompressor().decompress(block, max_output_size=size)
     except (zstandard.ZstdError, MemoryError):
         return None
+
+
+def _is_honest(stream: BinaryIO, length: int, compression: str, size: int, limit: int) -> bool:
+    """Whether a large block is as large as it says, found without keeping it."""
+    counter = _Counter()
+    problem = _pour(stream, length, compression, limit, counter.add)
+    # Of a block that is cut off nobody knows the rest.
+    return problem != _TOO_LARGE if problem else size in (counter.total, -1)
+
+
+class _Counter:
+    total = 0
+
+    def add(self, piece: bytes) -> None:
+        self.total += len(piece)
+
+
+def _pour(
+    stream: BinaryIO, length: int, compression: str, limit: int, take: Callable[[bytes], Any]
+) -> str:
+    """Decompress until more than ``limit`` bytes have come; return what is wrong with them."""
+    pieces = _decoded(stream, length, _DECODERS[compression])
+    try:
+        while limit >= 0:
+            piece = next(pieces)
+            limit -= len(piece)
+            take(piece)
+    except StopIteration as end:
+        return str(end.value)
+    except _DAMAGE:
+        return 'it cannot be decompressed'
+    return _TOO_LARGE
 
 
 def _decoded(

@@ -10,15 +10,45 @@ from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.reading import Recording
 from mvuav_ros.recordings.recording import TopicInfo, normalised_type
 from mvuav_ros.recordings.schemas import typestore
+from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image
+from mvuav_ros.recordings.serialization.video_packet import (
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    VideoPacket,
+    codec_of,
+    view_compressed_video,
+    view_ffmpeg_packet,
+)
+from mvuav_ros.vision.image import ImageError
 
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+_VIDEO = {FFMPEG_PACKET: view_ffmpeg_packet, COMPRESSED_VIDEO: view_compressed_video}
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 
 def is_image_type(type_name: str) -> bool:
-    """Whether messages of that type are images, compressed or not."""
-    return normalised_type(type_name) in (IMAGE, COMPRESSED_IMAGE)
+    """Whether messages of that type are images, compressed or not, or packets of a video."""
+    return normalised_type(type_name) in (IMAGE, COMPRESSED_IMAGE, *_VIDEO)
+
+
+def video_packet(type_name: str, data: bytes | memoryview) -> VideoPacket | None:
+    """The packet of a video that a message carries; None of one with an image of its own.
+
+    Raises:
+        MalformedMessageError: the bytes are not a message of that type.
+    """
+    kind = normalised_type(type_name)
+    try:
+        if kind in _VIDEO:
+            return _VIDEO[kind](data)
+        if kind == COMPRESSED_IMAGE:
+            coded = view_compressed_image(data)
+            if codec_of(coded.format):
+                return VideoPacket(coded.stamp_ns, coded.frame_id, coded.format, coded.data)
+    except ImageError as error:
+        raise MalformedMessageError(str(error)) from None
+    return None
 
 
 def decode_message(type_name: str, data: bytes | memoryview) -> Any:

@@ -14,6 +14,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 
+from mvuav_ros.recordings.compression import SIZE_LIMIT
 from mvuav_ros.recordings.recording import Losses
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -129,6 +130,8 @@ class RecordWalk:
         if end + data_size != span.length:
             return None
         compression = head[fixed : end - 8].decode('ascii', 'replace')
+        if size > SIZE_LIMIT and compression in ('', 'none'):
+            return None  # its records can be found one by one
         return ChunkHeader(start_ns, end_ns, size, crc, compression, span.body + end, data_size)
 
     def _span_at(self, offset: int) -> RecordSpan | None:

@@ -151,11 +151,8 @@ def _log_size(path: Path) -> int:
 
 
 def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
-    foreign = database.execute(
-        "SELECT name FROM sqlite_master WHERE type != 'table' AND name IN ('topics', 'messages')"
-    )
-    if foreign.fetchone() is not None:  # a view can have any number of rows
-        raise sqlite3.DatabaseError('its messages are no table')
+    if _has_views(database):
+        raise sqlite3.DatabaseError('its tables are views')
     schemas: dict[str, Schema] = {}
     try:
         for row in _small_rows(database, 'message_definitions'):
@@ -165,8 +162,10 @@ def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
         pass  # older bags have no such table
     topics: dict[int, TopicInfo] = {}
     for row in _small_rows(database, 'topics'):
+        if not isinstance(row['id'], int):
+            continue
         kind = normalised_type(str(row['type']))
-        topics[int(row['id'])] = TopicInfo(
+        topics[row['id']] = TopicInfo(
             str(row['name']),
             kind,
             None,
@@ -176,6 +175,15 @@ def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
             str(row.get('offered_qos_profiles', '')),
         )
     return topics
+
+
+def _has_views(database: sqlite3.Connection) -> bool:
+    """Whether it has what can have any number of rows; rosbag2 makes none."""
+    query = "SELECT 1 FROM sqlite_master WHERE sql LIKE 'CREATE%VIEW %' OR sql LIKE 'CREATE VIRT%'"
+    try:
+        return database.execute(query).fetchone() is not None
+    except _ERRORS:
+        return False
 
 
 def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:

@@ -14,6 +14,7 @@ from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import (
     decode_message,
     is_image_type,
+    video_packet,
 )
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
@@ -21,6 +22,8 @@ from mvuav_ros.recordings.serialization.image_decoding import (
     check_compressed_image,
     decode_image,
 )
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.
@@ -172,12 +175,12 @@ class _Tally:
 
     def _add_image(self, images: ImageSummary, message: RecordedMessage) -> None:
         try:
-            image = decode_message(message.type, message.data)
+            packet = video_packet(message.type, message.data)
+            image: Any = packet or decode_message(message.type, message.data)
         except MalformedMessageError as error:
             self._add_problem(images, str(error))
             return
-        stamp = image.header.stamp
-        header_ns = stamp.sec * _NS + stamp.nanosec
+        header_ns = packet.stamp_ns if packet is not None else stamp_ns_of(image.header)
         if self._previous_header_ns is not None and header_ns < self._previous_header_ns:
             images.header_jumps_back += 1
         self._previous_header_ns = header_ns
@@ -210,6 +213,10 @@ class _Tally:
 
 def _format(image: Any) -> str:
     """What a replay would make of it, without decompressing it."""
+    if isinstance(image, VideoPacket):
+        if codec := codec_of(image.format):
+            return f'{codec} video'
+        raise ImageError(f'video of format {image.format[:_LONGEST_NAME]!r} is not known')
     if hasattr(image, 'height'):
         decode_image(image)
         return f'{image.width}x{image.height} {image.encoding}'

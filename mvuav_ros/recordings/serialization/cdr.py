@@ -12,7 +12,7 @@ import struct
 _ENCAPSULATION = b'\0\1\0\0'
 """Plain CDR, little endian."""
 _LENGTH = struct.Struct('<I')
-_SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8}
+_SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}
 
 
 class CdrWriter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +12,14 @@ from mvuav_ros.recordings.images import (
     choose_image_topic,
     decode_message,
     is_image_type,
+    video_packet,
 )
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
@@ -124,6 +126,7 @@ class BagImages:
         if selection.is_part:
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
+        video = VideoTopic()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
         for message in recording.messages(None if others else wanted, *window):
@@ -132,16 +135,12 @@ class BagImages:
             if message.topic in wanted and message.topic == self.camera_topic:
                 _add_camera(message, pairing)
             if message.topic == self.topic and is_image_type(message.type):
-                if images % selection.every == 0:
-                    frame = _frame(message)
-                    if isinstance(frame, Frame):
-                        pairing.add_image(frame.stamp_ns, frame)
-                    else:
-                        yield frame
+                yield from _usable(_frames(message, video, images % selection.every == 0), pairing)
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
             yield from _paired(pairing, wait=wait)
+        yield from _usable(video.end(), pairing)
         yield from _paired(pairing, wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
@@ -194,6 +193,32 @@ def _paired(pairing: StampPairing[CameraModel, Frame], *, wait: bool) -> Iterato
     while (pair := pairing.take(wait=wait)) is not None:
         camera, frame = pair
         yield frame if camera is None else replace(frame, camera=camera)
+
+
+def _usable(
+    frames: Iterable[Frame | BadFrame], pairing: StampPairing[CameraModel, Frame]
+) -> Iterator[BadFrame]:
+    """Leave the frames to the pairing; those that cannot be used need no calibration."""
+    for frame in frames:
+        if isinstance(frame, Frame):
+            pairing.add_image(frame.stamp_ns, frame)
+        else:
+            yield frame
+
+
+def _frames(
+    recorded: RecordedMessage, video: VideoTopic, wanted: bool
+) -> Iterator[Frame | BadFrame]:
+    try:
+        packet = video_packet(recorded.type, recorded.data)
+    except MalformedMessageError as error:
+        yield BadFrame(recorded.stamp_ns, str(error))
+        return
+    if packet is not None:
+        packet.stamp_ns = packet.stamp_ns or recorded.stamp_ns
+        yield from video.frames(packet, wanted)
+    elif wanted:
+        yield _frame(recorded)
 
 
 def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
