@@ -160,7 +160,8 @@ def serialize_image(image: Image, header: bytes) -> bytes:
     is_bigendian = False
     writer.numbers('B', is_bigendian)
     writer.numbers('II', pixels.strides[0], len(data))
-    return b''.join((writer.message(), data))
+    start = writer.beginning()
+    return b''.join((start, data, bytes(-(len(start) + len(data)) % 4)))
 
 
 def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
