@@ -1,18 +1,16 @@
-"""Video files through PyAV, and cameras through OpenCV."""
+"""Video files through PyAV."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
@@ -85,7 +83,7 @@ class VideoFile:
                     damaged += 1
                     continue
                 for frame in frames:
-                    yield Frame(stamps.of(frame.pts), 'camera', upright(frame))
+                    yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
         if damaged:
             self.losses.append(f'{damaged} packets of the video do not decode')
         if packets < self._promised:
@@ -135,49 +133,4 @@ def upright(frame: Any) -> Image:
     """A decoded frame in colour, turned as the camera was held."""
     pixels = frame.to_ndarray(format='bgr24')
     turns = round(getattr(frame, 'rotation', 0) / 90) % 4
-    return _image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels)
-
-
-class Camera:
-    """A camera by index or device; frames carry the time at which they arrived."""
-
-    live = True
-    count: int | None = None
-
-    def __init__(self, device: int | str, rate: float | None = None) -> None:
-        """Name the camera; it is opened when frames are read."""
-        self.name = f'camera {device}'
-        self.rate = rate
-        self.losses: list[str] = []
-        self._device = device
-        self._capture: cv2.VideoCapture | None = None
-
-    def frames(self) -> Iterator[Frame | BadFrame]:
-        """Read until the camera stops delivering.
-
-        Raises:
-            SourceError: it cannot be opened, or has been unplugged.
-        """
-        self._capture = cv2.VideoCapture(self._device)
-        try:
-            if not self._capture.isOpened():
-                raise SourceError(f'{self.name} cannot be opened: is it plugged in and not in use?')
-            if self.rate:
-                self._capture.set(cv2.CAP_PROP_FPS, self.rate)
-            while True:
-                ok, pixels = self._capture.read()
-                if not ok:
-                    raise SourceError(f'{self.name} has stopped delivering frames')
-                yield Frame(time.time_ns(), 'camera', _image(pixels))
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        """Let go of the device."""
-        if self._capture is not None:
-            self._capture.release()
-            self._capture = None
-
-
-def _image(pixels: cv2.typing.MatLike) -> Image:
-    return Image(pixels, 'mono8' if pixels.ndim == 2 else 'bgr8')
+    return Image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels, 'bgr8')
