@@ -5,13 +5,12 @@ from __future__ import annotations
 import glob
 from pathlib import Path
 
+from mvuav_ros.recordings.content import is_bag_file
 from mvuav_ros.recordings.sources.camera import Camera, CameraSettings
 from mvuav_ros.recordings.sources.frame import FrameSource, SourceError
-from mvuav_ros.recordings.sources.image_folder import IMAGE_SUFFIXES, ImageFolder
+from mvuav_ros.recordings.sources.image_folder import IMAGE_SUFFIXES, ImageFolder, is_image_file
 from mvuav_ros.recordings.sources.simulated import PREFIX, SimulatedFlight
 from mvuav_ros.recordings.sources.video import VideoFile
-
-BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
 
 
 def open_source(
@@ -48,23 +47,22 @@ def open_source(
         return _bag(path, topic)
     if path.is_dir():
         return _images(text, list(path.iterdir()), rate)
-    if path.suffix.lower() in IMAGE_SUFFIXES:
+    if not path.is_file():
+        raise SourceError(f'{text} is neither a file nor a folder')
+    if is_image_file(path):
         return _images(text, [path], rate)
     return VideoFile(path, rate)
 
 
 def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a bag (by its name and, for a folder, its files) and not images."""
+    """Whether a path is a bag and not images; content decides where it is not damaged."""
     if path.is_dir():
-        return any(f.name == 'metadata.yaml' or _is_bag_file(f) for f in path.iterdir())
-    return _is_bag_file(path)
-
-
-def _is_bag_file(path: Path) -> bool:
-    name = path.name.lower()
-    for compressed in ('.zstd', '.zst'):
-        name = name.removesuffix(compressed)
-    return name.endswith(BAG_SUFFIXES)
+        return any(
+            entry.name == 'metadata.yaml'
+            or (entry.suffix.lower() not in IMAGE_SUFFIXES and is_bag_file(entry))
+            for entry in path.iterdir()
+        )
+    return path.name == 'metadata.yaml' or is_bag_file(path)
 
 
 def _bag(path: Path, topic: str | None) -> FrameSource:
