@@ -35,6 +35,17 @@ class MarkerRig:
         markers: name and position of every light, in the order of the results.
         dock: the point that a receiver steers for, from which the distance counts.
         boom: the pivot of the refuelling boom.
+
+    Example:
+        >>> from mvuav_ros import MarkerRig
+        >>> drone = MarkerRig(
+        ...     name='drone',
+        ...     markers=(('left', (0, 0.4, 0)), ('right', (0, -0.4, 0)), ('top', (-0.1, 0, 0.3))),
+        ...     dock=(0, 0, 0),
+        ...     boom=(0, 0, 0),
+        ... )
+        >>> drone.names, drone.positions.shape
+        (('left', 'right', 'top'), (3, 3))
     """
 
     name: str

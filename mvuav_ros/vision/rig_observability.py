@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.pose import FROM_BEHIND
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.rig_examination import cycles_of
 
@@ -75,7 +75,7 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
         noise: of a marker's place, px per axis (1 sigma).
     """
     points = rig.positions - rig.positions.mean(axis=0)
-    rotation, translation = FROM_BEHIND, np.array((0.0, 0.0, distance))
+    rotation, translation = OPTICAL_FROM_BODY, np.array((0.0, 0.0, distance))
     columns = []
     for index in range(6):
         step = np.zeros(6)
@@ -112,7 +112,7 @@ def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Con
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
         turn = _rotation(np.radians((pitch, yaw, 0.0)))
-        views.append((_project(points, turn @ FROM_BEHIND, translation, camera), pitch, yaw))
+        views.append((_project(points, turn @ OPTICAL_FROM_BODY, translation, camera), pitch, yaw))
     found = []
     for order in _exchanges(len(points)):
         residual, pitch, yaw = min(

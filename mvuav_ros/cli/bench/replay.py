@@ -86,7 +86,7 @@ def _replay(bag: Path, core: int) -> int:
 def _job(bag: Path, core: int) -> ReplayJob:
     """Hold this process on a core, as ``taskset`` does, and describe the job."""
     from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
-    from mvuav_ros.offline.replay.memory import keep_freed_memory
+    from mvuav_ros.processing.process_tuning import keep_freed_memory
     from mvuav_ros.processing.registry import PROCESSORS
 
     os.sched_setaffinity(0, {core})

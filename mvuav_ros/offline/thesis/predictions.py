@@ -101,13 +101,13 @@ def shipped_error(times: Array, places: Array) -> float:
     return distance_rms(np.array(errors))
 
 
-def predictions_section(workshop: ExperimentRunner) -> tuple[Section, list[Claim]]:
+def predictions_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Fly all motions and hold the prediction against the thesis's methods."""
-    flown = workshop.all_of(fly_paths, path_tasks(workshop.plan))
+    flown = runner.all_of(fly_paths, path_tasks(runner.plan))
     section = Section(
         'Prediction by motion',
         (
-            f'{workshop.plan.prediction_flights} flights of {FRAMES} frames of each kind of '
+            f'{runner.plan.prediction_flights} flights of {FRAMES} frames of each kind of '
             f'motion, five rigid markers with {NOISE:g} px of noise; seeds that nothing was tuned '
             'on. Figures behind "erratic" are random accelerations in px per frame² at 15 '
             "frames/s; the vibrations have the frequencies of the thesis's Table 5.4.",

@@ -53,7 +53,7 @@ class Detection(NamedTuple):
 
 
 def cutter(image: Image) -> Cut:
-    """How to look at parts of a image at the cost of those parts alone."""
+    """How to look at parts of an image at the cost of those parts alone."""
     if image.is_gray:
         pixels = image.gray()
         return lambda x0, x1, y0, y1: pixels[y0 : y1 + 1, x0 : x1 + 1]
