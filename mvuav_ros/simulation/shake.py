@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.simulation.rotation import Matrix, about_x, about_y, about_z
 from mvuav_ros.simulation.waves import random_wave
+from mvuav_ros.vision.frames import Matrix, about_x, about_y, about_z
 
 ROLL_DEG_PER_MAGNITUDE = 21.6
 """Degrees of roll for one unit of Table 5.4's magnitude. The thesis measured accelerations and says

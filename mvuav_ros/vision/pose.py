@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
-FROM_BEHIND: Array = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
-"""Rotation of a body that flies straight ahead of the camera: x forward, y left, z up to the
-optical frame's x right, y down, z ahead."""
 FEWEST = 3
 """Lights for a pose: with three there may be four solutions, all of which fit."""
 LAST_POSE_HOLDS = 1.0
@@ -61,7 +59,7 @@ class Pose:
 
         REP-103's fixed-axis angles: right wing down, nose down and nose left are positive.
         """
-        r = FROM_BEHIND.T @ self.rotation
+        r = OPTICAL_FROM_BODY.T @ self.rotation
         pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))
         roll = math.atan2(float(r[2, 1]), float(r[2, 2]))
         return roll, pitch, math.atan2(float(r[1, 0]), float(r[0, 0]))
@@ -69,7 +67,7 @@ class Pose:
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """The rotation as x, y, z, w."""
-        return _quaternion(self.rotation)
+        return quaternion(self.rotation)
 
 
 class PoseEstimator:
@@ -84,6 +82,18 @@ class PoseEstimator:
     GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
     the error in object space by orthogonal iteration; at the solution they agree with this one
     to within the noise.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import CameraModel, PoseEstimator
+        >>> from mvuav_ros.vision.rig import TANKER_747
+        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])
+        >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
+        >>> estimator = PoseEstimator(TANKER_747)
+        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
+        >>> [round(float(metres), 3) for metres in pose.translation]
+        [2.0, -1.0, 120.0]
     """
 
     def __init__(self, rig: MarkerRig) -> None:
@@ -104,29 +114,29 @@ class PoseEstimator:
         return math.hypot(math.sqrt(squares / (self._freedom + self._doubt)), _STEADY_ERROR)
 
     def estimate(
-        self, camera: CameraModel, lights: Sequence[int], pixels: Array, time: float
+        self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
     ) -> Pose | None:
         """The pose in one frame.
 
         Args:
             camera: calibrated (see `CameraModel.check`).
-            lights: which of the rig's lights are seen.
+            labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
             time: s, later than the last frame's.
 
         Returns:
-            The pose, or None where the lights are too few or do not fit.
+            The pose, or None where the labels are too few or do not fit.
         """
-        if len(lights) < FEWEST:
+        if len(labels) < FEWEST:
             return None
-        points = self._points[list(lights)]
+        points = self._points[list(labels)]
         image = np.ascontiguousarray(pixels, np.float64)
         view = _Lens(camera, points, image)
         solution = self._follow(view, time) or self._find(view, time)
         if solution is None:
             return None
         rvec, tvec, squares = solution
-        freedom = 2 * len(lights) - 6
+        freedom = 2 * len(labels) - 6
         if freedom > 0:
             self._squares = _NOISE_MEMORY * self._squares + squares
             self._freedom = _NOISE_MEMORY * self._freedom + freedom
@@ -143,7 +153,7 @@ class PoseEstimator:
             tvec.reshape(3),
             np.asarray(self.noise**2 * spread, np.float64),
             np.asarray(seen, np.float64).reshape(-1, 2),
-            math.sqrt(squares / (2 * len(lights))),
+            math.sqrt(squares / (2 * len(labels))),
         )
 
     def _follow(self, view: _Lens, time: float) -> _Solution | None:
@@ -171,7 +181,7 @@ class PoseEstimator:
         limit = _ALIKE * least + count * self.noise**2
         fitting = [solution for solution in solutions if solution[2] <= limit]
         if self._last is None or time - self._last_time > LAST_POSE_HOLDS:
-            expected = FROM_BEHIND
+            expected = OPTICAL_FROM_BODY
         else:
             expected = _rotation(self._last[0])
         chosen = max(fitting, key=lambda solution: _likeness(expected, solution[0]))
@@ -223,7 +233,7 @@ class _Lens:
         for rvec, tvec in starts[:1]:
             centre = _rotation(rvec) @ middle + tvec.reshape(3)
             for pitch, yaw in product(_TILTS, _TILTS):
-                rotation = _rotation(np.array((pitch, yaw, 0.0))) @ FROM_BEHIND
+                rotation = _rotation(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
                 turned = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
                 starts.append((turned, (centre - rotation @ middle).reshape(3, 1)))
         refined = [self.refine(rvec, tvec) for rvec, tvec in starts]
@@ -274,21 +284,3 @@ def _left_jacobian(rvec: Array) -> Array:
     first = (1.0 - math.cos(angle)) / angle**2
     second = (angle - math.sin(angle)) / angle**3
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
-
-
-def _quaternion(r: Array) -> tuple[float, float, float, float]:
-    """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
-    m = r.tolist()
-    parts = (m[0][0], m[1][1], m[2][2])
-    trace = sum(parts)
-    if trace > max(parts):
-        s = 2.0 * math.sqrt(max(1.0 + trace, 0.0))
-        return (m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, 0.25 * s
-    i = parts.index(max(parts))
-    j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
-    q = [0.0, 0.0, 0.0]
-    q[i], q[j], q[k] = 0.25 * s, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
-    w = (m[k][j] - m[j][k]) / s
-    sign = -1.0 if w < 0.0 else 1.0
-    return sign * q[0], sign * q[1], sign * q[2], sign * w

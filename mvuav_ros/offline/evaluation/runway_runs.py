@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
-from mvuav_ros.simulation.runway_truth import LineRole, LineTruth, RunwayTruth
+from mvuav_ros.simulation.runway_truth import LineTruth, RunwayTruth
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.overlay import draw_overlay
-from mvuav_ros.vision.runway.results import RunwayLine, RunwayResult
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.statistics import RunwaySummary
 
 ALONG = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE, LineRole.CENTRELINE)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Generator, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
@@ -12,12 +13,14 @@ from mvuav_ros.recordings.images import (
     choose_image_topic,
     decode_message,
     is_image_type,
+    video_packet,
 )
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
@@ -25,6 +28,49 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _NS = 1_000_000_000
+_STAMP_END = 12
+_END_OF_TIME = 1 << 31
+"""Seconds: a stamp has 32 bits for them."""
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame whose image is still the message that was recorded.
+
+    Attributes:
+        recorded: the message.
+        stamp_ns: the image's own, or the recording's where the driver set none.
+        camera: as in `Frame`.
+    """
+
+    recorded: RecordedMessage
+    stamp_ns: int
+    camera: CameraModel | None = None
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether decoding takes its time."""
+        return self.recorded.type.endswith('CompressedImage')
+
+    def decoded(self) -> Frame | BadFrame:
+        """The frame, or why there is none."""
+        frame = _frame(self.recorded)
+        if self.camera is None or isinstance(frame, BadFrame):
+            return frame
+        return replace(frame, camera=self.camera)
+
+    def without_data(self) -> EncodedFrame:
+        """All but the message's bytes."""
+        return self.with_data(b'')
+
+    def with_data(self, data: bytes | memoryview) -> EncodedFrame:
+        """With the message's bytes."""
+        recorded = self.recorded
+        bare = RecordedMessage(recorded.topic, recorded.type, recorded.stamp_ns, data)
+        return replace(self, recorded=bare)
+
+
+_Pairing = StampPairing[CameraModel, EncodedFrame | Frame]
 
 
 class BagImages:
@@ -85,18 +131,24 @@ class BagImages:
             SourceError: the bag cannot be read any more.
         """
         for item in self.items(camera=True):
-            if not isinstance(item, RecordedMessage):
+            if isinstance(item, EncodedFrame):
+                yield item.decoded()
+            elif not isinstance(item, RecordedMessage):
                 yield item
 
     def items(
         self, selection: Selection = EVERYTHING, *, others: bool = False, camera: bool = False
-    ) -> Generator[Frame | BadFrame | RecordedMessage, None, None]:
+    ) -> Generator[EncodedFrame | Frame | BadFrame | RecordedMessage, None, None]:
         """Read a part of the bag in the order in which it was recorded.
 
         Args:
             selection: the part, by the times of recording.
             others: also give every message as it is, an image's own before its frame.
             camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
+
+        Yields:
+            Frames that are not decoded yet, as that can be done apart (those of a video cannot,
+            and are), and messages.
 
         Raises:
             SourceError: the bag cannot be read any more.
@@ -109,10 +161,10 @@ class BagImages:
 
     def _items(
         self, selection: Selection, others: bool, camera: bool
-    ) -> Iterator[Frame | BadFrame | RecordedMessage]:
+    ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
         recording = self._recording
         wanted = {self.topic}
-        pairing = StampPairing[CameraModel, Frame]()
+        pairing = _Pairing()
         if camera and self.camera_topic is not None:
             wanted.add(self.camera_topic)
             if selection.is_part:
@@ -122,6 +174,7 @@ class BagImages:
         if selection.is_part:
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
+        video = VideoTopic()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
         for message in recording.messages(None if others else wanted, *window):
@@ -130,16 +183,20 @@ class BagImages:
             if message.topic in wanted and message.topic == self.camera_topic:
                 _add_camera(message, pairing)
             if message.topic == self.topic and is_image_type(message.type):
-                if images % selection.every == 0:
-                    frame = _frame(message)
-                    if isinstance(frame, Frame):
-                        pairing.add_image(frame.stamp_ns, frame)
-                    else:
+                for frame in _frames(message, video, images % selection.every == 0):
+                    if isinstance(frame, BadFrame):
                         yield frame
+                    else:
+                        pairing.add_image(frame.stamp_ns, frame)
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
             yield from _paired(pairing, wait=wait)
+        for frame in video.end():
+            if isinstance(frame, BadFrame):
+                yield frame
+            else:
+                pairing.add_image(frame.stamp_ns, frame)
         yield from _paired(pairing, wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
@@ -169,7 +226,7 @@ def _camera_topic(recording: Recording, image_topic: str) -> str | None:
     return None
 
 
-def _add_camera(recorded: RecordedMessage, pairing: StampPairing[CameraModel, Frame]) -> bool:
+def _add_camera(recorded: RecordedMessage, pairing: _Pairing) -> bool:
     """Whether the message could be read."""
     try:
         message = decode_message(recorded.type, recorded.data)
@@ -179,19 +236,43 @@ def _add_camera(recorded: RecordedMessage, pairing: StampPairing[CameraModel, Fr
     return True
 
 
-def _add_first_camera(
-    recording: Recording, topic: str, pairing: StampPairing[CameraModel, Frame]
-) -> None:
+def _add_first_camera(recording: Recording, topic: str, pairing: _Pairing) -> None:
     """The calibration of a part may have been published once, before the part begins."""
     for message in recording.messages({topic}):
         if _add_camera(message, pairing):
             return
 
 
-def _paired(pairing: StampPairing[CameraModel, Frame], *, wait: bool) -> Iterator[Frame]:
+def _paired(pairing: _Pairing, *, wait: bool) -> Iterator[EncodedFrame | Frame]:
     while (pair := pairing.take(wait=wait)) is not None:
         camera, frame = pair
         yield frame if camera is None else replace(frame, camera=camera)
+
+
+def _frames(
+    recorded: RecordedMessage, video: VideoTopic, wanted: bool
+) -> Iterator[EncodedFrame | Frame | BadFrame]:
+    """What becomes of an image's message, or of a packet of a video."""
+    try:
+        packet = video_packet(recorded.type, recorded.data)
+    except MalformedMessageError as error:
+        yield BadFrame(recorded.stamp_ns, str(error))
+        return
+    if packet is not None:
+        packet.stamp_ns = packet.stamp_ns or recorded.stamp_ns
+        yield from video.frames(packet, wanted)
+    elif wanted:
+        stamp_ns = _stamp_ns(recorded)
+        yield EncodedFrame(recorded, stamp_ns)
+
+
+def _stamp_ns(recorded: RecordedMessage) -> int:
+    """What the message's header says, which stands at its beginning whatever its type."""
+    if len(recorded.data) < _STAMP_END:
+        return recorded.stamp_ns
+    order = '<' if recorded.data[1] & 1 else '>'
+    seconds, nanoseconds = struct.unpack_from(f'{order}iI', recorded.data, 4)
+    return int(seconds * _NS + nanoseconds) or recorded.stamp_ns
 
 
 def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
@@ -200,6 +281,8 @@ def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
         message = decode_message(recorded.type, recorded.data)
         header = message.header
         stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
+        if not -_END_OF_TIME <= stamp_ns // _NS < _END_OF_TIME:
+            raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
         compressed = recorded.type.endswith('CompressedImage')
         image = (decode_compressed_image if compressed else decode_image)(message)
     except (ImageError, MalformedMessageError) as error:

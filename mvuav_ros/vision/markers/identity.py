@@ -16,7 +16,7 @@ from mvuav_ros.vision.markers.assignment import Clutter, Expectation, Lights, in
 from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import KalmanFilter
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.results import (
     NO_WINDOW,
     TANKER_LABELS,
@@ -73,7 +73,7 @@ class IdentityTracker:
         self._start_again()
 
     def _start_again(self) -> None:
-        self._filter = KalmanFilter(self._count)
+        self._filter = MotionPredictor(self._count)
         self._view_filter: ViewFilter | None = None
         self._clutter = Clutter()
         self._whole_frames = 0

@@ -19,7 +19,7 @@ from mvuav_ros.vision.markers.assignment import (
 )
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.joining import offset_in
-from mvuav_ros.vision.markers.kalman import KalmanFilter
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 FORGOTTEN = 10
@@ -42,7 +42,7 @@ class Search:
         view_filter: ViewFilter,
         time: float,
         looks: Sequence[AppearanceModel],
-        motion: KalmanFilter,
+        motion: MotionPredictor,
         predicted: Sequence[float],
         unseen: Sequence[int],
         found: dict[int, Detection],

@@ -24,21 +24,40 @@ WITHOUT_MEMORY = ('detect', 'detect_any')
 
 
 class MarkerTracker:
-    """Finds the markers in one frame after the other, in the mode that the parameters name."""
+    """Finds the markers in one frame after the other, in the mode that the parameters name.
+
+    It is what the node marker_tracker runs. Positions are px on the frame, (0, 0) the centre of
+    the top-left pixel; roll is in radians, right wing down positive.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import Image, MarkerTracker
+        >>> lights = [(200, 240), (280, 260), (320, 200), (360, 260), (440, 240)]
+        >>> frame = np.zeros((480, 640), np.uint8)
+        >>> for light in lights:
+        ...     _ = cv2.circle(frame, light, 4, 255, -1)
+        >>> tracker = MarkerTracker()
+        >>> for number in range(3):
+        ...     result = tracker.process(Image(frame, 'mono8'), stamp_ns=number * 33_000_000)
+        >>> [(round(marker.x), round(marker.y)) for marker in result.markers] == lights
+        True
+        >>> f'{result.roll:.3f} rad'
+        '0.000 rad'
+    """
 
     def __init__(
         self,
         parameters: MarkerTrackerParameters | None = None,
-        rig: MarkerRig = TANKER_747,
+        rig: MarkerRig | None = None,
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named.
+            rig: the body whose markers are named; the tanker of the thesis if None.
         """
         self.parameters = parameters or MarkerTrackerParameters()
-        self.rig = rig
+        self.rig = rig or TANKER_747
         self.reset()
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:

@@ -37,12 +37,8 @@ def test_rms_of_prediction_on_a_hand_made_sequence(method, error):
         found = pipeline.process(image(frame**2), frame * STEP_NS)
         assert all(marker.state is MarkerState.DETECTED for marker in found.markers)
         if found.windows:
-            errors.append(
-                [
-                    (x - marker.x, y - marker.y)
-                    for (x, y), marker in zip(found.predictions, found.markers, strict=True)
-                ]
-            )
+            pairs = zip(found.predictions, found.markers, strict=True)
+            errors.append([(x - marker.x, y - marker.y) for (x, y), marker in pairs])
     assert len(errors) == 6
     assert distance_rms(np.array(errors)) == pytest.approx(error, abs=1e-6)
 

@@ -79,6 +79,7 @@ def test_every_output_is_what_rclpy_would_have_written(processor, flight, missin
         seen.add(topic)
         message = deserialize_message(ours, processor.type_of(topic))
         theirs = serialize_message(message)
+        theirs += bytes(-len(theirs) % 4)  # as DDS hands it on
         assert len(ours) == len(theirs), topic
         # rclpy leaves chance bytes in the padding.
         padding = {a for a, b in zip(ours, theirs, strict=True) if a != b}

@@ -1,7 +1,8 @@
-"""Against Octave's own edges, accumulator and peaks (../shared/reference/runway.npz)."""
+"""Against Octave's own edges, accumulator and peaks."""
 
 import numpy as np
 import pytest
+from support.reference import FIRST, LAST, load_runway
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.runway.detector import RunwayDetector
@@ -9,7 +10,6 @@ from mvuav_ros.vision.runway.edges import automatic_threshold, detect_edges, ope
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import find_peaks
 
-FIRST, LAST = 49, 130
 VARIANTS = [
     pytest.param(True, 'edge', 'opened', 'peaks', id='thinned'),
     pytest.param(False, 'edge_nothin', 'opened_nothin', 'peaks_nothin', id='not thinned'),
@@ -17,8 +17,8 @@ VARIANTS = [
 
 
 @pytest.fixture(scope='module')
-def octave(reference):
-    return dict(np.load(reference / 'runway.npz', allow_pickle=True))
+def octave():
+    return load_runway()
 
 
 @pytest.fixture(scope='module')
