@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.remote import is_url
 from mvuav_ros.recordings.sources.simulated import PREFIX
 
 _SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
@@ -67,7 +68,7 @@ def _job(
 ) -> ReplayJob:
     if absolute:
         output = output.absolute()
-        if not source.startswith(PREFIX):
+        if not source.startswith(PREFIX) and not is_url(source):
             source = str(Path(source).expanduser().absolute())
     return ReplayJob(source, output, settings, overwrite, resume)
 
