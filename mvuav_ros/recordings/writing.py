@@ -311,6 +311,8 @@ class _Channel:
 
 def _created(path: Path, overwrite: bool) -> int:
     """The descriptor of the new file."""
+    if path.parts[:1] and path.parts[0].endswith(':'):  # what a Path makes of an URL
+        raise RecordingError(f'{path}: outputs are written to files of this machine, not to URLs')
     if path.suffix != '.mcap':
         raise RecordingError(f'{path}: the name of a recording must end in .mcap')
     if path.is_dir():

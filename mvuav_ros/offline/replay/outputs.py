@@ -34,6 +34,8 @@ def plan(
         RecordingError: the output does not fit, or two recordings have the same name.
         OSError: the folder cannot be made.
     """
+    if output.parts[:1] and output.parts[0].endswith(':'):  # what a Path makes of an URL
+        raise RecordingError(f'{output}: outputs are written to files of this machine, not to URLs')
     if len(sources) == 1 and output.suffix == '.mcap':
         return [_job(sources[0], output, settings, overwrite, False, absolute)]
     if output.suffix and not output.is_dir():
