@@ -24,7 +24,6 @@ from mvuav_ros.recordings.serialization.serialized_image import (
 from mvuav_ros.recordings.sources.calibration import Calibration
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.point_operations import gamma_correct
 
 Listener = Callable[[Frame], None]
 
@@ -75,9 +74,7 @@ class FramePublisher:
         Raises:
             ImageError: it cannot be converted.
         """
-        image = as_encoding(frame.image, given.encoding)
-        if given.gamma != 1.0:
-            image = Image(gamma_correct(image.pixels, given.gamma), image.encoding)
+        image = as_encoding(frame.image, given.encoding).gamma_corrected(given.gamma)
         stamp_ns = frame.stamp_ns
         if given.stamp == 'now':
             stamp_ns = self._node.get_clock().now().nanoseconds

@@ -6,7 +6,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
+from mvuav_ros.parameters.parameter_file import (
+    is_every_nodes,
+    parse_assignment,
+    read_parameter_values,
+)
 from mvuav_ros.processing.registry import PROCESSORS
 
 NodeParameters = dict[str, dict[str, Value]]
@@ -67,13 +71,6 @@ def complete(parameters: NodeParameters) -> NodeParameters:
 
 
 def _valid(node: str, values: dict[str, object]) -> dict[str, Value]:
-    own = {name: value for name, value in values.items() if not _is_every_nodes(name)}
+    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
     known = PROCESSORS[node].parameters_type.from_mapping(own).as_dict()
     return {name: known[name] for name in own}
-
-
-def _is_every_nodes(name: str) -> bool:
-    """Parameters that every ROS node has, without a meaning offline."""
-    return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
-        'qos_overrides.'
-    )

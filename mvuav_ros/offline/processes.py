@@ -17,13 +17,13 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import cv2
 
-from mvuav_ros.offline.replay.memory import keep_freed_memory
 from mvuav_ros.offline.stopping import (
     SIGNALS,
     Stop,
     signals_held_back,
     stop_on_signals,
 )
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 
 ResultT = TypeVar('ResultT')
 

@@ -27,6 +27,7 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import FEWEST, Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
+from mvuav_ros.vision.rig_examination import examine
 
 _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
 
@@ -63,6 +64,11 @@ class MarkerTrackerProcessor(Processor):
 
     def _set_rig(self, parameters: MarkerTrackerParameters) -> None:
         self._rig = _open_rig(parameters.layout)
+        self._doubts = [f'rig: {doubt}' for doubt in examine(self._rig)]
+        if self._doubts and not parameters.allow_ambiguous:
+            raise ParameterError(
+                'layout', f'{parameters.layout}: {self._doubts[0]} (see allow_ambiguous)'
+            )
         self._marker_topics = [f'marker/{name}' for name in self._rig.names]
         topics: dict[str, type] = {
             'markers': PointCloud2,
@@ -85,7 +91,7 @@ class MarkerTrackerProcessor(Processor):
             ParameterError: the layout's file cannot be used.
         """
         before, self._parameters = self._parameters, parameters
-        if (parameters.layout, parameters.publish_tf) != (before.layout, before.publish_tf):
+        if _setup(parameters) != _setup(before):
             self._set_rig(parameters)
         else:
             self._pipeline.configure(parameters)
@@ -109,7 +115,7 @@ class MarkerTrackerProcessor(Processor):
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
         result = self._pipeline.process(frame.image, frame.stamp_ns)
         pose = self._estimate(frame, result)
-        self.status = '; '.join(filter(None, (result.status, *self._warnings)))
+        self.status = '; '.join(filter(None, (result.status, *self._warnings, *self._doubts)))
         numbered = self._parameters.mode == 'track_any'
         outputs = [
             Output('markers', partial(encode_markers, result, header, numbered=numbered)),
@@ -182,6 +188,10 @@ class MarkerTrackerProcessor(Processor):
             camera.check(image.width, image.height)
         except CalibrationError as error:
             self._rejection = f'no pose: {error}'
+
+
+def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:
+    return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf
 
 
 def _open_rig(path: str) -> MarkerRig:

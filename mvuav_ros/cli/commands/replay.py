@@ -15,9 +15,7 @@ from mvuav_ros.recordings.sources.selection import Selection
 
 Sources = Annotated[
     list[str],
-    typer.Argument(
-        metavar='INPUT...', help='Bags, video files, or folders or globs of images.'
-    ),
+    typer.Argument(metavar='INPUT...', help='Bags, video files, or folders or globs of images.'),
 ]
 Output = Annotated[
     Path,
@@ -43,9 +41,7 @@ Fps = Annotated[
         help='Frame rate of images without stamps (folder: 30, video: its own).', min=0.001
     ),
 ]
-Start = Annotated[
-    float, typer.Option(help='Begin so many seconds into the recording.', min=0.0)
-]
+Start = Annotated[float, typer.Option(help='Begin so many seconds into the recording.', min=0.0)]
 Duration = Annotated[
     float | None, typer.Option(help='End so many seconds after the beginning.', min=0.0)
 ]
@@ -56,8 +52,14 @@ KeepInputs = Annotated[
     bool,
     typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
 ]
-DebugImages = Annotated[
-    bool, typer.Option('--debug-images', help='Also write the debug images.')
+DebugImages = Annotated[bool, typer.Option('--debug-images', help='Also write the debug images.')]
+Gamma = Annotated[
+    float,
+    typer.Option(
+        help='out = in ** gamma on every image (eq. 3.2), as video_source does; 1: off.',
+        min=0.01,
+        max=100.0,
+    ),
 ]
 Jobs = Annotated[
     int | None,
@@ -90,6 +92,7 @@ def replay(
     every: Every = 1,
     keep_inputs: KeepInputs = False,
     debug_images: DebugImages = False,
+    gamma: Gamma = 1.0,
     jobs: Jobs = None,
     dask: Dask = None,
     strict: Strict = False,
@@ -116,6 +119,7 @@ def replay(
         selection=Selection(start, duration, every),
         keep_inputs=keep_inputs,
         debug_images=debug_images,
+        gamma=gamma,
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
     processes = jobs or len(os.sched_getaffinity(0))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +112,7 @@ class _Follower:
 
     def __init__(self, pipeline: MarkerTracker) -> None:
         self._pipeline = pipeline
-        self._predicted: list[list[tuple[float, float]]] = []
+        self._predicted: list[Sequence[tuple[float, float]]] = []
         self._found: list[list[tuple[float, float]]] = []
         self._states: list[list[int]] = []
         self._rolls: list[float] = []
@@ -121,11 +120,11 @@ class _Follower:
     def see(self, image: Image, stamp_ns: int) -> None:
         result = self._pipeline.process(image, stamp_ns)
         # A frame that is searched whole makes no use of a prediction.
-        if result.windows and result.predictions:
-            self._predicted.append(list(result.predictions))
-        else:
-            self._predicted.append([(math.nan, math.nan)] * len(result.markers))
-        self._found.append(_places(result.markers, MarkerState.DETECTED))
+        used = result.windows and result.predictions
+        self._predicted.append(result.predictions if used else [_NOWHERE] * len(result.markers))
+        self._found.append(
+            [(m.x, m.y) if m.state is MarkerState.DETECTED else _NOWHERE for m in result.markers]
+        )
         self._states.append([marker.state for marker in result.markers])
         self._rolls.append(result.roll)
 
@@ -138,5 +137,4 @@ class _Follower:
         )
 
 
-def _places(markers: Iterable[Any], state: MarkerState) -> list[tuple[float, float]]:
-    return [(m.x, m.y) if m.state is state else (math.nan, math.nan) for m in markers]
+_NOWHERE = (math.nan, math.nan)

@@ -25,6 +25,7 @@ from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.sources.gamma import gamma_corrected
 from mvuav_ros.recordings.sources.opening import looks_like_bag
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -44,6 +45,7 @@ class ReplaySettings:
         selection: the part of the recording.
         keep_inputs: whether the input's messages go along.
         debug_images: whether debug images are made.
+        gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
     """
 
     parameters: Mapping[str, Mapping[str, Any]]
@@ -52,6 +54,7 @@ class ReplaySettings:
     selection: Selection = EVERYTHING
     keep_inputs: bool = False
     debug_images: bool = False
+    gamma: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,8 @@ def run_job(
         progress(JobProgress(source.name, 0, source.count))
         with RecordingWriter(job.output, redo, {DESCRIPTION: description}) as writer:
             camera = any(processor.uses_camera_info for processor in processors)
-            with closing(source.items(settings.keep_inputs, camera)) as items:
+            items = gamma_corrected(source.items(settings.keep_inputs, camera), settings.gamma)
+            with closing(items):
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted:

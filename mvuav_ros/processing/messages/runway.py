@@ -231,7 +231,8 @@ def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
             rho_flags=summary.rho_flags,
             theta_flags=summary.theta_flags,
             combined_flags=summary.corrected,
-        ),
+        )
+        | {'frames_with_flags': summary.flag_text},
     )
     lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines)]
     return _encode_statuses([total, *lines], header)

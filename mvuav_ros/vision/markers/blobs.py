@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -59,7 +59,7 @@ class Blobs:
         self._gray = gray
         self._size = (gray.shape[1], gray.shape[0])
         self._chosen = np.empty(0, np.intp)
-        self._stats = np.empty((0, 5), np.int32)
+        self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
         if bright == 0:
             return
         count, self._numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)

@@ -31,14 +31,15 @@ def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: boo
     owner, column, row, values = _look_into(gray, windows)
     bright = values > limit
     weights = np.maximum(values - int(FLOOR * limit), 0.0) if weighted else bright.astype(float)
-    area = np.bincount(owner, bright, len(windows))
+    area: Array = np.bincount(owner, bright, len(windows)).astype(np.float64)
     measured = _places(_moments(owner, column, row, weights, len(windows)), area)
     x0, x1, y0, y1 = windows.T
     measured[:, 0] += 0.5 * (x0 + x1)
     measured[:, 1] += 0.5 * (y0 + y1)
     measured[area == 0, :2] = math.nan
     if weighted:
-        measured[:, :2] -= _pulls(gray, measured, np.bincount(owner, weights, len(windows)))
+        mass: Array = np.bincount(owner, weights, len(windows)).astype(np.float64)
+        measured[:, :2] -= _pulls(gray, measured, mass)
     return measured
 
 

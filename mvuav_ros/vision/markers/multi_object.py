@@ -19,9 +19,10 @@ from mvuav_ros.vision.markers.gated_assignment import (
     nearest_other,
 )
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.prediction import Array, MotionPredictor
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
+Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 

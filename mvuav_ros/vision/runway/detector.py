@@ -13,7 +13,7 @@ from mvuav_ros.vision.runway.correction import (
     CorrectionLimits,
     RhoThetaCorrection,
 )
-from mvuav_ros.vision.runway.edges import detect_edges, open_vertically, select_channel
+from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 from mvuav_ros.vision.runway.peaks import find_peaks
@@ -98,7 +98,7 @@ class RunwayDetector:
         if first < last:
             workings, trouble = self._measure(image, first, last)
             status = trouble or status
-        measured = _lines_on_frame(workings, first)
+        measured = lines_on_frame(workings, first)
         rows = self._correction.correct(measured)
         votes = [float(peak.votes) for peak in workings.peaks]
         lines = tuple(_line(row, measured, votes, width, height) for row in rows)
@@ -123,7 +123,7 @@ class RunwayDetector:
         parameters = self._parameters
         gray = select_channel(image[first:last], parameters.channel)
         edges = detect_edges(gray, parameters.edge_threshold, thinning=parameters.edge_thinning)
-        edges = open_vertically(edges, parameters.opening_length)
+        edges = open_edges(edges, parameters.opening_shape, parameters.opening_length)
         try:
             grid = self._grid_for(*gray.shape)
         except ValueError as error:
@@ -179,7 +179,8 @@ def _check_format(image: Pixels) -> None:
         )
 
 
-def _lines_on_frame(workings: RunwayWorkings, first_row: int) -> list[NormalForm]:
+def lines_on_frame(workings: RunwayWorkings, first_row: int) -> list[NormalForm]:
+    """The measured lines in whole-frame coordinates, strongest first."""
     grid = workings.grid
     if grid is None:
         return []

@@ -6,7 +6,7 @@ from support.reference import FIRST, LAST, load_runway
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.edges import automatic_threshold, detect_edges, open_vertically
+from mvuav_ros.vision.runway.edges import automatic_threshold, detect_edges, open_edges
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import find_peaks
 
@@ -42,7 +42,7 @@ def test_no_pixel_of_any_edge_image_differs(
     for gray, edge, opened in zip(slices, octave[edge_key], octave[opened_key], strict=True):
         edges = detect_edges(gray, thinning=thinning)
         assert np.count_nonzero(edges != edge) == 0
-        assert np.count_nonzero(open_vertically(edges, 3) != opened) == 0
+        assert np.count_nonzero(open_edges(edges, 'vertical_line', 3) != opened) == 0
 
 
 def test_the_automatic_threshold_is_octaves(octave, slices):
