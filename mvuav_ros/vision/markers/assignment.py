@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import permutations
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from mvuav_ros.vision.markers.blobs import Blobs, may_be_light
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
-from mvuav_ros.vision.markers.view import ROLL, SCALE, ViewState, WeakPerspective, X, Y
+from mvuav_ros.vision.markers.view import ROLL, SCALE, Lens, ViewState, WeakPerspective, X, Y, fit
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ROUND = 1.4
@@ -41,32 +41,50 @@ GATE = 16.0
 """Squared distance over variance at which a light is too far from a marker's place."""
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
-MOST_WAYS = 3000
+MOST_WAYS = 1000
+MOST_REFITTED = 24
+MOST_MEASURED = 48
+MOST_PAIRS = 300
 STRANGE = 3
-"""Frames without a name after which a light is a clutter."""
+"""Frames without a name after which a light is a stranger."""
 STRANGER_STEP = 8.0
-"""px that a clutter may move in a frame, as the camera shakes."""
+"""px that a stranger may move in a frame, as the camera shakes."""
 
 
 class Lights:
-    """The spots of a frame that may be lights, measured."""
+    """The spots of a frame that may be lights, measured.
 
-    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter) -> None:
+    Attributes:
+        spots: their places in px without distortion.
+        measured: where the image shows them.
+    """
+
+    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter, lens: Lens) -> None:
         boxes = [box for box in blobs.boxes if may_be_light(box)]
         # The largest tell what is small; of hundreds of specks no more is needed.
-        boxes = sorted(boxes, key=lambda box: -box.area)[: 4 * MAX_CANDIDATES]
-        self.spots = [blobs.measure(box, cut, meter) for box in boxes]
+        boxes = sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+        measured = [blobs.measure(box, cut, meter) for box in boxes]
+        self.spots = straightened(lens, measured)
+        self.measured = dict(zip(self.spots, measured, strict=True))
         self._boxes = dict(zip(self.spots, boxes, strict=True))
         self._blobs = blobs
+        self._lens = lens
 
     def __len__(self) -> int:
         return len(self.spots)
+
+    def in_image(self, spot: Detection) -> Detection:
+        """A spot where the image shows it."""
+        return self.measured[spot]
 
     def split(
         self, spot: Detection, dx: float, dy: float, variance: float
     ) -> tuple[Detection, Detection]:
         """A spot that is two lights (see `Blobs.split`)."""
-        return self._blobs.split(self._boxes[spot], dx, dy, variance)
+        pair = self._blobs.split(self._boxes[spot], dx, dy, variance)
+        first, second = straightened(self._lens, pair)
+        self.measured[first], self.measured[second] = pair
+        return first, second
 
     def candidates(self, count: int) -> list[Detection]:
         """The round ones that could be among a body's ``count`` markers."""
@@ -75,6 +93,14 @@ class Lights:
             return spots
         least = LEAST_SHARE * spots[count - 1].area
         return [spot for spot in spots if spot.area >= least]
+
+
+def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
+    """Detections where a lens without distortion would show them."""
+    if lens.focal is None or not spots:
+        return list(spots)
+    ideal = lens.to_ideal(np.array([(spot.x, spot.y) for spot in spots])).tolist()
+    return [spot._replace(x=x, y=y) for spot, (x, y) in zip(spots, ideal, strict=True)]
 
 
 class Clutter:
@@ -114,60 +140,59 @@ class Named(NamedTuple):
     """All markers of a body, by name.
 
     Attributes:
-        spots: in the rig's order.
+        spots: in the rig's order, px without distortion; empty if they cannot be named.
         view: fitted to them.
         certain: whether one frame is enough to believe it.
-        remark: empty, or what was left out.
+        fits: whether the body is what its rig says.
+        remark: why they cannot be named, or what was left out.
     """
 
-    spots: tuple[Detection, ...]
-    view: ViewState
-    certain: bool
+    spots: tuple[Detection, ...] = ()
+    view: ViewState | None = None
+    certain: bool = False
+    fits: bool = True
     remark: str = ''
 
 
 def initialize(
-    shape: WeakPerspective, lights: Lights, names: Sequence[str], before: ViewFilter | None
-) -> Named | str:
+    shape: WeakPerspective,
+    lights: Lights,
+    names: Sequence[str],
+    before: tuple[float, float] | None = None,
+) -> Named:
     """Name a whole body of which no marker is known.
 
     Args:
         shape: the body.
         lights: of the frame.
         names: the markers'.
-        before: how it was seen a frame ago or before a loss; None at the start, when an upright
-            body is likelier than one upside down, and how exact the rig is must be seen.
-
-    Returns:
-        The markers, or why they cannot be named.
+        before: the roll before a loss and how far it may have changed (1 sigma, rad); None at
+            the start, when an upright body is likelier than one upside down, and how exact the
+            rig is must be seen.
     """
     count = len(names)
     spots = lights.candidates(count)
     if len(spots) < count:
-        return f'{len(spots)} of {count} markers in view'
+        return Named(remark=f'{len(spots)} of {count} markers in view')
+    unclear = f'{len(spots)} lights in view, {count} do not stand out'
     if len(spots) > MAX_CANDIDATES:
-        return f'{len(spots)} lights in view, {count} do not stand out'
-    expected = (0.0, ANY_ROLL) if before is None else (before.view.roll, NEARBY_ROLL)
-    guesses = [g for g in guess_start(shape, spots, *expected) if _alike(g, spots)]
+        return Named(remark=unclear)
+    guesses = [
+        g for g in guess_start(shape, spots, *(before or (0.0, ANY_ROLL))) if _alike(g, spots)
+    ]
     alone = len(spots) == count
     if guesses:
         best = guesses[0]
-        scale = best.view.scale
-        limit = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * scale
-        if before is not None:
-            limit = before.most_misfit(scale)
-        elif alone:
-            limit = max(limit, LONE_MISFIT * scale)
         clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
-        if best.view.misfit <= limit and clear:
+        exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
+        limit = LONE_MISFIT * best.view.scale if alone and before is None else exact
+        if best.view.misfit <= max(limit, exact) and clear:
             chosen = tuple(spots[index] for index in best.chosen)
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-            return Named(chosen, best.view, alone, remark)
+            return Named(chosen, best.view, alone, best.view.misfit <= exact, remark)
     if alone and tuple(names) == TANKER_NAMES and before is None:
-        named = _as_the_thesis(shape, spots)
-        if named is not None:
-            return named
-    return f'{len(spots)} lights in view, {count} do not stand out'
+        return _as_the_thesis(shape, spots) or Named(remark=unclear)
+    return Named(remark=unclear)
 
 
 def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
@@ -186,15 +211,15 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     if span == 0.0 or max(areas) > MOST_RATIO * min(areas):
         return None
     roll = math.atan2(right.y - left.y, right.x - left.x)
-    start = np.array([roll, math.log(0.56 * span), 0.0, 0.0, 0.0, 0.0, 0.25])
+    start = np.array([roll, math.log(0.56 * span), 0.0, 0.0, 0.0, 0.0, 0.25, 0.0])
     start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
-    deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5))
-    prior = ViewState(start, np.diag(deviations**2), np.zeros((5, 2)))
-    places = np.array([(spot.x, spot.y) for spot in chosen])
-    view = prior.fitted(shape, np.arange(5), places, 0.02 * span)
+    deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
+    places = np.array([[(spot.x, spot.y) for spot in chosen]])
+    prior = ViewState(start, np.diag(deviations**2))
+    view = fit(shape, prior, np.arange(5)[None], places, 0.02 * span)[0]
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    return Named(chosen, view, True)
+    return Named(chosen, view, True, False)
 
 
 Fits = Callable[[int, Detection], bool]
@@ -233,7 +258,7 @@ def assign(
             costs[marker] = near
     if not costs:
         return {}
-    ways = list(_ways(list(costs.items())))
+    ways = list(islice(_ways(list(costs.items())), MOST_WAYS + 1))
     if len(ways) > MOST_WAYS:
         return {}
     least = min(cost for cost, _ in ways)
@@ -263,47 +288,67 @@ def _ways(
 
 
 def reacquire(
-    view_filter: ViewFilter, prior: ViewState, spots: Sequence[Detection], fits: Fits
+    views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
 ) -> dict[int, Detection]:
     """Find a body again of which nothing is in sight where it was expected.
 
     Every pair of spots is tried as every pair of markers, within what the time since the loss
-    allows of roll, size and place; three or more spots must fit, and no other way as well.
+    allows of roll, size and place. A marker is named where every way that is about as probable
+    as the best names it so.
+
+    Args:
+        views: of the frame.
+        spots: px without distortion.
+        fits: leaves out what cannot be.
+        fewest: markers that must be found.
     """
-    shape = view_filter.shape
-    places = prior.places(shape)
+    ways = _similar_ways(views, spots, fits, fewest)
+    weighed: list[tuple[float, dict[int, int]]] = []
+    everything = len(views.shape.points)
+    for number in sorted({len(way) for way in ways}):
+        same = [dict(way) for way in ways if len(way) == number][:MOST_REFITTED]
+        seen = np.array([list(way) for way in same], np.intp)
+        places = np.array([[(spots[i].x, spots[i].y) for i in way.values()] for way in same])
+        for way, view in zip(same, views.fit(seen, places), strict=True):
+            if view.surprise.max() <= GATE:
+                weighed.append((view.cost + NOTHING * (everything - number), way))
+    if not weighed:
+        return {}
+    least = min(cost for cost, _ in weighed)
+    probable = [way for cost, way in weighed if cost < least + DOUBT]
+    first = min(weighed, key=lambda pair: pair[0])[1]
+    agreed = {m: i for m, i in first.items() if all(way.get(m) == i for way in probable)}
+    return {m: spots[i] for m, i in agreed.items()} if len(agreed) >= fewest else {}
+
+
+def _similar_ways(
+    views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
+) -> list[tuple[tuple[int, int], ...]]:
+    """Ways of naming spots in which the body has only been turned, grown and moved."""
+    prior = views.view
+    places = views.places()[0]
     flat = places[:, 0] + 1j * places[:, 1]
     seen = np.array([complex(spot.x, spot.y) for spot in spots])
-    reach = max(4.0, 0.05 * prior.scale)
+    if len(seen) < 2:
+        return []
+    reach = max(6.0, 0.08 * prior.scale)
     allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
+    a, b = np.triu_indices(len(flat), 1)
+    i, j = (index.ravel() for index in np.indices((len(seen), len(seen))))
+    i, j = i[i != j], j[i != j]
+    turn = (seen[j] - seen[i])[None, :] / (flat[b] - flat[a])[:, None]
+    shift = seen[i][None, :] - turn * flat[a][:, None]
+    moved = turn * flat.mean() + shift - flat.mean()
+    possible = np.abs(np.log(np.maximum(np.abs(turn), 1e-9))) < allowed[SCALE] + 0.15
+    possible &= np.abs(np.angle(turn)) < min(allowed[ROLL], math.pi) + 0.1
+    possible &= np.abs(moved) < math.hypot(allowed[X], allowed[Y]) + reach
+    pair, seen_pair = np.nonzero(possible)
     tried: dict[tuple[tuple[int, int], ...], float] = {}
-    for a, b in permutations(range(len(flat)), 2):
-        if a > b:
-            continue
-        for i, j in permutations(range(len(seen)), 2):
-            turn = (seen[j] - seen[i]) / (flat[b] - flat[a])
-            if abs(math.log(max(abs(turn), 1e-9))) > allowed[SCALE] + 0.1:
-                continue
-            if abs(math.atan2(turn.imag, turn.real)) > allowed[ROLL] + 0.1:
-                continue
-            moved = seen[i] + turn * (flat - flat[a])
-            middle = moved.mean() - flat.mean()
-            if abs(middle) > math.hypot(allowed[X], allowed[Y]):
-                continue
-            way = _nearest(moved, seen, reach, spots, fits)
-            if len(way) >= 3 or len(way) == len(flat):
-                tried[way] = -len(way)
-    best = sorted(tried, key=lambda way: tried[way])[:12]
-    weighed = []
-    for way in best:
-        found = {marker: spots[number] for marker, number in way}
-        view = view_filter.look(prior, {m: (s.x, s.y) for m, s in found.items()})
-        if view.misfit <= CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * view.scale:
-            weighed.append((view.cost + NOTHING * (len(flat) - len(way)), found))
-    weighed.sort(key=lambda pair: pair[0])
-    if not weighed or (len(weighed) > 1 and weighed[1][0] - weighed[0][0] < DOUBT):
-        return {}
-    return weighed[0][1]
+    for t, s in zip(turn[pair, seen_pair][:MOST_PAIRS], shift[pair, seen_pair], strict=False):
+        way = _nearest(t * flat + s, seen, reach, spots, fits)
+        if len(way) >= fewest:
+            tried[way] = -len(way)
+    return sorted(tried, key=lambda way: tried[way])
 
 
 def _nearest(

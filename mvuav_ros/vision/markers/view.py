@@ -1,27 +1,83 @@
-"""How a body's lights look to a camera that may not be calibrated."""
+"""How a rig's markers look to a camera: seven numbers, and an eighth for a lens not calibrated."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
-ROLL, SCALE, X, Y, PITCH, YAW, NEARNESS = range(7)
+ROLL, SCALE, X, Y, PITCH, YAW, NEARNESS, BARREL = range(8)
 """Places in a view's parameters."""
-_STEPS = np.array((1e-5, 1e-5, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5))
-_ITERATIONS = 6
+COUNT = 8
+_STEPS = np.array((1e-5, 1e-5, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5, 1e-5))
+_SHIFTS = np.concatenate((np.zeros((1, COUNT)), np.diag(_STEPS), np.diag(-_STEPS)))
 _POSSIBLE = (
-    np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0)),
-    np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 3.0)),
+    np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6)),
+    np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 3.0, 0.3)),
 )
 """What parameters can become when nothing has been seen for long."""
+_KNOWN_FOCAL = 0.02
+"""Part by which the nearness may differ from what a calibrated focal length makes of the scale
+(1 sigma): calibrations and rigs are measured to a percent or two."""
+
+
+class Lens:
+    """From the pixels of an image to those of a camera without distortion, and back.
+
+    Attributes:
+        focal: px, of that camera; None where the camera is not calibrated, whose pixels are taken
+            as they are.
+        centre: (2,), its principal point, px.
+    """
+
+    def __init__(self, size: tuple[int, int], camera: CameraModel | None = None) -> None:
+        """Prepare for images of a size.
+
+        Args:
+            size: width and height, px.
+            camera: calibrated, for images of that size; None where it is not known.
+        """
+        self._camera = camera
+        self.focal: float | None = None
+        self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))
+        self.half_diagonal = math.hypot(*size) / 2
+        if camera is not None:
+            matrix = camera.matrix
+            self.focal = math.sqrt(matrix[0, 0] * matrix[1, 1])
+            self.centre = matrix[:2, 2].copy()
+            self._ideal: Array = np.array(
+                [(self.focal, 0.0, self.centre[0]), (0.0, self.focal, self.centre[1]), (0, 0, 1.0)]
+            )
+
+    def to_ideal(self, pixels: Array) -> Array:
+        """(n, 2) px of the image as px without distortion."""
+        camera = self._camera
+        if camera is None or not len(pixels):
+            return pixels
+        points = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
+        ideal = cv2.undistortPoints(points, camera.matrix, camera.distortion, P=self._ideal)
+        return np.asarray(ideal, np.float64).reshape(-1, 2)
+
+    def to_image(self, ideal: Array) -> Array:
+        """(n, 2) px without distortion as px of the image."""
+        camera = self._camera
+        if camera is None or not len(ideal):
+            return ideal
+        rays = np.column_stack(((ideal - self.centre) / self.focal, np.ones(len(ideal))))
+        # Far outside of the frame a lens model turns back: nothing is seen there anyway.
+        np.clip(rays[:, :2], -1.5, 1.5, out=rays[:, :2])
+        zero = np.zeros(3)
+        image = cv2.projectPoints(rays, zero, zero, camera.matrix, camera.distortion)[0]
+        return np.asarray(image, np.float64).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,34 +85,33 @@ class WeakPerspective:
     """A rig seen from behind, in units of its size.
 
     Attributes:
-        points: (n, 3), x right, y down, z ahead; the middle of the lights is the origin and the
-            farthest light is at 1.
+        points: (n, 3), x right, y down, z ahead; the middle of the markers is the origin and the
+            farthest marker is at 1.
         size: m.
-        centre: (2,), of the image, px: off it, near and far lights shift against each other.
+        lens: of the camera.
     """
 
     points: Array
     size: float
-    centre: Array
+    lens: Lens
 
     @classmethod
-    def of(cls, rig: MarkerRig, width: int, height: int) -> WeakPerspective:
-        """The shape of a rig whose x axis points away from the camera.
-
-        Args:
-            rig: the body.
-            width: of the images, px.
-            height: likewise.
-        """
+    def of(cls, rig: MarkerRig, lens: Lens) -> WeakPerspective:
+        """The shape of a rig whose x axis points away from the camera."""
         x, y, z = rig.positions.T
         points = np.column_stack((-y, -z, x))
         points = points - points.mean(axis=0)
         size = float(np.hypot(np.hypot(*points.T[:2]), points.T[2]).max()) or 1.0
-        return cls(points / size, size, np.array((0.5 * (width - 1), 0.5 * (height - 1))))
+        return cls(points / size, size, lens)
+
+    @property
+    def centre(self) -> Array:
+        """(2,), px: off it, near and far markers shift against each other."""
+        return self.lens.centre
 
     @cached_property
     def base(self) -> tuple[int, int]:
-        """The two lights farthest apart as seen from behind."""
+        """The two markers farthest apart as seen from behind."""
         flat = self.points[:, 0] + 1j * self.points[:, 1]
         apart = np.abs(flat[:, None] - flat)
         first, second = np.unravel_index(int(np.argmax(apart)), apart.shape)
@@ -64,33 +119,44 @@ class WeakPerspective:
 
     @cached_property
     def most_nearness(self) -> float:
-        """With more, lights would come to lie behind the camera."""
+        """With more, markers would come to lie behind the camera."""
         return float(0.85 / max(0.35, -self.points[:, 2].min()))
 
     def project(self, parameters: Array) -> Array:
-        """Where the lights are seen.
+        """Where the markers are seen.
 
         Args:
-            parameters: (..., 7): roll (rad), log of the scale (px per unit), x and y of the
+            parameters: (..., 8): roll (rad), log of the scale (px per unit), x and y of the
                 origin (px), pitch and yaw away from straight behind (rad), nearness (units per
-                distance: how strongly near lights look larger).
+                distance: how strongly near markers look larger), barrel (share by which the
+                lens moves a point at half the image's diagonal; 0 where it is calibrated).
 
         Returns:
             (..., n, 2), px.
         """
-        roll, scale, x, y, pitch, yaw, nearness = np.moveaxis(parameters, -1, 0)[..., None]
+        roll, scale, x, y, pitch, yaw, nearness, barrel = np.moveaxis(parameters, -1, 0)[..., None]
         px, py, pz = self.points.T
         c, s = np.cos(yaw), np.sin(yaw)
         qx, qz = c * px + s * pz, c * pz - s * px
         c, s = np.cos(pitch), np.sin(pitch)
         qy, qz = c * py - s * qz, s * py + c * qz
         larger = 1.0 / np.maximum(1.0 + nearness * qz, 0.05)
-        size = np.exp(scale) * larger
-        qx, qy = qx * size, qy * size
-        c, s = np.cos(roll), np.sin(roll)
+        size = np.exp(scale)
+        c, s = np.cos(roll) * size, np.sin(roll) * size
         cx, cy = self.centre
-        x, y = cx + (x - cx) * larger, cy + (y - cy) * larger
-        return np.stack((x + c * qx - s * qy, y + s * qx + c * qy), axis=-1)
+        u = (x - cx + c * qx - s * qy) * larger
+        v = (y - cy + s * qx + c * qy) * larger
+        if self.lens.focal is None:
+            bent = 1.0 + barrel * ((u * u + v * v) / self.lens.half_diagonal**2)
+            u, v = u * bent, v * bent
+        return np.stack((cx + u, cy + v), axis=-1)
+
+    def linearize(self, parameters: Array) -> tuple[Array, Array]:
+        """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8)."""
+        places = self.project(parameters[..., None, :] + _SHIFTS)
+        slopes = places[..., 1 : COUNT + 1, :, :] - places[..., COUNT + 1 :, :, :]
+        slopes = slopes / (2 * _STEPS)[:, None, None]
+        return places[..., 0, :, :], np.moveaxis(slopes, -3, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,19 +164,19 @@ class ViewState:
     """An estimate of how a shape is seen.
 
     Attributes:
-        parameters: (7,), see `WeakPerspective.project`.
-        covariance: (7, 7).
-        offsets: (n, 2), by how much the lights lie beside the rig's, in units of the scale
-            and turned with the roll; zero for a body that is what its rig says.
-        misfit: root mean square of the residuals of the lights it was fitted to, px.
+        parameters: (8,), see `WeakPerspective.project`.
+        covariance: (8, 8).
+        misfit: root mean square of the residuals of the markers it was fitted to, px.
         cost: squared residuals and squared distance from the prior, both over their variances.
+        surprise: (k,), for each of those markers how far it lies from where all others put it:
+            squared distance over variance.
     """
 
     parameters: Array
     covariance: Array
-    offsets: Array
     misfit: float = 0.0
     cost: float = 0.0
+    surprise: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def scale(self) -> float:
@@ -122,97 +188,145 @@ class ViewState:
         """In the image, rad, right wing down positive."""
         return float(self.parameters[ROLL])
 
-    def places(self, shape: WeakPerspective) -> Array:
-        """Where the lights should be, (n, 2) px."""
-        return shape.project(self.parameters) + self._turned_offsets(self.parameters)
 
-    def deviations(self, shape: WeakPerspective) -> Array:
-        """How uncertain that is (1 sigma, px), (n,): the larger axis of each light's ellipse."""
-        jacobian = _jacobian(shape, self.parameters)
-        spread = np.einsum('nai,ij,nbj->nab', jacobian, self.covariance, jacobian)
-        mean = 0.5 * (spread[:, 0, 0] + spread[:, 1, 1])
-        half = np.hypot(0.5 * (spread[:, 0, 0] - spread[:, 1, 1]), spread[:, 0, 1])
-        return np.asarray(np.sqrt(np.maximum(mean + half, 0.0)))
-
-    def jacobian(self, shape: WeakPerspective) -> Array:
-        """By how much the places move with the parameters, (n, 2, 7)."""
-        return _jacobian(shape, self.parameters)
-
-    def later(self, elapsed: float, rates: Array, drift: Array) -> ViewState:
-        """The view some time later, less certain.
-
-        Args:
-            elapsed: s.
-            rates: (7,), of the parameters per second.
-            drift: (7,), by how much the rates may be wrong (1 sigma).
-        """
-        covariance = self.covariance + np.diag((drift * elapsed) ** 2)
-        parameters = np.clip(self.parameters + rates * elapsed, *_POSSIBLE)
-        return ViewState(parameters, covariance, self.offsets)
-
-    def with_offsets(self, shape: WeakPerspective, measured: Array) -> ViewState:
-        """The same view of a body whose lights are where all of them are measured, (n, 2) px."""
-        beside = measured - shape.project(self.parameters)
-        c, s = math.cos(self.roll), math.sin(self.roll)
-        turn_back = np.array([(c, -s), (s, c)]) / self.scale
-        return ViewState(
-            self.parameters, self.covariance, beside @ turn_back, self.misfit, self.cost
-        )
-
-    def fitted(
-        self,
-        shape: WeakPerspective,
-        lights: NDArray[np.intp],
-        measured: Array,
-        deviation: float,
-        start: Array | None = None,
-    ) -> ViewState:
-        """The view after looking at some of the lights: Gauss-Newton from this one as the prior.
-
-        Args:
-            shape: the body.
-            lights: (k,), which ones.
-            measured: (k, 2), px.
-            deviation: of a measurement from what the rig says (1 sigma, px per axis).
-            start: (7,), where to begin; the prior itself if None.
-        """
-        weight = np.linalg.inv(self.covariance)
-        parameters = (self.parameters if start is None else start).copy()
-        for _ in range(_ITERATIONS):
-            residual = self._residual(shape, parameters, lights, measured)
-            jacobian = _jacobian(shape, parameters)[lights].reshape(-1, 7) / deviation
-            normal = jacobian.T @ jacobian + weight
-            towards = jacobian.T @ residual.ravel() / deviation
-            towards += weight @ (self.parameters - parameters)
-            step = np.linalg.solve(normal, towards)
-            longest = float(np.abs(step[[ROLL, SCALE, PITCH, YAW, NEARNESS]]).max())
-            parameters = parameters + step * min(1.0, 0.5 / max(longest, 1e-9))
-            parameters = np.clip(parameters, *_POSSIBLE)
-            parameters[NEARNESS] = min(parameters[NEARNESS], shape.most_nearness)
-            if longest < 1e-3:
-                break
-        residual = self._residual(shape, parameters, lights, measured)
-        from_prior = parameters - self.parameters
-        squares = float((residual * residual).sum())
-        cost = squares / deviation**2 + float(from_prior @ weight @ from_prior)
-        misfit = math.sqrt(squares / max(len(lights), 1))
-        return ViewState(parameters, np.linalg.inv(normal), self.offsets, misfit, cost)
-
-    def _residual(
-        self, shape: WeakPerspective, parameters: Array, lights: NDArray[np.intp], measured: Array
-    ) -> Array:
-        places = shape.project(parameters) + self._turned_offsets(parameters)
-        return np.asarray(measured - places[lights])
-
-    def _turned_offsets(self, parameters: Array) -> Array:
-        c, s = math.cos(parameters[ROLL]), math.sin(parameters[ROLL])
-        turn = np.array([(c, s), (-s, c)]) * math.exp(parameters[SCALE])
-        return np.asarray(self.offsets @ turn)
+def turned(offsets: Array, parameters: Array) -> Array:
+    """Offsets (n, 2) in units of the scale, turned with the roll: px, (..., n, 2)."""
+    angle, size = parameters[..., ROLL, None], np.exp(parameters[..., SCALE, None])
+    c, s = np.cos(angle) * size, np.sin(angle) * size
+    x, y = offsets.T
+    return np.stack((c * x - s * y, s * x + c * y), axis=-1)
 
 
-def _jacobian(shape: WeakPerspective, parameters: Array) -> Array:
-    """(n, 2, 7), by central differences."""
-    moved = np.concatenate((np.diag(_STEPS), np.diag(-_STEPS))) + parameters
-    places = shape.project(moved)
-    slopes = (places[:7] - places[7:]) / (2 * _STEPS)[:, None, None]
-    return np.moveaxis(slopes, 0, -1)
+def offsets_of(shape: WeakPerspective, view: ViewState, measured: Array) -> Array:
+    """By how much markers lie beside the rig's, (n, 2) in units of the scale (see `turned`)."""
+    beside = measured - shape.project(view.parameters)
+    c, s = math.cos(view.roll), math.sin(view.roll)
+    return np.asarray(beside @ np.array([(c, -s), (s, c)]) / view.scale)
+
+
+def fit(
+    shape: WeakPerspective,
+    prior: ViewState,
+    seen: NDArray[np.intp],
+    measured: Array,
+    deviation: float,
+    *,
+    offsets: Array | None = None,
+    starts: Array | None = None,
+    iterations: int = 6,
+) -> list[ViewState]:
+    """Views after looking at some of the markers: Gauss-Newton from a prior, many at once.
+
+    Args:
+        shape: the rig.
+        prior: what is known before.
+        seen: (m, k), which markers, in m ways of naming them.
+        measured: (m, k, 2), px, without distortion.
+        deviation: of a measurement from what the rig says (1 sigma, px per axis).
+        offsets: (n, 2), by how much the markers lie beside the rig's (see `turned`).
+        starts: (m, 8), where to begin; the prior if None.
+        iterations: at most.
+    """
+    m, k = seen.shape
+    weight = np.linalg.inv(prior.covariance)
+    mean = prior.parameters
+    parameters = np.repeat(mean[None], m, axis=0) if starts is None else starts.copy()
+    rows = np.arange(m)[:, None]
+    for _ in range(iterations):
+        residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
+        normal, towards = _normal_equations(shape, parameters, residual, jacobian, deviation)
+        normal = normal + weight
+        towards = towards + (mean - parameters) @ weight
+        step = np.linalg.solve(normal, towards[..., None])[..., 0]
+        longest = np.abs(step[:, [ROLL, SCALE, PITCH, YAW, NEARNESS]]).max(axis=1)
+        parameters = parameters + step * np.minimum(1.0, 0.5 / np.maximum(longest, 1e-9))[:, None]
+        parameters = np.clip(parameters, *_POSSIBLE)
+        parameters[:, NEARNESS] = np.minimum(parameters[:, NEARNESS], shape.most_nearness)
+        if longest.max() < 1e-3:
+            break
+    residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
+    away = parameters - mean
+    squares = (residual * residual).sum(axis=(1, 2))
+    cost = squares / deviation**2 + np.einsum('mi,ij,mj->m', away, weight, away)
+    cost += _focal_error(shape, parameters)[0] ** 2
+    covariance = np.linalg.inv(normal)
+    surprise = _surprise(residual, jacobian, covariance, deviation)
+    misfit = np.sqrt(squares / max(k, 1))
+    return [
+        ViewState(parameters[i], covariance[i], float(misfit[i]), float(cost[i]), surprise[i])
+        for i in range(m)
+    ]
+
+
+def _residual(
+    shape: WeakPerspective,
+    parameters: Array,
+    seen: NDArray[np.intp],
+    measured: Array,
+    offsets: Array | None,
+    rows: NDArray[np.intp],
+) -> tuple[Array, Array]:
+    places, jacobian = shape.linearize(parameters)
+    if offsets is not None:
+        places = places + turned(offsets, parameters)
+    return measured - places[rows, seen], jacobian[rows, seen]
+
+
+def _focal_error(shape: WeakPerspective, parameters: Array) -> tuple[Array, Array, Array]:
+    """How far the nearness is from what the focal length makes of the scale, in deviations.
+
+    Returns:
+        That (m,), and its derivatives by nearness and by log scale; zeros without a calibration.
+    """
+    zero = np.zeros(len(parameters))
+    if shape.lens.focal is None:
+        return zero, zero, zero
+    expected = np.exp(parameters[:, SCALE]) / shape.lens.focal
+    nearness = parameters[:, NEARNESS]
+    return (
+        (nearness / expected - 1.0) / _KNOWN_FOCAL,
+        1.0 / (expected * _KNOWN_FOCAL),
+        (-nearness / expected / _KNOWN_FOCAL),
+    )
+
+
+def _normal_equations(
+    shape: WeakPerspective, parameters: Array, residual: Array, jacobian: Array, deviation: float
+) -> tuple[Array, Array]:
+    m = len(parameters)
+    rows = jacobian.reshape(m, -1, COUNT) / deviation
+    columns = rows.transpose(0, 2, 1)
+    normal = columns @ rows
+    towards = (columns @ (residual.reshape(m, -1, 1) / deviation))[..., 0]
+    if shape.lens.focal is not None:
+        error, by_nearness, by_scale = _focal_error(shape, parameters)
+        row = np.zeros((m, COUNT))
+        row[:, NEARNESS], row[:, SCALE] = by_nearness, by_scale
+        normal = normal + row[:, :, None] * row[:, None, :]
+        towards = towards - row * error[:, None]
+    return normal, towards
+
+
+def _surprise(residual: Array, jacobian: Array, covariance: Array, deviation: float) -> Array:
+    """(m, k), squared distances of markers from where all the others put them, over variances.
+
+    What a marker's residual may be when it takes part in the fit is its noise less what it has
+    told itself; over that variance it is as far off as where it takes no part.
+    """
+    told = np.einsum('mkai,mij,mkbj->mkab', jacobian, covariance, jacobian)
+    variance = deviation**2 * np.eye(2) - told
+    # A marker without which nothing is known about a direction tells nothing of itself there.
+    a, b, d = variance[..., 0, 0], variance[..., 0, 1], variance[..., 1, 1]
+    floor = 1e-3 * deviation**2
+    a, d = np.maximum(a, floor), np.maximum(d, floor)
+    determinant = np.maximum(a * d - b * b, floor * floor)
+    x, y = residual[..., 0], residual[..., 1]
+    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / determinant)
+
+
+def deviations_of(jacobian: Array, covariance: Array) -> Array:
+    """How uncertain places are (1 sigma, px), (n,): the larger axis of each one's ellipse."""
+    spread = np.einsum('nai,ij,nbj->nab', jacobian, covariance, jacobian)
+    mean = 0.5 * (spread[:, 0, 0] + spread[:, 1, 1])
+    half = np.hypot(0.5 * (spread[:, 0, 0] - spread[:, 1, 1]), spread[:, 0, 1])
+    return np.asarray(np.sqrt(np.maximum(mean + half, 0.0)))
