@@ -21,6 +21,7 @@ from mvuav_ros.vision.markers.view import (
     SCALE,
     YAW,
     Array,
+    Fits,
     ViewState,
     WeakPerspective,
     X,
@@ -89,9 +90,11 @@ def guess_start(
     chosen = np.array([way for way, _ in starts], np.intp)
     parameters = np.array([start for _, start in starts])
     flat = np.column_stack((places.real, places.imag))
-    views = _fit(shape, flat[chosen], parameters)
+    fits = _fit(shape, flat[chosen], parameters)
     guesses: dict[tuple[int, ...], Guess] = {}
-    for (way, _), view in zip(starts, views, strict=True):
+    fitted = [(way, fits.view(index)) for index, (way, _) in enumerate(starts)]
+    best = min(fitted, key=lambda guess: guess[1].cost)
+    for way, view in fitted + _variants(shape, flat, *best):
         away = math.remainder(view.roll - roll, 2 * math.pi) / roll_deviation
         guess = Guess(way, view, view.cost + away**2)
         if way not in guesses or guess.cost < guesses[way].cost:
@@ -99,7 +102,24 @@ def guess_start(
     return sorted(guesses.values(), key=lambda guess: guess.cost)
 
 
-def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> list[ViewState]:
+def _variants(
+    shape: WeakPerspective, flat: Array, way: tuple[int, ...], view: ViewState
+) -> list[tuple[tuple[int, ...], ViewState]]:
+    """The ways that differ from one in a single light, which lies near its place as well."""
+    apart = np.hypot(*(shape.project(view.parameters)[:, None] - flat).transpose(2, 0, 1))
+    ways = [
+        (*way[:marker], light, *way[marker + 1 :])
+        for marker, light in np.argwhere(apart < _REACH * view.scale).tolist()
+        if light not in way
+    ][:_TRIED]
+    if not ways:
+        return []
+    starts = np.repeat(view.parameters[None], len(ways), axis=0)
+    fits = _fit(shape, flat[np.array(ways)], starts)
+    return [(other, fits.view(index)) for index, other in enumerate(ways)]
+
+
+def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     """Views of the whole body fitted to several ways of naming, from behind give or take."""
     free = 1e4
     near = _NEARNESS
@@ -112,9 +132,9 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> list[ViewSta
     deviations[[ROLL, SCALE, X, Y]] = free
     deviations[[PITCH, YAW]] = TILT
     deviations[NEARNESS] = _NEARNESS_DEVIATION
-    deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-6
-    prior = ViewState(expected, np.diag(deviations**2))
-    deviation = 0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE])))
+    deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
+    prior = expected[None], np.diag(deviations**2)[None]
+    deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
     m, n = measured.shape[:2]
     seen = np.broadcast_to(np.arange(n), (m, n))
     return fit(shape, prior, seen, measured, deviation, starts=starts, iterations=12)

@@ -215,8 +215,8 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
     places = np.array([[(spot.x, spot.y) for spot in chosen]])
-    prior = ViewState(start, np.diag(deviations**2))
-    view = fit(shape, prior, np.arange(5)[None], places, 0.02 * span)[0]
+    prior = start[None], np.diag(deviations**2)[None]
+    view = fit(shape, prior, np.arange(5)[None], places, np.array(0.02 * span)).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     return Named(chosen, view, True, False)
@@ -309,9 +309,12 @@ def reacquire(
         same = [dict(way) for way in ways if len(way) == number][:MOST_REFITTED]
         seen = np.array([list(way) for way in same], np.intp)
         places = np.array([[(spots[i].x, spots[i].y) for i in way.values()] for way in same])
-        for way, view in zip(same, views.fit(seen, places), strict=True):
-            if view.surprise.max() <= GATE:
-                weighed.append((view.cost + NOTHING * (everything - number), way))
+        fits = views.fit(seen, places)
+        weighed += [
+            (float(cost) + NOTHING * (everything - number), way)
+            for way, cost, surprise in zip(same, fits.cost, fits.surprise, strict=True)
+            if surprise.max() <= GATE
+        ]
     if not weighed:
         return {}
     least = min(cost for cost, _ in weighed)

@@ -62,6 +62,9 @@ CONFIRMED = 3
 """Frames in which a body must be named alike where one frame does not make it certain."""
 PATIENCE = 5
 """Frames in doubt after which the whole body is named afresh, as at the start."""
+EXACT = 4.0
+"""Deviations of a marker from its rig's place (root mean square) at which a body that was known
+before is another one."""
 LONGEST_REST = 8
 """Frames between two attempts to name lights that could not be named, at most."""
 _FAR_OFF = 1e6
@@ -224,12 +227,12 @@ class IdentityTracker:
         unknown = [math.nan] * (2 * self._count)
         return self._result(frame, spots, unknown, [], {}, named.remark)
 
-    def _filter_of(self, named: Named, time: float) -> ViewFilter:
+    def _filter_of(self, named: Named, time: float, rig_error: float | None = None) -> ViewFilter:
         """Begin to follow the view of a whole body."""
         assert named.view is not None
         places = np.array([(spot.x, spot.y) for spot in named.spots])
         offsets = None if named.fits else offsets_of(self._shape, named.view, places)
-        return ViewFilter(self._shape, named.view, time, offsets)
+        return ViewFilter(self._shape, named.view, time, offsets, rig_error)
 
     def _follow(self, frame: _Frame, views: ViewFilter) -> MarkerResult:
         predicted = self._filter.predict(frame.time)
@@ -242,7 +245,7 @@ class IdentityTracker:
         found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
         consensus = views.weigh(places_of(found))
         if len(consensus.kept) == self._count:
-            views.commit(consensus.view, self._count)
+            views.commit(places_of(found))
             self._doubts = 0
             self._remember(frame.time, spots, {})
             return self._result(frame, spots, predicted, windows, {})
@@ -337,7 +340,7 @@ class IdentityTracker:
 
     def _challenge(self, frame: _Frame, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where lights have no name and markers no light for long."""
-        in_doubt = search.contradicted or (search.missing and nameless)
+        in_doubt = min(len(search.missing), nameless) >= 2
         self._doubts = self._doubts + 1 if in_doubt else 0
         if self._doubts <= PATIENCE and search.found:
             return
@@ -348,7 +351,7 @@ class IdentityTracker:
         named = initialize(
             self._shape, lights, self._rig.names, (views.view.roll, min(deviation, ANY_ROLL))
         )
-        if named.view is None or not named.fits:
+        if named.view is None or named.view.misfit > EXACT * views.deviation:
             self._attempts.fail()
             return
         self._attempts.succeed(named)
@@ -360,7 +363,8 @@ class IdentityTracker:
 
     def _replace(self, search: Search, named: Named, time: float) -> None:
         """Take a body that was named afresh for the one that was followed."""
-        self._views = self._filter_of(named, time)
+        assert self._views is not None
+        self._views = self._filter_of(named, time, self._views.rig_error)
         search.replace(self._views, named)
         for index, marker in enumerate(self._markers):
             marker.returning = RETURNING

@@ -137,7 +137,7 @@ class Search:
             Where the markers should be that were not found, px without distortion.
         """
         expected = self._expectations()
-        self.views.commit(self._view, len(self.found))
+        self.views.commit(places_of(self.found))
         return expected
 
     def _look(self) -> None:

@@ -25,6 +25,7 @@ _POSSIBLE = (
     np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 3.0, 0.3)),
 )
 """What parameters can become when nothing has been seen for long."""
+_SHARED = [ROLL, SCALE, PITCH, YAW, NEARNESS]
 _KNOWN_FOCAL = 0.02
 """Part by which the nearness may differ from what a calibrated focal length makes of the scale
 (1 sigma): calibrations and rigs are measured to a percent or two."""
@@ -204,41 +205,73 @@ def offsets_of(shape: WeakPerspective, view: ViewState, measured: Array) -> Arra
     return np.asarray(beside @ np.array([(c, -s), (s, c)]) / view.scale)
 
 
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """Views fitted to several ways of naming markers, or from several priors.
+
+    Attributes:
+        parameters: (m, 8), see `WeakPerspective.project`.
+        covariance: (m, 8, 8).
+        cost: (m,), squared residuals and squared distance from the prior, over their variances.
+        misfit: (m,), px, root mean square of the markers' distances.
+        surprise: (m, k), for each marker how far it lies from where all others put it: squared
+            distance over variance.
+    """
+
+    parameters: Array
+    covariance: Array
+    cost: Array
+    misfit: Array
+    surprise: Array
+
+    def view(self, index: int = 0) -> ViewState:
+        """One of the views."""
+        return ViewState(
+            self.parameters[index],
+            self.covariance[index],
+            float(self.misfit[index]),
+            float(self.cost[index]),
+            self.surprise[index],
+        )
+
+
 def fit(
     shape: WeakPerspective,
-    prior: ViewState,
+    prior: tuple[Array, Array],
     seen: NDArray[np.intp],
     measured: Array,
-    deviation: float,
+    deviation: Array,
     *,
     offsets: Array | None = None,
     starts: Array | None = None,
     iterations: int = 6,
-) -> list[ViewState]:
+) -> Fits:
     """Views after looking at some of the markers: Gauss-Newton from a prior, many at once.
 
     Args:
         shape: the rig.
-        prior: what is known before.
-        seen: (m, k), which markers, in m ways of naming them.
+        prior: parameters (m or 1, 8) and their covariance (m or 1, 8, 8) before.
+        seen: (m, k), which markers.
         measured: (m, k, 2), px, without distortion.
-        deviation: of a measurement from what the rig says (1 sigma, px per axis).
+        deviation: (m, k) or what broadcasts to it: of a measurement from what the rig says
+            (1 sigma, px per axis).
         offsets: (n, 2), by how much the markers lie beside the rig's (see `turned`).
         starts: (m, 8), where to begin; the prior if None.
         iterations: at most.
     """
     m, k = seen.shape
-    weight = np.linalg.inv(prior.covariance)
-    mean = prior.parameters
-    parameters = np.repeat(mean[None], m, axis=0) if starts is None else starts.copy()
+    mean = prior[0]
+    weight = inverse(prior[1])
+    parameters = np.repeat(mean, m // len(mean), axis=0) if starts is None else starts.copy()
+    precision = 1.0 / np.broadcast_to(deviation, (m, k))
     rows = np.arange(m)[:, None]
     for _ in range(iterations):
         residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
-        normal, towards = _normal_equations(shape, parameters, residual, jacobian, deviation)
+        normal, towards = _normal_equations(shape, parameters, residual, jacobian, precision)
         normal = normal + weight
-        towards = towards + (mean - parameters) @ weight
-        step = np.linalg.solve(normal, towards[..., None])[..., 0]
-        longest = np.abs(step[:, [ROLL, SCALE, PITCH, YAW, NEARNESS]]).max(axis=1)
+        towards = towards + (weight @ (mean - parameters)[..., None])[..., 0]
+        step = (inverse(normal) @ towards[..., None])[..., 0]
+        longest = np.abs(step[:, _SHARED]).max(axis=1)
         parameters = parameters + step * np.minimum(1.0, 0.5 / np.maximum(longest, 1e-9))[:, None]
         parameters = np.clip(parameters, *_POSSIBLE)
         parameters[:, NEARNESS] = np.minimum(parameters[:, NEARNESS], shape.most_nearness)
@@ -246,16 +279,21 @@ def fit(
             break
     residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
     away = parameters - mean
-    squares = (residual * residual).sum(axis=(1, 2))
-    cost = squares / deviation**2 + np.einsum('mi,ij,mj->m', away, weight, away)
+    weighted = ((residual * precision[..., None]) ** 2).sum(axis=(1, 2))
+    cost = weighted + (away[:, None] @ weight @ away[..., None])[:, 0, 0]
     cost += _focal_error(shape, parameters)[0] ** 2
-    covariance = np.linalg.inv(normal)
-    surprise = _surprise(residual, jacobian, covariance, deviation)
-    misfit = np.sqrt(squares / max(k, 1))
-    return [
-        ViewState(parameters[i], covariance[i], float(misfit[i]), float(cost[i]), surprise[i])
-        for i in range(m)
-    ]
+    covariance = inverse(normal)
+    surprise = _surprise(residual, jacobian, covariance, 1.0 / precision)
+    misfit = np.sqrt((residual * residual).sum(axis=(1, 2)) / max(k, 1))
+    return Fits(parameters, covariance, cost, misfit, surprise)
+
+
+def inverse(matrices: Array) -> Array:
+    """Inverses of positive matrices (m, n, n) whose rows are of very different sizes."""
+    size = 1.0 / np.sqrt(np.maximum(np.einsum('mii->mi', matrices), 1e-300))
+    sizes = size[:, :, None] * size[:, None, :]
+    inverses = np.linalg.inv(matrices * sizes) * sizes
+    return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)))
 
 
 def _residual(
@@ -291,13 +329,13 @@ def _focal_error(shape: WeakPerspective, parameters: Array) -> tuple[Array, Arra
 
 
 def _normal_equations(
-    shape: WeakPerspective, parameters: Array, residual: Array, jacobian: Array, deviation: float
+    shape: WeakPerspective, parameters: Array, residual: Array, jacobian: Array, precision: Array
 ) -> tuple[Array, Array]:
     m = len(parameters)
-    rows = jacobian.reshape(m, -1, COUNT) / deviation
+    rows = (jacobian * precision[..., None, None]).reshape(m, -1, COUNT)
     columns = rows.transpose(0, 2, 1)
     normal = columns @ rows
-    towards = (columns @ (residual.reshape(m, -1, 1) / deviation))[..., 0]
+    towards = (columns @ (residual * precision[..., None]).reshape(m, -1, 1))[..., 0]
     if shape.lens.focal is not None:
         error, by_nearness, by_scale = _focal_error(shape, parameters)
         row = np.zeros((m, COUNT))
@@ -307,19 +345,21 @@ def _normal_equations(
     return normal, towards
 
 
-def _surprise(residual: Array, jacobian: Array, covariance: Array, deviation: float) -> Array:
+def _surprise(residual: Array, jacobian: Array, covariance: Array, deviation: Array) -> Array:
     """(m, k), squared distances of markers from where all the others put them, over variances.
 
     What a marker's residual may be when it takes part in the fit is its noise less what it has
     told itself; over that variance it is as far off as where it takes no part.
     """
-    told = np.einsum('mkai,mij,mkbj->mkab', jacobian, covariance, jacobian)
-    variance = deviation**2 * np.eye(2) - told
+    told = jacobian @ covariance[:, None] @ jacobian.transpose(0, 1, 3, 2)
+    noise = deviation**2
     # A marker without which nothing is known about a direction tells nothing of itself there.
-    a, b, d = variance[..., 0, 0], variance[..., 0, 1], variance[..., 1, 1]
-    floor = 1e-3 * deviation**2
-    a, d = np.maximum(a, floor), np.maximum(d, floor)
-    determinant = np.maximum(a * d - b * b, floor * floor)
+    floor = 1e-3 * noise
+    a = np.maximum(noise - told[..., 0, 0], floor)
+    d = np.maximum(noise - told[..., 1, 1], floor)
+    b = -told[..., 0, 1]
+    b = np.clip(b, -0.99 * np.sqrt(a * d), 0.99 * np.sqrt(a * d))
+    determinant = a * d - b * b
     x, y = residual[..., 0], residual[..., 1]
     return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / determinant)
 

@@ -14,11 +14,14 @@ from mvuav_ros.vision.markers.view import (
     BARREL,
     COUNT,
     NEARNESS,
+    SCALE,
     Array,
+    Fits,
     ViewState,
     WeakPerspective,
     deviations_of,
     fit,
+    inverse,
     turned,
 )
 
@@ -43,18 +46,30 @@ class ViewTuning:
         doubt: two explanations whose costs differ by less than this are both possible.
     """
 
-    jitter: tuple[float, ...] = (0.08, 0.02, 25.0, 25.0, 0.03, 0.03, 0.01, 0.002)
+    jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.003, 0.002)
     unrest: tuple[float, ...] = (0.8, 0.15, 250.0, 250.0, 0.3, 0.3, 0.03, 0.0)
     rates_last: float = 1.0
-    noise: float = 0.3
+    noise: float = 0.15
     rig_error: float = 0.004
-    least_rig_error: float = 0.0015
+    least_rig_error: float = 0.0003
     gate: float = 16.0
     doubt: float = 6.0
-    learning: float = 0.03
+    learning: float = 0.1
+    unlearning: float = 0.003
+    doubted: float = 10.0
+    doubted_least: float = 2.0
+    allowance: float = 4.0
+    enough: float = 20.0
+    most_evidence: float = 40.0
+    forgetting: float = 0.9
+    doubtful_share: float = 0.1
 
 
 TUNING = ViewTuning()
+MAIN = 0
+"""Place of the filter that believes all markers, before those that each doubt one."""
+_MOST_DOUBTED = 12
+"""Markers of a rig, each of which can be doubted all the time; of a larger rig none is."""
 _PAIRS_UP_TO = 8
 
 
@@ -76,54 +91,86 @@ class Consensus:
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
+    Beside the filter that believes every marker there is one for each marker that all but ignores
+    it. What such a filter saves, frame after frame, is the evidence that its marker is another
+    light; and when that is enough, it has not been led astray by it.
+
     Attributes:
         shape: the rig.
-        view: at `time`; after `predict` the prior of that frame.
         time: s.
         offsets: (n, 2), by how much the markers lie beside the rig's (see `turned`); None where
             the rig is what it says. They are found at the start, not learnt later.
     """
 
     def __init__(
-        self, shape: WeakPerspective, view: ViewState, time: float, offsets: Array | None = None
+        self,
+        shape: WeakPerspective,
+        view: ViewState,
+        time: float,
+        offsets: Array | None = None,
+        rig_error: float | None = None,
     ) -> None:
-        """Begin with a view of all markers."""
+        """Begin with a view of all markers.
+
+        Args:
+            shape: the rig.
+            view: fitted to all of its markers.
+            time: s.
+            offsets: see above.
+            rig_error: learnt of this very rig before, in units of its size.
+        """
         self.shape = shape
-        self.view = view
         self.time = time
         self.offsets = offsets
-        self._rates: Array = np.zeros(COUNT)
+        count = len(shape.points)
+        doubted = count if count <= _MOST_DOUBTED else 0
+        m = 1 + doubted
+        self._fitted: tuple[tuple[tuple[int, Point], ...], Fits] | None = None
+        self._evidence: Array = np.zeros(doubted)
+        self._parameters: Array = np.repeat(view.parameters[None], m, axis=0)
+        self._covariance: Array = np.repeat(view.covariance[None], m, axis=0)
         unrest = np.array(TUNING.unrest)
-        self._rate_covariance: Array = np.diag(unrest**2 * TUNING.rates_last / 2 + 1e-12)
-        self._cross: Array = np.zeros((COUNT, COUNT))
+        rates = np.diag(unrest**2 * TUNING.rates_last / 2 + 1e-12)
+        self._rates: Array = np.zeros((m, COUNT))
+        self._rate_covariance: Array = np.repeat(rates[None], m, axis=0)
+        self._cross: Array = np.zeros((m, COUNT, COUNT))
         """Covariance of the rates with the parameters."""
         relative = view.misfit / view.scale
         self._most_rig_error = max(TUNING.rig_error, 1.5 * relative if offsets is None else 0.01)
-        self._rig_error = self._most_rig_error
+        self.rig_error = rig_error or self._most_rig_error
+
+    @property
+    def view(self) -> ViewState:
+        """At `time`; after `predict` the prior of that frame."""
+        return ViewState(self._parameters[MAIN], self._covariance[MAIN])
 
     @property
     def deviation(self) -> float:
         """Of a measured marker from where the view has it (1 sigma, px)."""
-        return math.hypot(TUNING.noise, self._rig_error * self.view.scale)
+        return math.hypot(
+            TUNING.noise, self.rig_error * math.exp(float(self._parameters[MAIN, SCALE]))
+        )
 
     def deviation_of(self, parameter: int) -> float:
         """How uncertain a parameter is (1 sigma)."""
-        return math.sqrt(self.view.covariance[parameter, parameter])
+        return math.sqrt(self._covariance[MAIN, parameter, parameter])
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
         elapsed = time - self.time
         self.time = time
+        self._fitted = None
         jitter, unrest = np.array(TUNING.jitter), np.array(TUNING.unrest)
         if self.shape.lens.focal is not None:
             jitter[BARREL] = 0.0
         fade = math.exp(-elapsed / TUNING.rates_last)
         reach = TUNING.rates_last * (1.0 - fade)
-        parameters = self.view.parameters + reach * self._rates
-        parameters[NEARNESS] = min(max(parameters[NEARNESS], 0.0), self.shape.most_nearness)
-        covariance = (
-            self.view.covariance
-            + reach * (self._cross + self._cross.T)
+        self._parameters = self._parameters + reach * self._rates
+        nearness = self._parameters[:, NEARNESS]
+        self._parameters[:, NEARNESS] = np.clip(nearness, 0.0, self.shape.most_nearness)
+        self._covariance = (
+            self._covariance
+            + reach * (self._cross + self._cross.transpose(0, 2, 1))
             + reach * reach * self._rate_covariance
             + np.diag(jitter**2 * elapsed + unrest**2 * elapsed**3 / 3)
         )
@@ -133,7 +180,6 @@ class ViewFilter:
         self._rate_covariance = fade * fade * self._rate_covariance
         self._rate_covariance += np.diag(unrest**2 * stationary)
         self._rates = fade * self._rates
-        self.view = ViewState(parameters, covariance)
 
     def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
         """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
@@ -152,31 +198,119 @@ class ViewFilter:
         """The view by the named lights (px without distortion), from this frame's prior."""
         if not found:
             return self.view
-        seen = np.array([list(found)], np.intp)
-        return self.fit(seen, np.array([list(found.values())]))[0]
+        return self.fit(np.array([list(found)]), np.array([list(found.values())])).view()
 
-    def fit(self, seen: NDArray[np.intp], measured: Array) -> list[ViewState]:
+    def fit(self, seen: NDArray[np.intp], measured: Array) -> Fits:
         """Views by several ways of naming markers, (m, k), from this frame's prior."""
-        deviation = self.deviation
-        return fit(self.shape, self.view, seen, measured, deviation, offsets=self.offsets)
+        prior = self._parameters[:1], self._covariance[:1]
+        deviation = np.array(self.deviation)
+        return fit(self.shape, prior, seen, measured, deviation, offsets=self.offsets)
+
+    def _fit_all(self, found: Mapping[int, Point]) -> Fits:
+        """What each filter makes of the named lights."""
+        key = tuple(found.items())
+        if self._fitted is not None and self._fitted[0] == key:
+            return self._fitted[1]
+        m = len(self._parameters)
+        markers = np.array(list(found), np.intp)
+        measured = np.broadcast_to(np.array(list(found.values())), (m, len(found), 2))
+        deviation = np.full((m, len(found)), self.deviation)
+        doubting = np.arange(1, m)[:, None] == 1 + markers
+        deviation[1:][doubting] = max(TUNING.doubted * self.deviation, TUNING.doubted_least)
+        fits = fit(
+            self.shape,
+            (self._parameters, self._covariance),
+            np.broadcast_to(markers, (m, len(found))),
+            measured,
+            deviation,
+            offsets=self.offsets,
+        )
+        self._fitted = key, fits
+        return fits
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
-        """Which of the named lights agree.
+        """Which of the named lights agree, by this frame and by those before it.
 
         The fewest are dropped without which the others fit; where it is not clear which those
         are, all that they may be.
         """
+        if not found:
+            return Consensus(self.view, ())
+        fits = self._fit_all(found)
+        view = fits.view()
+        evidence = self._weighed(found, fits)
         markers = tuple(found)
-        view = self.look(found)
-        if not markers or view.surprise.max() <= TUNING.gate:
+        if view.surprise.max() <= TUNING.gate and evidence.max(initial=0.0) < TUNING.enough:
             return Consensus(view, markers)
-        for dropped in (1, 2, 3):
-            if len(markers) - dropped < 2 or (dropped > 1 and len(markers) > _PAIRS_UP_TO):
+        if len(markers) > 2 and evidence.max(initial=0.0) > TUNING.doubt:
+            consensus = self._without_suspects(found, evidence)
+            if consensus is not None:
+                return consensus
+        if view.surprise.max() <= TUNING.gate:
+            return Consensus(view, markers)
+        for dropped in (2, 3):
+            if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
             consensus = self._without(found, dropped)
             if consensus is not None:
                 return consensus
         return self._greedy(found)
+
+    def _weighed(self, found: Mapping[int, Point], fits: Fits) -> Array:
+        """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
+        evidence = TUNING.forgetting * self._evidence
+        doubted = [marker for marker in found if marker < len(evidence)]
+        saved = fits.cost[MAIN] - fits.cost[1:] - TUNING.allowance
+        evidence[doubted] = np.maximum(self._evidence[doubted] + saved[doubted], 0.0)
+        return evidence
+
+    def _without_suspects(self, found: Mapping[int, Point], evidence: Array) -> Consensus | None:
+        """What the others agree on, by the filter that has doubted the worst marker all along."""
+        worst = int(evidence.argmax())
+        if worst not in found:
+            return None
+        margin = max(TUNING.doubt, TUNING.doubtful_share * float(evidence[worst]))
+        suspects = [
+            m for m in found if m < len(evidence) and evidence[m] > evidence[worst] - margin
+        ]
+        kept = {marker: place for marker, place in found.items() if marker not in suspects}
+        if len(kept) < 2:
+            return None
+        before = self._state()
+        self._believe(1 + worst)
+        view = self.look(kept)
+        if view.surprise.max() > TUNING.gate:
+            self._restore(before)
+            return None
+        return Consensus(view, tuple(kept), tuple(suspects))
+
+    def _state(self) -> tuple[Array, ...]:
+        return (
+            self._parameters,
+            self._covariance,
+            self._rates,
+            self._rate_covariance,
+            self._cross,
+            self._evidence,
+        )
+
+    def _restore(self, state: tuple[Array, ...]) -> None:
+        self._fitted = None
+        (
+            self._parameters,
+            self._covariance,
+            self._rates,
+            self._rate_covariance,
+            self._cross,
+            self._evidence,
+        ) = state
+
+    def _believe(self, index: int) -> None:
+        """Go on with what one of the filters has found, and no evidence against any marker."""
+        *filters, evidence = self._state()
+        self._restore(
+            (*(np.repeat(x[index : index + 1], len(x), 0) for x in filters), 0 * evidence)
+        )
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
@@ -184,11 +318,11 @@ class ViewFilter:
         rests = list(combinations(range(len(markers)), len(markers) - number))
         seen = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
         places = np.array(list(found.values()))
-        views = self.fit(seen, places[np.array(rests)])
+        fits = self.fit(seen, places[np.array(rests)])
         fitting = [
-            (view.cost, rest)
-            for view, rest in zip(views, rests, strict=True)
-            if view.surprise.max() <= TUNING.gate
+            (cost, rest)
+            for cost, rest, surprise in zip(fits.cost, rests, fits.surprise, strict=True)
+            if surprise.max() <= TUNING.gate
         ]
         if not fitting:
             return None
@@ -213,27 +347,25 @@ class ViewFilter:
         view = self.look({marker: found[marker] for marker in kept})
         return Consensus(view, tuple(kept), tuple(m for m in found if m not in kept))
 
-    def commit(self, view: ViewState, seen: int) -> None:
-        """Keep a frame's view; the rates follow from how it differs from the prior.
-
-        Args:
-            view: of this frame.
-            seen: how many markers it was fitted to.
-        """
-        if seen:
-            prior = self.view
-            gain = np.linalg.solve(prior.covariance, self._cross.T).T
-            self._rates = self._rates + gain @ (view.parameters - prior.parameters)
-            less = prior.covariance - view.covariance
-            self._rate_covariance = self._rate_covariance - gain @ less @ gain.T
-            self._cross = gain @ view.covariance
-        self.view = view
-        if seen == len(self.shape.points) and seen > 3:
-            self._learn_rig_error(view, seen)
+    def commit(self, found: Mapping[int, Point]) -> None:
+        """Take a frame's named lights, which agree."""
+        if not found:
+            return
+        fits = self._fit_all(found)
+        self._evidence = np.minimum(self._weighed(found, fits), TUNING.most_evidence)
+        gain = self._cross @ inverse(self._covariance)
+        step = (fits.parameters - self._parameters)[..., None]
+        self._rates = self._rates + (gain @ step)[..., 0]
+        less = self._covariance - fits.covariance
+        self._rate_covariance = self._rate_covariance - gain @ less @ gain.transpose(0, 2, 1)
+        self._cross = gain @ fits.covariance
+        self._parameters, self._covariance = fits.parameters, fits.covariance
+        if len(found) == len(self.shape.points) > 3:
+            self._learn_rig_error(fits.view(), len(found))
 
     def _learn_rig_error(self, view: ViewState, seen: int) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
-        freedom = max(2 * seen - 6, 1)
-        shown = view.misfit * math.sqrt(2 * seen / freedom) / math.sqrt(2) / view.scale
+        shown = view.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / view.scale
         shown = min(max(2.0 * shown, TUNING.least_rig_error), self._most_rig_error)
-        self._rig_error += TUNING.learning * (shown - self._rig_error)
+        rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
+        self.rig_error += rate * (shown - self.rig_error)
