@@ -45,6 +45,7 @@ MOST_WAYS = 1000
 MOST_REFITTED = 24
 MOST_MEASURED = 48
 MOST_PAIRS = 300
+MOST_COST = 24.0
 STRANGE = 3
 """Frames without a name after which a light is a stranger."""
 STRANGER_STEP = 8.0
@@ -116,24 +117,23 @@ class Clutter:
             for x, y, age in self._seen
         )
 
-    def update(self, spots: Sequence[Detection]) -> None:
-        """Take the lights of a frame that got no name."""
-        self._seen = [
-            (
-                spot.x,
-                spot.y,
-                1
-                + max(
-                    (
-                        age
-                        for x, y, age in self._seen
-                        if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-                    ),
-                    default=0,
-                ),
-            )
-            for spot in spots
-        ]
+    def update(self, spots: Sequence[Detection], *, known: bool) -> None:
+        """Take the lights of a frame that got no name.
+
+        Args:
+            spots: those lights.
+            known: whether the body is in sight; else only what was clutter before is followed.
+        """
+        seen = []
+        for spot in spots:
+            ages = [
+                age
+                for x, y, age in self._seen
+                if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
+            ]
+            if known or ages:
+                seen.append((spot.x, spot.y, max(ages, default=0) + known))
+        self._seen = seen
 
 
 class Named(NamedTuple):
@@ -313,7 +313,7 @@ def reacquire(
         weighed += [
             (float(cost) + NOTHING * (everything - number), way)
             for way, cost, surprise in zip(same, fits.cost, fits.surprise, strict=True)
-            if surprise.max() <= GATE
+            if surprise.max() <= GATE and cost <= MOST_COST
         ]
     if not weighed:
         return {}

@@ -263,6 +263,7 @@ class IdentityTracker:
             windows[index] = _window(x, y, radius, self._size)
         spots = [in_image.get(search.found.get(index)) for index in range(self._count)]
         self._remember(frame.time, spots, expected)
+        spots = [None if index in search.suspects else spot for index, spot in enumerate(spots)]
         return self._result(frame, spots, predicted, windows, expected, status)
 
     @property
@@ -442,7 +443,7 @@ class IdentityTracker:
             if spot is not None:
                 x, y, area, _ = spot
                 markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area))
-            elif unseen <= frame.parameters.lost_timeout:
+            elif unseen <= frame.parameters.lost_timeout and index in expected:
                 x, y, _ = expected[index]
                 markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
             else:

@@ -50,7 +50,7 @@ class Search:
     Attributes:
         found: the markers named, by their place in the rig, px without distortion.
         views: at this frame's time.
-        contradicted: whether the others contradict a marker.
+        suspects: those of them of which one or some must be another light.
     """
 
     def __init__(
@@ -70,9 +70,9 @@ class Search:
             consensus: which of the markers known already agree.
             found: those markers.
         """
-        self.found = {index: found[index] for index in consensus.kept}
+        self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self.views = views
-        self.contradicted = bool(consensus.dropped)
+        self.suspects = set(consensus.suspects)
         self._looks = looks
         self._motion = motion
         self._distrusted = set(consensus.dropped)
@@ -99,8 +99,9 @@ class Search:
             for spot in lights.spots
             if not any(are_close(spot, known, known.radius) for known in self.found.values())
         ]
-        self._name_clear(free, clutter)
-        self._name_joined(free, lights)
+        if not self.suspects:
+            self._name_clear(free, clutter)
+            self._name_joined(free, lights)
         if not self.found:
             new = [spot for spot in free if not clutter.include(spot)][:MOST_RETURNED]
             self.found.update(reacquire(self.views, new, self._is_likely, fewest))
@@ -112,8 +113,7 @@ class Search:
         self._check()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
-        if len(self.found) >= min(3, len(self._looks)):
-            clutter.update(nameless)
+        clutter.update(nameless, known=len(self.found) >= min(3, len(self._looks)))
         return len(nameless)
 
     def _check(self) -> None:
@@ -121,14 +121,17 @@ class Search:
         consensus = self.views.weigh(places_of(self.found))
         for marker in consensus.dropped:
             self._distrusted.add(marker)
-            self.contradicted = True
             del self.found[marker]
+        self.suspects = set(consensus.suspects)
         self._view = consensus.view
+        if self.suspects and not consensus.kept:
+            self.views.upset()
 
     def replace(self, views: ViewFilter, named: Named) -> None:
         """Take the names of a body that was named afresh."""
         self.views, self._view = views, views.view
         self.found = dict(enumerate(named.spots))
+        self.suspects = set()
 
     def finish(self) -> dict[int, Expectation]:
         """Keep the view of this frame.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -60,7 +60,8 @@ class ViewTuning:
     doubted_least: float = 2.0
     allowance: float = 4.0
     enough: float = 20.0
-    most_evidence: float = 40.0
+    most_evidence: float = 100.0
+    upset: float = 4.0
     forgetting: float = 0.9
     doubtful_share: float = 0.1
 
@@ -80,12 +81,14 @@ class Consensus:
     Attributes:
         view: by the markers that agree.
         kept: those markers.
-        dropped: the ones that contradict them, or may.
+        dropped: the ones that contradict them.
+        suspects: one of which, or some, must be another light; which ones, later frames tell.
     """
 
     view: ViewState
     kept: tuple[int, ...]
     dropped: tuple[int, ...] = ()
+    suspects: tuple[int, ...] = ()
 
 
 class ViewFilter:
@@ -231,8 +234,8 @@ class ViewFilter:
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
 
-        The fewest are dropped without which the others fit; where it is not clear which those
-        are, all that they may be.
+        The fewest are dropped without which the others fit; while it is not clear which those
+        are, all that they may be are suspects.
         """
         if not found:
             return Consensus(self.view, ())
@@ -240,13 +243,16 @@ class ViewFilter:
         view = fits.view()
         evidence = self._weighed(found, fits)
         markers = tuple(found)
-        if view.surprise.max() <= TUNING.gate and evidence.max(initial=0.0) < TUNING.enough:
+        strange = view.surprise.max() > TUNING.gate
+        if not strange and evidence.max(initial=0.0) < TUNING.enough:
             return Consensus(view, markers)
+        if len(markers) < 2:
+            return Consensus(self.view, (), markers)
         if len(markers) > 2 and evidence.max(initial=0.0) > TUNING.doubt:
-            consensus = self._without_suspects(found, evidence)
+            consensus = self._without_suspects(found, evidence, fits)
             if consensus is not None:
                 return consensus
-        if view.surprise.max() <= TUNING.gate:
+        if not strange:
             return Consensus(view, markers)
         for dropped in (2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
@@ -264,25 +270,26 @@ class ViewFilter:
         evidence[doubted] = np.maximum(self._evidence[doubted] + saved[doubted], 0.0)
         return evidence
 
-    def _without_suspects(self, found: Mapping[int, Point], evidence: Array) -> Consensus | None:
+    def _without_suspects(
+        self, found: Mapping[int, Point], evidence: Array, fits: Fits
+    ) -> Consensus | None:
         """What the others agree on, by the filter that has doubted the worst marker all along."""
         worst = int(evidence.argmax())
         if worst not in found:
             return None
         margin = max(TUNING.doubt, TUNING.doubtful_share * float(evidence[worst]))
-        suspects = [
+        suspects = tuple(
             m for m in found if m < len(evidence) and evidence[m] > evidence[worst] - margin
-        ]
-        kept = {marker: place for marker, place in found.items() if marker not in suspects}
-        if len(kept) < 2:
+        )
+        others = [index for index, m in enumerate(found) if m != worst]
+        if fits.surprise[1 + worst][others].max() > TUNING.gate:
             return None
-        before = self._state()
+        if len(suspects) > 1:
+            kept = tuple(m for m in found if m not in suspects)
+            return Consensus(fits.view(1 + worst), kept, (), suspects)
+        kept = tuple(m for m in found if m != worst)
         self._believe(1 + worst)
-        view = self.look(kept)
-        if view.surprise.max() > TUNING.gate:
-            self._restore(before)
-            return None
-        return Consensus(view, tuple(kept), tuple(suspects))
+        return Consensus(self.look({m: found[m] for m in kept}), kept, (worst,))
 
     def _state(self) -> tuple[Array, ...]:
         return (
@@ -326,12 +333,17 @@ class ViewFilter:
         ]
         if not fitting:
             return None
-        least = min(cost for cost, _ in fitting)
-        kept = set(range(len(markers)))
+        least, best = min(fitting)
+        kept = set(best)
         for cost, rest in fitting:
             if cost < least + TUNING.doubt:
                 kept &= set(rest)
-        return self._consensus(found, [markers[i] for i in sorted(kept)])
+        names = tuple(markers[i] for i in sorted(kept))
+        view = self.look({marker: found[marker] for marker in names})
+        others = tuple(m for m in found if m not in names)
+        if len(others) > number:
+            return Consensus(view, names, (), others)
+        return Consensus(view, names, others)
 
     def _greedy(self, found: Mapping[int, Point]) -> Consensus:
         rest = dict(found)
@@ -340,19 +352,24 @@ class ViewFilter:
             del rest[list(rest)[int(view.surprise.argmax())]]
             view = self.look(rest)
         if view.surprise.max() > TUNING.gate or 2 * len(rest) <= len(found):
-            rest = {}
-        return self._consensus(found, list(rest))
+            return Consensus(self.view, (), (), tuple(found))
+        return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def _consensus(self, found: Mapping[int, Point], kept: Sequence[int]) -> Consensus:
-        view = self.look({marker: found[marker] for marker in kept})
-        return Consensus(view, tuple(kept), tuple(m for m in found if m not in kept))
+    def upset(self) -> None:
+        """Be less certain: what was seen contradicts the view as a whole."""
+        self._fitted = None
+        self._covariance = TUNING.upset * self._covariance
+        self._rate_covariance = TUNING.upset * self._rate_covariance
+        self._cross = TUNING.upset * self._cross
 
     def commit(self, found: Mapping[int, Point]) -> None:
         """Take a frame's named lights, which agree."""
         if not found:
             return
         fits = self._fit_all(found)
-        self._evidence = np.minimum(self._weighed(found, fits), TUNING.most_evidence)
+        self._evidence = self._weighed(found, fits)
+        self._evidence -= max(self._evidence.max(initial=0.0) - TUNING.most_evidence, 0.0)
+        np.maximum(self._evidence, 0.0, out=self._evidence)
         gain = self._cross @ inverse(self._covariance)
         step = (fits.parameters - self._parameters)[..., None]
         self._rates = self._rates + (gain @ step)[..., 0]
