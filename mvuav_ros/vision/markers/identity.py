@@ -58,6 +58,8 @@ WIDEST = 200.0
 """px, by which a search window grows at most."""
 YOUNG = 1.0
 """s without any marker up to which two are enough to find the body again."""
+PROBATION = 30
+"""Frames after a marker was out of sight or not alone in which its light may be another one."""
 CONFIRMED = 3
 """Frames in which a body must be named alike where one frame does not make it certain."""
 PATIENCE = 5
@@ -141,6 +143,7 @@ class _Known:
     last_seen: float = -math.inf
     unseen: int = 0
     returning: int = RETURNING
+    contested: int = 0
 
 
 class IdentityTracker:
@@ -243,6 +246,7 @@ class IdentityTracker:
             if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
                 del seen[a], seen[b]
         found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
+        views.contested = {i for i, marker in enumerate(self._markers) if marker.contested}
         consensus = views.weigh(places_of(found))
         if len(consensus.kept) == self._count:
             views.commit(places_of(found))
@@ -252,6 +256,10 @@ class IdentityTracker:
         for marker in consensus.dropped:
             self._filter.forget(marker)
         in_image = dict(zip(found.values(), seen.values(), strict=True))
+        for index, marker in enumerate(self._markers):
+            if not (index in seen or (marker.returning and not marker.unseen)):
+                marker.contested = PROBATION
+                views.contested.add(index)
         search = Search(views, self._looks, self._motion(predicted), consensus, found)
         status = self._search(frame, search, in_image)
         if not search.found and frame.time - self._newest > GIVEN_UP:
@@ -369,6 +377,7 @@ class IdentityTracker:
         search.replace(self._views, named)
         for index, marker in enumerate(self._markers):
             marker.returning = RETURNING
+            marker.contested = 0
             self._filter.forget(index)
         self._attempts = _Attempts()
         self._doubts = 0
@@ -415,6 +424,7 @@ class IdentityTracker:
             positions += (spot.x, spot.y)
             marker.look.learn(spot)
             marker.last_seen = time
+            marker.contested = max(marker.contested - 1, 0)
             marker.returning = max(marker.returning - 1, 0)
             if marker.unseen:
                 marker.unseen = 0

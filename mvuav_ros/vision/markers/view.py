@@ -242,6 +242,7 @@ def fit(
     measured: Array,
     deviation: Array,
     *,
+    noise: float | None = None,
     offsets: Array | None = None,
     starts: Array | None = None,
     iterations: int = 6,
@@ -255,6 +256,8 @@ def fit(
         measured: (m, k, 2), px, without distortion.
         deviation: (m, k) or what broadcasts to it: of a measurement from what the rig says
             (1 sigma, px per axis).
+        noise: what a measurement's surprise is held against, where some are given larger
+            deviations than they have; the deviation if None.
         offsets: (n, 2), by how much the markers lie beside the rig's (see `turned`).
         starts: (m, 8), where to begin; the prior if None.
         iterations: at most.
@@ -283,7 +286,7 @@ def fit(
     cost = weighted + (away[:, None] @ weight @ away[..., None])[:, 0, 0]
     cost += _focal_error(shape, parameters)[0] ** 2
     covariance = inverse(normal)
-    surprise = _surprise(residual, jacobian, covariance, 1.0 / precision)
+    surprise = _surprise(residual, jacobian, covariance, 1.0 / precision, noise)
     misfit = np.sqrt((residual * residual).sum(axis=(1, 2)) / max(k, 1))
     return Fits(parameters, covariance, cost, misfit, surprise)
 
@@ -345,23 +348,30 @@ def _normal_equations(
     return normal, towards
 
 
-def _surprise(residual: Array, jacobian: Array, covariance: Array, deviation: Array) -> Array:
+def _surprise(
+    residual: Array, jacobian: Array, covariance: Array, deviation: Array, noise: float | None
+) -> Array:
     """(m, k), squared distances of markers from where all the others put them, over variances.
 
-    What a marker's residual may be when it takes part in the fit is its noise less what it has
-    told itself; over that variance it is as far off as where it takes no part.
+    A marker's place by the others follows from that by all: its residual r and the place's
+    covariance h become (I - h / d²)⁻¹ r and (I - h / d²)⁻¹ h, with d the deviation at which it
+    took part.
     """
     told = jacobian @ covariance[:, None] @ jacobian.transpose(0, 1, 3, 2)
-    noise = deviation**2
+    share = told / (deviation**2)[..., None, None]
     # A marker without which nothing is known about a direction tells nothing of itself there.
-    floor = 1e-3 * noise
-    a = np.maximum(noise - told[..., 0, 0], floor)
-    d = np.maximum(noise - told[..., 1, 1], floor)
-    b = -told[..., 0, 1]
-    b = np.clip(b, -0.99 * np.sqrt(a * d), 0.99 * np.sqrt(a * d))
-    determinant = a * d - b * b
-    x, y = residual[..., 0], residual[..., 1]
-    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / determinant)
+    a = np.maximum(1.0 - share[..., 0, 0], 1e-3)
+    d = np.maximum(1.0 - share[..., 1, 1], 1e-3)
+    b = np.clip(-share[..., 0, 1], -0.99 * np.sqrt(a * d), 0.99 * np.sqrt(a * d))
+    inverted = np.stack((d, -b, -b, a), axis=-1).reshape(*a.shape, 2, 2)
+    inverted /= (a * d - b * b)[..., None, None]
+    apart = (inverted @ residual[..., None])[..., 0]
+    variance = inverted @ told
+    own = deviation**2 if noise is None else np.full_like(deviation, noise * noise)
+    a, d = variance[..., 0, 0] + own, variance[..., 1, 1] + own
+    b = 0.5 * (variance[..., 0, 1] + variance[..., 1, 0])
+    x, y = apart[..., 0], apart[..., 1]
+    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b))
 
 
 def deviations_of(jacobian: Array, covariance: Array) -> Array:

@@ -58,12 +58,14 @@ class ViewTuning:
     unlearning: float = 0.003
     doubted: float = 10.0
     doubted_least: float = 2.0
-    allowance: float = 4.0
+    allowance: float = 6.0
     enough: float = 20.0
     most_evidence: float = 100.0
     upset: float = 4.0
     forgetting: float = 0.9
     doubtful_share: float = 0.1
+    fewest_firm: int = 3
+    contested: float = 50.0
 
 
 TUNING = ViewTuning()
@@ -103,6 +105,8 @@ class ViewFilter:
         time: s.
         offsets: (n, 2), by how much the markers lie beside the rig's (see `turned`); None where
             the rig is what it says. They are found at the start, not learnt later.
+        contested: markers that were out of sight or not alone shortly before, whose lights may
+            be others; where enough others are not, they hardly take part.
     """
 
     def __init__(
@@ -125,6 +129,7 @@ class ViewFilter:
         self.shape = shape
         self.time = time
         self.offsets = offsets
+        self.contested: set[int] = set()
         count = len(shape.points)
         doubted = count if count <= _MOST_DOUBTED else 0
         m = 1 + doubted
@@ -146,6 +151,11 @@ class ViewFilter:
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
         return ViewState(self._parameters[MAIN], self._covariance[MAIN])
+
+    @property
+    def _doubted(self) -> float:
+        """Deviation at which a marker that is doubted takes part, px."""
+        return max(TUNING.doubted * self.deviation, TUNING.doubted_least)
 
     @property
     def deviation(self) -> float:
@@ -217,15 +227,18 @@ class ViewFilter:
         m = len(self._parameters)
         markers = np.array(list(found), np.intp)
         measured = np.broadcast_to(np.array(list(found.values())), (m, len(found), 2))
-        deviation = np.full((m, len(found)), self.deviation)
-        doubting = np.arange(1, m)[:, None] == 1 + markers
-        deviation[1:][doubting] = max(TUNING.doubted * self.deviation, TUNING.doubted_least)
+        doubting = np.arange(m)[:, None] == 1 + markers
+        contested = [marker in self.contested for marker in found]
+        if len(found) - sum(contested) >= TUNING.fewest_firm:
+            doubting |= np.array(contested)
+        deviation = np.where(doubting, self._doubted, self.deviation)
         fits = fit(
             self.shape,
             (self._parameters, self._covariance),
             np.broadcast_to(markers, (m, len(found))),
             measured,
             deviation,
+            noise=self.deviation,
             offsets=self.offsets,
         )
         self._fitted = key, fits
@@ -266,21 +279,24 @@ class ViewFilter:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
         evidence = TUNING.forgetting * self._evidence
         doubted = [marker for marker in found if marker < len(evidence)]
-        saved = fits.cost[MAIN] - fits.cost[1:] - TUNING.allowance
-        evidence[doubted] = np.maximum(self._evidence[doubted] + saved[doubted], 0.0)
+        for index, marker in enumerate(found):
+            if marker in doubted:
+                strange = fits.surprise[1 + marker, index] - TUNING.allowance
+                evidence[marker] = max(self._evidence[marker] + strange, 0.0)
         return evidence
 
     def _without_suspects(
         self, found: Mapping[int, Point], evidence: Array, fits: Fits
     ) -> Consensus | None:
         """What the others agree on, by the filter that has doubted the worst marker all along."""
-        worst = int(evidence.argmax())
-        if worst not in found:
+        score = {m: float(evidence[m]) for m in found if evidence[m] > TUNING.doubt}
+        for marker in self.contested & set(score):
+            score[marker] += TUNING.contested
+        if not score:
             return None
-        margin = max(TUNING.doubt, TUNING.doubtful_share * float(evidence[worst]))
-        suspects = tuple(
-            m for m in found if m < len(evidence) and evidence[m] > evidence[worst] - margin
-        )
+        worst = max(score, key=lambda marker: score[marker])
+        margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
+        suspects = tuple(m for m in score if score[m] > score[worst] - margin)
         others = [index for index, m in enumerate(found) if m != worst]
         if fits.surprise[1 + worst][others].max() > TUNING.gate:
             return None
