@@ -104,6 +104,14 @@ def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
     return [spot._replace(x=x, y=y) for spot, (x, y) in zip(spots, ideal, strict=True)]
 
 
+class Expectation(NamedTuple):
+    """Where a marker should be, px, and how sure that is (1 sigma, px)."""
+
+    x: float
+    y: float
+    deviation: float
+
+
 class Clutter:
     """Lights that have stayed without a name for some frames: glares, not returning markers."""
 
@@ -117,12 +125,16 @@ class Clutter:
             for x, y, age in self._seen
         )
 
-    def update(self, spots: Sequence[Detection], *, known: bool) -> None:
+    def update(
+        self, spots: Sequence[Detection], expected: Mapping[int, Expectation] | None
+    ) -> None:
         """Take the lights of a frame that got no name.
 
         Args:
             spots: those lights.
-            known: whether the body is in sight; else only what was clutter before is followed.
+            expected: where the markers without a light should be; what lies far from all of them
+                is none. None where the body is out of sight: then only what was clutter before
+                is followed.
         """
         seen = []
         for spot in spots:
@@ -131,9 +143,17 @@ class Clutter:
                 for x, y, age in self._seen
                 if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
             ]
-            if known or ages:
-                seen.append((spot.x, spot.y, max(ages, default=0) + known))
+            if expected is not None:
+                near = any(_may_be_at(spot, place) for place in expected.values())
+                ages.append(max(ages, default=0) + (1 if near else STRANGE))
+            if ages:
+                seen.append((spot.x, spot.y, max(ages)))
         self._seen = seen
+
+
+def _may_be_at(spot: Detection, place: Expectation) -> bool:
+    reach = STRANGER_STEP + 4.0 * place.deviation
+    return math.hypot(spot.x - place.x, spot.y - place.y) < reach
 
 
 class Named(NamedTuple):
@@ -224,14 +244,6 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
 
 Fits = Callable[[int, Detection], bool]
 """Whether a marker may look like this spot."""
-
-
-class Expectation(NamedTuple):
-    """Where a marker should be, px, and how sure that is (1 sigma, px)."""
-
-    x: float
-    y: float
-    deviation: float
 
 
 def assign(

@@ -28,6 +28,8 @@ FORGOTTEN = 10
 """Frames unseen after which a light's own motion tells nothing any more."""
 KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
+CERTAIN = 15.0
+"""px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
 MOST_RETURNED = 10
 """Lights among which a body that was out of sight is looked for."""
 
@@ -77,6 +79,7 @@ class Search:
         self._motion = motion
         self._distrusted = set(consensus.dropped)
         self._view = consensus.view
+        self._was_certain = float(views.places()[1].max()) < CERTAIN
 
     @property
     def missing(self) -> list[int]:
@@ -113,7 +116,8 @@ class Search:
         self._check()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
-        clutter.update(nameless, known=len(self.found) >= min(3, len(self._looks)))
+        known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
+        clutter.update(nameless, self._expectations() if known else None)
         return len(nameless)
 
     def _check(self) -> None:
