@@ -315,18 +315,15 @@ def reacquire(
         fewest: markers that must be found.
     """
     ways = _similar_ways(views, spots, fits, fewest)
-    weighed: list[tuple[float, dict[int, int]]] = []
+    ways = list(
+        {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
+    )
     everything = len(views.shape.points)
-    for number in sorted({len(way) for way in ways}):
-        same = [dict(way) for way in ways if len(way) == number][:MOST_REFITTED]
-        seen = np.array([list(way) for way in same], np.intp)
-        places = np.array([[(spots[i].x, spots[i].y) for i in way.values()] for way in same])
-        fits = views.fit(seen, places)
-        weighed += [
-            (float(cost) + NOTHING * (everything - number), way)
-            for way, cost, surprise in zip(same, fits.cost, fits.surprise, strict=True)
-            if surprise.max() <= GATE and cost <= MOST_COST
-        ]
+    weighed = [
+        (view.cost + NOTHING * (everything - len(way)), dict(way))
+        for way, view in _refitted(views, ways, spots)
+        if view.cost <= MOST_COST
+    ]
     if not weighed:
         return {}
     least = min(cost for cost, _ in weighed)
@@ -336,9 +333,46 @@ def reacquire(
     return {m: spots[i] for m, i in agreed.items()} if len(agreed) >= fewest else {}
 
 
+Way = tuple[tuple[int, int], ...]
+"""Markers and the lights that they may be."""
+
+
+def _refitted(
+    views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
+) -> list[tuple[Way, ViewState]]:
+    """Ways of naming lights, each with the view that follows."""
+    fitted: list[tuple[Way, ViewState]] = []
+    for number in sorted({len(way) for way in ways}):
+        same = [way for way in ways if len(way) == number][:MOST_REFITTED]
+        seen = np.array([[marker for marker, _ in way] for way in same], np.intp)
+        places = np.array([[(spots[i].x, spots[i].y) for _, i in way] for way in same])
+        fits = views.fit(seen, places)
+        fitted += [(way, fits.view(index)) for index, way in enumerate(same)]
+    return fitted
+
+
+def _completed(
+    views: ViewFilter, way: Way, view: ViewState, spots: Sequence[Detection], fits: Fits
+) -> Way:
+    """A way with the lights that lie where its view has the other markers."""
+    places, deviations = views.places(view)
+    named = dict(way)
+    for marker in range(len(places)):
+        if marker in named:
+            continue
+        apart = [
+            (math.hypot(spot.x - places[marker, 0], spot.y - places[marker, 1]), number)
+            for number, spot in enumerate(spots)
+            if number not in named.values() and fits(marker, spot)
+        ]
+        if apart and min(apart)[0] < 4.0 * math.hypot(deviations[marker], views.deviation):
+            named[marker] = min(apart)[1]
+    return tuple(sorted(named.items()))
+
+
 def _similar_ways(
     views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
-) -> list[tuple[tuple[int, int], ...]]:
+) -> list[Way]:
     """Ways of naming spots in which the body has only been turned, grown and moved."""
     prior = views.view
     places = views.places()[0]
@@ -358,7 +392,7 @@ def _similar_ways(
     possible &= np.abs(np.angle(turn)) < min(allowed[ROLL], math.pi) + 0.1
     possible &= np.abs(moved) < math.hypot(allowed[X], allowed[Y]) + reach
     pair, seen_pair = np.nonzero(possible)
-    tried: dict[tuple[tuple[int, int], ...], float] = {}
+    tried: dict[Way, float] = {}
     for t, s in zip(turn[pair, seen_pair][:MOST_PAIRS], shift[pair, seen_pair], strict=False):
         way = _nearest(t * flat + s, seen, reach, spots, fits)
         if len(way) >= fewest:
@@ -372,7 +406,7 @@ def _nearest(
     reach: float,
     spots: Sequence[Detection],
     fits: Fits,
-) -> tuple[tuple[int, int], ...]:
+) -> Way:
     apart = np.abs(places[:, None] - seen)
     way = []
     taken: set[int] = set()
