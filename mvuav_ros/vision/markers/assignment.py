@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import islice
+from itertools import islice, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +42,8 @@ GATE = 16.0
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
 MOST_WAYS = 1000
-MOST_REFITTED = 24
+MOST_REFITTED = 60
+MOST_PERMUTED = 5
 MOST_MEASURED = 48
 MOST_PAIRS = 300
 MOST_COST = 24.0
@@ -205,12 +206,14 @@ def initialize(
         best = guesses[0]
         clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
         exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
-        limit = LONE_MISFIT * best.view.scale if alone and before is None else exact
+        free = alone and before is None and shape.lens.focal is None
+        limit = LONE_MISFIT * best.view.scale if free else exact
         if best.view.misfit <= max(limit, exact) and clear:
             chosen = tuple(spots[index] for index in best.chosen)
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-            return Named(chosen, best.view, alone, best.view.misfit <= exact, remark)
-    if alone and tuple(names) == TANKER_NAMES and before is None:
+            fits = best.view.misfit <= exact
+            return Named(chosen, best.view, alone and fits, fits, remark)
+    if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
         return _as_the_thesis(shape, spots) or Named(remark=unclear)
     return Named(remark=unclear)
 
@@ -239,7 +242,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     view = fit(shape, prior, np.arange(5)[None], places, np.array(0.02 * span)).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    return Named(chosen, view, True, False)
+    return Named(chosen, view, False, False)
 
 
 Fits = Callable[[int, Detection], bool]
@@ -380,7 +383,9 @@ def _similar_ways(
     seen = np.array([complex(spot.x, spot.y) for spot in spots])
     if len(seen) < 2:
         return []
-    reach = max(6.0, 0.08 * prior.scale)
+    if len(spots) == 3 and len(flat) <= MOST_PERMUTED:
+        return [tuple(sorted(zip(way, range(3)))) for way in permutations(range(len(flat)), 3)]
+    reach = max(6.0, 0.15 * prior.scale)
     allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
     a, b = np.triu_indices(len(flat), 1)
     i, j = (index.ravel() for index in np.indices((len(seen), len(seen))))
