@@ -8,6 +8,7 @@ from itertools import islice, permutations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.acquisition import (
     ANY_ROLL,
@@ -20,7 +21,17 @@ from mvuav_ros.vision.markers.blobs import Blobs, may_be_light
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
-from mvuav_ros.vision.markers.view import ROLL, SCALE, Lens, ViewState, WeakPerspective, X, Y, fit
+from mvuav_ros.vision.markers.view import (
+    ROLL,
+    SCALE,
+    Array,
+    Lens,
+    ViewState,
+    WeakPerspective,
+    X,
+    Y,
+    fit,
+)
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ROUND = 1.4
@@ -42,8 +53,10 @@ GATE = 16.0
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
 MOST_WAYS = 1000
-MOST_REFITTED = 60
-MOST_PERMUTED = 5
+MOST_REFITTED = 16
+MOST_PERMUTED = 8
+MOST_OF_THREE = 16
+MOST_BENT = 0.15
 MOST_MEASURED = 48
 MOST_PAIRS = 300
 MOST_COST = 24.0
@@ -384,7 +397,7 @@ def _similar_ways(
     if len(seen) < 2:
         return []
     if len(spots) == 3 and len(flat) <= MOST_PERMUTED:
-        return [tuple(sorted(zip(way, range(3)))) for way in permutations(range(len(flat)), 3)]
+        return _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
     reach = max(6.0, 0.15 * prior.scale)
     allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
     a, b = np.triu_indices(len(flat), 1)
@@ -403,6 +416,22 @@ def _similar_ways(
         if len(way) >= fewest:
             tried[way] = -len(way)
     return sorted(tried, key=lambda way: tried[way])
+
+
+def _ways_of_three(
+    flat: NDArray[np.complex128], seen: NDArray[np.complex128], deviations: Array
+) -> list[Way]:
+    """All likely ways of naming three lights, by the turn, growth and distortion that they take."""
+    ways = np.array(list(permutations(range(len(flat)), 3)))
+    markers = flat[ways] - flat[ways].mean(axis=1, keepdims=True)
+    lights = seen - seen.mean()
+    turn = (markers.conj() * lights).sum(axis=1) / (np.abs(markers) ** 2).sum(axis=1)
+    bent = np.abs(lights - turn[:, None] * markers) ** 2
+    bent = bent.sum(axis=1) / (np.abs(turn[:, None] * markers) ** 2).sum(axis=1)
+    cost = (np.log(np.maximum(np.abs(turn), 1e-9)) / (deviations[SCALE] + 0.1)) ** 2
+    cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MOST_BENT**2
+    best = [int(index) for index in np.argsort(cost)[:MOST_OF_THREE] if cost[index] < GATE]
+    return [tuple(sorted(zip(ways[index].tolist(), range(3), strict=True))) for index in best]
 
 
 def _nearest(
