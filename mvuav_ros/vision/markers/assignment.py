@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import islice, permutations
+from functools import lru_cache
+from itertools import combinations, islice, permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -53,9 +54,9 @@ GATE = 16.0
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
 MOST_WAYS = 1000
-MOST_REFITTED = 16
-MOST_PERMUTED = 8
-MOST_OF_THREE = 16
+MOST_REFITTED = 24
+MOST_PERMUTED = 7
+MOST_OF_THREE = 24
 MOST_BENT = 0.15
 MOST_MEASURED = 48
 MOST_PAIRS = 300
@@ -396,8 +397,10 @@ def _similar_ways(
     seen = np.array([complex(spot.x, spot.y) for spot in spots])
     if len(seen) < 2:
         return []
-    if len(spots) == 3 and len(flat) <= MOST_PERMUTED:
-        return _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
+    if len(seen) >= 3 and 3 <= len(flat) <= MOST_PERMUTED:
+        ways = _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
+        if fewest > 2 or ways:
+            return [w for w in ways if all(fits(marker, spots[light]) for marker, light in w)]
     reach = max(6.0, 0.15 * prior.scale)
     allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
     a, b = np.triu_indices(len(flat), 1)
@@ -422,16 +425,27 @@ def _ways_of_three(
     flat: NDArray[np.complex128], seen: NDArray[np.complex128], deviations: Array
 ) -> list[Way]:
     """All likely ways of naming three lights, by the turn, growth and distortion that they take."""
-    ways = np.array(list(permutations(range(len(flat)), 3)))
+    ways, chosen = _threes(len(flat), min(len(seen), MOST_PERMUTED))
     markers = flat[ways] - flat[ways].mean(axis=1, keepdims=True)
-    lights = seen - seen.mean()
+    lights = seen[chosen] - seen[chosen].mean(axis=1, keepdims=True)
     turn = (markers.conj() * lights).sum(axis=1) / (np.abs(markers) ** 2).sum(axis=1)
     bent = np.abs(lights - turn[:, None] * markers) ** 2
     bent = bent.sum(axis=1) / (np.abs(turn[:, None] * markers) ** 2).sum(axis=1)
     cost = (np.log(np.maximum(np.abs(turn), 1e-9)) / (deviations[SCALE] + 0.1)) ** 2
     cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MOST_BENT**2
     best = [int(index) for index in np.argsort(cost)[:MOST_OF_THREE] if cost[index] < GATE]
-    return [tuple(sorted(zip(ways[index].tolist(), range(3), strict=True))) for index in best]
+    return [
+        tuple(sorted(zip(ways[index].tolist(), chosen[index].tolist(), strict=True)))
+        for index in best
+    ]
+
+
+@lru_cache(maxsize=32)
+def _threes(markers: int, lights: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Three markers in any order, and three lights for them, (w, 3) each."""
+    pairs = product(permutations(range(markers), 3), combinations(range(lights), 3))
+    ways, chosen = zip(*pairs, strict=True)
+    return np.array(ways), np.array(chosen)
 
 
 def _nearest(
