@@ -62,6 +62,9 @@ class ViewTuning:
     enough: float = 20.0
     most_evidence: float = 100.0
     upset: float = 4.0
+    free: float = 1e3
+    fewest_free: int = 8
+    exact: float = 3.0
     forgetting: float = 0.9
     doubtful_share: float = 0.1
     fewest_firm: int = 3
@@ -261,10 +264,17 @@ class ViewFilter:
             return Consensus(view, markers)
         if len(markers) < 2:
             return Consensus(self.view, (), markers)
+        suspicion = None
         if len(markers) > 2 and evidence.max(initial=0.0) > TUNING.doubt:
-            consensus = self._without_suspects(found, evidence, fits)
-            if consensus is not None:
-                return consensus
+            suspicion = self._without_suspects(found, evidence, fits)
+            if suspicion is not None and not suspicion.suspects:
+                return suspicion
+        contested = len(self.contested.intersection(markers))
+        judged = 0 < contested <= len(markers) - TUNING.fewest_firm
+        if strange and not judged and self._moved_oddly(found):
+            return Consensus(self.look(found), markers)
+        if suspicion is not None:
+            return suspicion
         if not strange:
             return Consensus(view, markers)
         for dropped in (2, 3):
@@ -274,6 +284,22 @@ class ViewFilter:
             if consensus is not None:
                 return consensus
         return self._greedy(found)
+
+    def _moved_oddly(self, found: Mapping[int, Point]) -> bool:
+        """Whether markers never out of sight fit the rig, though not where the view expected them.
+
+        Then it is the motion that was not foreseen, which the view is told.
+        """
+        if 2 * len(found) < TUNING.fewest_free:
+            return False
+        before = self._state()
+        self.upset(TUNING.free)
+        view = self.look(found)
+        if view.surprise.max() <= TUNING.gate and view.misfit <= TUNING.exact * self.deviation:
+            self._evidence = 0 * self._evidence
+            return True
+        self._restore(before)
+        return False
 
     def _weighed(self, found: Mapping[int, Point], fits: Fits) -> Array:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
@@ -371,12 +397,12 @@ class ViewFilter:
             return Consensus(self.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def upset(self) -> None:
+    def upset(self, factor: float = TUNING.upset) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
         self._fitted = None
-        self._covariance = TUNING.upset * self._covariance
-        self._rate_covariance = TUNING.upset * self._rate_covariance
-        self._cross = TUNING.upset * self._cross
+        self._covariance = factor * self._covariance
+        self._rate_covariance = factor * self._rate_covariance
+        self._cross = factor * self._cross
 
     def commit(self, found: Mapping[int, Point]) -> None:
         """Take a frame's named lights, which agree."""
