@@ -174,6 +174,9 @@ class PoseEstimator:
         if len(lights) < FEWEST:
             self.reason = f'{len(lights)} markers, a pose takes {FEWEST}'
             return None
+        if not np.isfinite(pixels).all():
+            self.reason = 'the places of the markers are not finite'
+            return None
         markers = np.array(lights, np.intp)
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
         chosen, solution = self._solve(camera, markers, image, time)

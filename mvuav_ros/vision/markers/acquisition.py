@@ -15,7 +15,8 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.view import (
     BARREL,
     COUNT,
-    NEARNESS,
+    FOCAL,
+    KNOWN_FOCAL,
     PITCH,
     ROLL,
     SCALE,
@@ -40,7 +41,9 @@ MODEL_ERROR = 0.004
 DOUBT = 6.0
 """Two ways of naming the lights whose costs differ by less than this are both possible."""
 MAX_CANDIDATES = 12
-_NEARNESS, _NEARNESS_DEVIATION = 0.25, 0.7
+_USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
+"""Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
+across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17
 """How far from its expected place a light is looked for, in units of the body's size."""
 _TRIED = 24
@@ -122,16 +125,14 @@ def _variants(
 def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     """Views of the whole body fitted to several ways of naming, from behind give or take."""
     free = 1e4
-    near = _NEARNESS
-    if shape.lens.focal is not None:
-        near = math.exp(float(np.median(starts[:, SCALE]))) / shape.lens.focal
     expected = np.zeros(COUNT)
     expected[[X, Y]] = shape.centre
-    expected[SCALE], expected[NEARNESS] = np.median(starts[:, SCALE]), near
+    expected[SCALE] = np.median(starts[:, SCALE])
+    expected[FOCAL] = math.log(shape.lens.focal or _USUAL_FOCAL * shape.lens.half_diagonal)
     deviations = np.empty(COUNT)
     deviations[[ROLL, SCALE, X, Y]] = free
     deviations[[PITCH, YAW]] = TILT
-    deviations[NEARNESS] = _NEARNESS_DEVIATION
+    deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
     deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
     prior = expected[None], np.diag(deviations**2)[None]
     deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
@@ -183,6 +184,7 @@ def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> li
         parameters = views[look].copy()
         parameters[ROLL] = np.angle(turn[pair, look])
         parameters[SCALE] = math.log(abs(turn[pair, look]))
+        parameters[FOCAL] += parameters[SCALE]
         parameters[X], parameters[Y] = shift[pair, look].real, shift[pair, look].imag
         _explain_by_place(shape, parameters)
         found.append((chosen, parameters))
@@ -195,7 +197,7 @@ def _explain_by_place(shape: WeakPerspective, parameters: Array) -> None:
     """Take out of an apparent tilt what follows from the place beside the image's centre."""
     c, s = math.cos(parameters[ROLL]), math.sin(parameters[ROLL])
     x, y = parameters[X] - shape.centre[0], parameters[Y] - shape.centre[1]
-    factor = parameters[NEARNESS] / math.exp(parameters[SCALE])
+    factor = math.exp(-parameters[FOCAL])
     parameters[YAW] += factor * (c * x + s * y)
     parameters[PITCH] -= factor * (c * y - s * x)
 
@@ -210,7 +212,7 @@ def _looks(shape: WeakPerspective) -> tuple[Array, NDArray[np.complex128]]:
     near = [part * shape.most_nearness for part in (0.05, 0.2, 0.45)]
     views = np.array(
         [
-            (0.0, 0.0, 0.0, 0.0, pitch, yaw, n, 0.0)
+            (0.0, 0.0, 0.0, 0.0, pitch, yaw, -math.log(n), 0.0)
             for pitch, yaw, n in product(tilts, tilts, near)
             if math.hypot(pitch, yaw) < 1.15
         ]

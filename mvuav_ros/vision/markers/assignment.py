@@ -226,7 +226,7 @@ def initialize(
             chosen = tuple(spots[index] for index in best.chosen)
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             fits = best.view.misfit <= exact
-            return Named(chosen, best.view, alone and fits, fits, remark)
+            return Named(chosen, best.view, alone, fits, remark)
     if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
         return _as_the_thesis(shape, spots) or Named(remark=unclear)
     return Named(remark=unclear)
@@ -248,7 +248,8 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     if span == 0.0 or max(areas) > MOST_RATIO * min(areas):
         return None
     roll = math.atan2(right.y - left.y, right.x - left.x)
-    start = np.array([roll, math.log(0.56 * span), 0.0, 0.0, 0.0, 0.0, 0.25, 0.0])
+    scale = math.log(0.56 * span)
+    start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
     start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
     places = np.array([[(spot.x, spot.y) for spot in chosen]])
@@ -256,7 +257,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     view = fit(shape, prior, np.arange(5)[None], places, np.array(0.02 * span)).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    return Named(chosen, view, False, False)
+    return Named(chosen, view, True, False)
 
 
 Fits = Callable[[int, Detection], bool]

@@ -15,20 +15,19 @@ from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
-ROLL, SCALE, X, Y, PITCH, YAW, NEARNESS, BARREL = range(8)
+ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 """Places in a view's parameters."""
 COUNT = 8
 _STEPS = np.array((1e-5, 1e-5, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5, 1e-5))
 _SHIFTS = np.concatenate((np.zeros((1, COUNT)), np.diag(_STEPS), np.diag(-_STEPS)))
 _POSSIBLE = (
     np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6)),
-    np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 3.0, 0.3)),
+    np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3)),
 )
 """What parameters can become when nothing has been seen for long."""
-_SHARED = [ROLL, SCALE, PITCH, YAW, NEARNESS]
-_KNOWN_FOCAL = 0.02
-"""Part by which the nearness may differ from what a calibrated focal length makes of the scale
-(1 sigma): calibrations and rigs are measured to a percent or two."""
+_SHARED = [ROLL, SCALE, PITCH, YAW, FOCAL]
+KNOWN_FOCAL = 0.01
+"""Part by which a calibrated focal length may be wrong (1 sigma)."""
 
 
 class Lens:
@@ -120,7 +119,7 @@ class WeakPerspective:
 
     @cached_property
     def most_nearness(self) -> float:
-        """With more, markers would come to lie behind the camera."""
+        """Units per distance: with more, markers would come to lie behind the camera."""
         return float(0.85 / max(0.35, -self.points[:, 2].min()))
 
     def project(self, parameters: Array) -> Array:
@@ -128,21 +127,22 @@ class WeakPerspective:
 
         Args:
             parameters: (..., 8): roll (rad), log of the scale (px per unit), x and y of the
-                origin (px), pitch and yaw away from straight behind (rad), nearness (units per
-                distance: how strongly near markers look larger), barrel (share by which the
+                origin (px), pitch and yaw away from straight behind (rad), log of the focal
+                length (px: the less, the nearer the rig), barrel (share by which the
                 lens moves a point at half the image's diagonal; 0 where it is calibrated).
 
         Returns:
             (..., n, 2), px.
         """
-        roll, scale, x, y, pitch, yaw, nearness, barrel = np.moveaxis(parameters, -1, 0)[..., None]
+        roll, scale, x, y, pitch, yaw, focal, barrel = np.moveaxis(parameters, -1, 0)[..., None]
         px, py, pz = self.points.T
         c, s = np.cos(yaw), np.sin(yaw)
         qx, qz = c * px + s * pz, c * pz - s * px
         c, s = np.cos(pitch), np.sin(pitch)
         qy, qz = c * py - s * qz, s * py + c * qz
-        larger = 1.0 / np.maximum(1.0 + nearness * qz, 0.05)
         size = np.exp(scale)
+        nearness = np.minimum(size * np.exp(-focal), self.most_nearness)
+        larger = 1.0 / np.maximum(1.0 + nearness * qz, 0.05)
         c, s = np.cos(roll) * size, np.sin(roll) * size
         cx, cy = self.centre
         u = (x - cx + c * qx - s * qy) * larger
@@ -270,21 +270,19 @@ def fit(
     rows = np.arange(m)[:, None]
     for _ in range(iterations):
         residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
-        normal, towards = _normal_equations(shape, parameters, residual, jacobian, precision)
+        normal, towards = _normal_equations(residual, jacobian, precision)
         normal = normal + weight
         towards = towards + (weight @ (mean - parameters)[..., None])[..., 0]
         step = (inverse(normal) @ towards[..., None])[..., 0]
         longest = np.abs(step[:, _SHARED]).max(axis=1)
         parameters = parameters + step * np.minimum(1.0, 0.5 / np.maximum(longest, 1e-9))[:, None]
         parameters = np.clip(parameters, *_POSSIBLE)
-        parameters[:, NEARNESS] = np.minimum(parameters[:, NEARNESS], shape.most_nearness)
         if longest.max() < 1e-3:
             break
     residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
     away = parameters - mean
     weighted = ((residual * precision[..., None]) ** 2).sum(axis=(1, 2))
     cost = weighted + (away[:, None] @ weight @ away[..., None])[:, 0, 0]
-    cost += _focal_error(shape, parameters)[0] ** 2
     covariance = inverse(normal)
     surprise = _surprise(residual, jacobian, covariance, 1.0 / precision, noise)
     misfit = np.sqrt((residual * residual).sum(axis=(1, 2)) / max(k, 1))
@@ -313,38 +311,12 @@ def _residual(
     return measured - places[rows, seen], jacobian[rows, seen]
 
 
-def _focal_error(shape: WeakPerspective, parameters: Array) -> tuple[Array, Array, Array]:
-    """How far the nearness is from what the focal length makes of the scale, in deviations.
-
-    Returns:
-        That (m,), and its derivatives by nearness and by log scale; zeros without a calibration.
-    """
-    zero = np.zeros(len(parameters))
-    if shape.lens.focal is None:
-        return zero, zero, zero
-    expected = np.exp(parameters[:, SCALE]) / shape.lens.focal
-    nearness = parameters[:, NEARNESS]
-    return (
-        (nearness / expected - 1.0) / _KNOWN_FOCAL,
-        1.0 / (expected * _KNOWN_FOCAL),
-        (-nearness / expected / _KNOWN_FOCAL),
-    )
-
-
-def _normal_equations(
-    shape: WeakPerspective, parameters: Array, residual: Array, jacobian: Array, precision: Array
-) -> tuple[Array, Array]:
-    m = len(parameters)
+def _normal_equations(residual: Array, jacobian: Array, precision: Array) -> tuple[Array, Array]:
+    m = len(residual)
     rows = (jacobian * precision[..., None, None]).reshape(m, -1, COUNT)
     columns = rows.transpose(0, 2, 1)
     normal = columns @ rows
     towards = (columns @ (residual * precision[..., None]).reshape(m, -1, 1))[..., 0]
-    if shape.lens.focal is not None:
-        error, by_nearness, by_scale = _focal_error(shape, parameters)
-        row = np.zeros((m, COUNT))
-        row[:, NEARNESS], row[:, SCALE] = by_nearness, by_scale
-        normal = normal + row[:, :, None] * row[:, None, :]
-        towards = towards - row * error[:, None]
     return normal, towards
 
 

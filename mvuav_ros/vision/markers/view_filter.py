@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.markers.view import (
     BARREL,
     COUNT,
-    NEARNESS,
+    FOCAL,
     SCALE,
     Array,
     Fits,
@@ -46,8 +46,8 @@ class ViewTuning:
         doubt: two explanations whose costs differ by less than this are both possible.
     """
 
-    jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.003, 0.002)
-    unrest: tuple[float, ...] = (0.8, 0.15, 250.0, 250.0, 0.3, 0.3, 0.03, 0.0)
+    jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
+    unrest: tuple[float, ...] = (0.8, 0.15, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
     rates_last: float = 1.0
     noise: float = 0.15
     rig_error: float = 0.004
@@ -178,12 +178,10 @@ class ViewFilter:
         self._fitted = None
         jitter, unrest = np.array(TUNING.jitter), np.array(TUNING.unrest)
         if self.shape.lens.focal is not None:
-            jitter[BARREL] = 0.0
+            jitter[[FOCAL, BARREL]] = 0.0
         fade = math.exp(-elapsed / TUNING.rates_last)
         reach = TUNING.rates_last * (1.0 - fade)
         self._parameters = self._parameters + reach * self._rates
-        nearness = self._parameters[:, NEARNESS]
-        self._parameters[:, NEARNESS] = np.clip(nearness, 0.0, self.shape.most_nearness)
         self._covariance = (
             self._covariance
             + reach * (self._cross + self._cross.transpose(0, 2, 1))
