@@ -1,24 +1,27 @@
 """ament_python package; ``pip install '.[ros]'`` brings ROS 2 Jazzy itself along."""
 
+import re
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = 'mvuav_ros'
+# Resolved: colcon's --symlink-install runs a link to this file, with links to the sources only.
+HERE = Path(__file__).resolve().parent
 
 
 def files(pattern):
-    return sorted(str(path) for path in Path().glob(pattern))
+    return sorted(str(path.relative_to(HERE)) for path in HERE.glob(pattern))
 
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=re.search("__version__ = '(.+)'", (HERE / NAME / '__init__.py').read_text())[1],
     description=(
         "Machine vision for UAVs on ROS 2: a tanker's marker lights, a runway's lines, live and "
         'over recorded flights'
     ),
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='The mvuav_ros developers',
     author_email='mvuav_ros@users.noreply.github.com',
@@ -35,7 +38,7 @@ setup(
         'PyYAML>=6',
         'rosbags>=0.10',
         'mcap>=1.1',
-        'typer>=0.15',
+        'typer>=0.9',
         'rich>=13',
         'matplotlib>=3.6',
     ],
@@ -48,6 +51,7 @@ setup(
             'ros-jazzy-visualization-msgs',
             'ros-jazzy-diagnostic-msgs',
             'ros-jazzy-std-srvs',
+            'ros-lifecycle-msgs',
         ],
         'dask': ['distributed>=2024.1'],
         'panel': ['nicegui>=3,<4'],
@@ -55,6 +59,7 @@ setup(
         'dev': [
             'ruff',
             'mypy',
+            'import-linter',
             'types-PyYAML',
             'colcon-common-extensions',
             'colcon-ros',

@@ -9,6 +9,8 @@ import sys
 from importlib import import_module
 from types import FrameType
 
+from mvuav_ros.missing_module import explain_missing_module
+
 NODES = {
     'marker_tracker': 'mvuav_ros.nodes.marker_tracker',
     'runway_detector': 'mvuav_ros.nodes.runway_detector',
@@ -65,7 +67,10 @@ def _run(name: str) -> None:
 
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, leave) for number in numbers]
-    run = import_module(EXECUTABLES[name]).main
+    try:
+        run = import_module(EXECUTABLES[name]).main
+    except ModuleNotFoundError as error:
+        sys.exit(f'{name}: {explain_missing_module(name, error)}')
     if name not in NODES:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)

@@ -20,6 +20,14 @@ EVERY_NODE_ANSWERS = (
     '~/set_parameters',
     '~/set_parameters_atomically',
 )
+MANAGED_NODE_ANSWERS = (
+    '~/change_state',
+    '~/get_available_states',
+    '~/get_available_transitions',
+    '~/get_state',
+    '~/get_transition_graph',
+)
+MANAGED_NODE_PUBLISHES = ('diagnostics', '~/transition_event')
 PANEL_CURVES = {'marker_tracker': ('markers', 'rpy'), 'runway_detector': ('line_params',)}
 PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_parameters')
 
@@ -33,9 +41,9 @@ def detector_policy(processor: type[Processor]) -> str:
     services = ['reset', 'enable', *processor.triggers]
     return policy(
         processor.name,
-        publish=['diagnostics', *(f'~/{topic}' for topic in results)],
+        publish=[*MANAGED_NODE_PUBLISHES, 'tf', *(f'~/{topic}' for topic in results)],
         subscribe=inputs,
-        reply=[f'~/{service}' for service in services],
+        reply=[*MANAGED_NODE_ANSWERS, *(f'~/{service}' for service in services)],
     )
 
 
@@ -43,9 +51,9 @@ def source_policy() -> str:
     """Images out."""
     return policy(
         'video_source',
-        publish=['diagnostics', 'image_raw', 'image_raw/compressed', 'camera_info'],
+        publish=[*MANAGED_NODE_PUBLISHES, 'image_raw', 'image_raw/compressed', 'camera_info'],
         subscribe=['clock'],
-        reply=['~/pause', '~/restart'],
+        reply=[*MANAGED_NODE_ANSWERS, '~/pause', '~/restart'],
     )
 
 

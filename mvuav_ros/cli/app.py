@@ -15,6 +15,7 @@ from mvuav_ros.cli.commands.demo import demo
 from mvuav_ros.cli.commands.evaluate import evaluate
 from mvuav_ros.cli.commands.info import info
 from mvuav_ros.cli.commands.replay import replay
+from mvuav_ros.cli.commands.rig import rig
 from mvuav_ros.cli.commands.simulate import simulate
 from mvuav_ros.cli.commands.sweep import sweep
 from mvuav_ros.parameters.declaration import ParameterError
@@ -36,6 +37,7 @@ app.command()(demo)
 app.command()(sweep)
 app.add_typer(simulate, name='simulate')
 app.add_typer(evaluate, name='evaluate')
+app.add_typer(rig, name='rig')
 
 
 def _show_version(wanted: bool) -> None:

@@ -11,7 +11,7 @@ import yaml
 
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.parameters.parameter_file import read_parameter_values
 
 _SUFFIX = '.yaml'
 _BUILT_IN = ('default', 'thesis')
@@ -68,7 +68,7 @@ class SetStore:
             NameRefusedError: no set can have this name.
             ParameterError: the file cannot be read.
         """
-        return load_parameters(self._path(name), kind)
+        return read_parameter_values(self._path(name), kind)
 
     def save(self, name: str, kind: str, values: Mapping[str, Value]) -> Path:
         """Write a set, in place of one of the same name.

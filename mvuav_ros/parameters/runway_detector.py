@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
 )
 
 CHANNELS = ('red', 'green', 'blue', 'intensity')
+OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
@@ -43,9 +45,22 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000.0,
         unit='m',
     )
+    runway_frame: str = parameter(
+        'runway',
+        'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
+        'the far end, y left, z up.',
+        read_only=True,
+    )
+    publish_tf: bool = parameter(
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
+        'all of it is known; only where tf2_msgs is installed.',
+        read_only=True,
+    )
     start_row: int = parameter(
         50,
-        'First row searched; start_row and end_row both 0: the whole frame.',
+        'First row searched, counted from 0; start_row and end_row both 0: the whole frame. Row 50 '
+        'of the thesis, which counts from 1, is 49 here.',
         minimum=0,
         maximum=100_000,
         unit='px',
@@ -53,7 +68,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     end_row: int = parameter(
         130,
-        'Row after the last one searched: rows start_row to end_row - 1 are.',
+        'Row after the last one searched: rows start_row to end_row - 1 are. Row 130 of the '
+        'thesis, which is searched too, is the last one with 130 here.',
         minimum=0,
         maximum=100_000,
         unit='px',
@@ -64,7 +80,7 @@ class RunwayDetectorParameters(ParameterSet):
         'Colour channel searched for edges, or the intensity of all three; a grey image has '
         'only its intensity.',
         choices=CHANNELS,
-        thesis='red; eq. 3.3',
+        thesis='a choice (section 4.3.2.2); red is ours',
     )
     edge_threshold: float = parameter(
         0.0,
@@ -79,12 +95,20 @@ class RunwayDetectorParameters(ParameterSet):
     edge_thinning: bool = parameter(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
-        thesis='off',
+        thesis='not said; off is ours',
+    )
+    opening_shape: str = parameter(
+        'vertical_line',
+        'Structuring element of the opening: what it does not fit in is removed. vertical_line: '
+        'one pixel wide; square, disk, diamond: as wide as high, for edges that are several '
+        'pixels wide.',
+        choices=OPENING_SHAPES,
+        thesis='section 3.4.2.1; vertical line',
     )
     opening_length: int = parameter(
         3,
-        'Height of the vertical structuring element: shorter vertical runs of edge pixels are '
-        'removed. 1: no opening.',
+        'Height of the structuring element: with the vertical line, shorter vertical runs of '
+        'edge pixels are removed. 1: no opening.',
         minimum=1,
         maximum=999,
         odd=True,
@@ -188,8 +212,11 @@ class RunwayDetectorParameters(ParameterSet):
         read_only=True,
     )
     opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
 
     def _check_together(self) -> None:
+        if not self.runway_frame:
+            raise ParameterError('runway_frame', 'must not be empty')
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
             raise ParameterError(
                 'end_row',

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.reprojection import (
     FEWEST,
-    FROM_BEHIND,
     Reprojection,
     Solution,
     inverse,
@@ -102,7 +102,7 @@ class Pose:
 
         REP-103's fixed-axis angles: right wing down, nose down and nose left are positive.
         """
-        r = FROM_BEHIND.T @ self.rotation
+        r = OPTICAL_FROM_BODY.T @ self.rotation
         pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))
         roll = math.atan2(float(r[2, 1]), float(r[2, 2]))
         return roll, pitch, math.atan2(float(r[1, 0]), float(r[0, 0]))
@@ -110,7 +110,7 @@ class Pose:
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """The rotation as x, y, z, w."""
-        return _quaternion(self.rotation)
+        return quaternion(self.rotation)
 
 
 class PoseEstimator:
@@ -126,6 +126,18 @@ class PoseEstimator:
     GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
     the error in object space by orthogonal iteration; at the solution they agree with this one
     to within the noise.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import CameraModel, PoseEstimator
+        >>> from mvuav_ros.vision.rig import TANKER_747
+        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])
+        >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
+        >>> estimator = PoseEstimator(TANKER_747)
+        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
+        >>> [round(float(metres), 3) for metres in pose.translation]
+        [2.0, -1.0, 120.0]
 
     Attributes:
         reason: why the newest frame has no pose; empty if it has.
@@ -157,13 +169,13 @@ class PoseEstimator:
         return math.sqrt(squares / (self._freedom + self._doubt))
 
     def estimate(
-        self, camera: CameraModel, lights: Sequence[int], pixels: Array, time: float
+        self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
     ) -> Pose | None:
         """The pose in one frame.
 
         Args:
             camera: calibrated (see `CameraModel.check`).
-            lights: which of the rig's markers are seen.
+            labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
             time: s, later than the last frame's.
 
@@ -171,13 +183,13 @@ class PoseEstimator:
             The pose, or None where the markers are too few, do not fit or do not tell it well
             enough; `reason` says which.
         """
-        if len(lights) < FEWEST:
-            self.reason = f'{len(lights)} markers, a pose takes {FEWEST}'
+        if len(labels) < FEWEST:
+            self.reason = f'{len(labels)} markers, a pose takes {FEWEST}'
             return None
         if not np.isfinite(pixels).all():
             self.reason = 'the places of the markers are not finite'
             return None
-        markers = np.array(lights, np.intp)
+        markers = np.array(labels, np.intp)
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
         chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
@@ -330,21 +342,3 @@ def _alike(a: Solution, b: Solution) -> bool:
 
 def _angle(rotation: Array, rvec: Array) -> float:
     return math.acos(min(1.0, max(-1.0, 0.5 * (likeness(rotation, rvec) - 1.0))))
-
-
-def _quaternion(r: Array) -> tuple[float, float, float, float]:
-    """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
-    m = r.tolist()
-    parts = (m[0][0], m[1][1], m[2][2])
-    trace = sum(parts)
-    if trace > max(parts):
-        s = 2.0 * math.sqrt(max(1.0 + trace, 0.0))
-        return (m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, 0.25 * s
-    i = parts.index(max(parts))
-    j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
-    q = [0.0, 0.0, 0.0]
-    q[i], q[j], q[k] = 0.25 * s, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
-    w = (m[k][j] - m[j][k]) / s
-    sign = -1.0 if w < 0.0 else 1.0
-    return sign * q[0], sign * q[1], sign * q[2], sign * w

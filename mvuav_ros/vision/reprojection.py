@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Array = NDArray[np.float64]
 
-FROM_BEHIND: Array = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
-"""Rotation of a body that flies straight ahead of the camera: x forward, y left, z up to the
-optical frame's x right, y down, z ahead."""
 FEWEST = 3
 """Markers for a pose: with three there may be four solutions, all of which fit."""
 _TILTS = tuple(math.radians(angle) for angle in (-40.0, 0.0, 40.0))
@@ -64,7 +62,7 @@ class Reprojection:
         for rvec, tvec in starts[:1]:
             centre = rotation_of(rvec) @ middle + tvec.reshape(3)
             for pitch, yaw in product(_TILTS, _TILTS):
-                rotation = rotation_of(np.array((pitch, yaw, 0.0))) @ FROM_BEHIND
+                rotation = rotation_of(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
                 turned = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
                 starts.append((turned, (centre - rotation @ middle).reshape(3, 1)))
         refined = [self.refine(rvec, tvec) for rvec, tvec in starts]
@@ -102,6 +100,7 @@ def likeness(rotation: Array, rvec: Array) -> float:
 
 
 def rotation_of(rvec: Array) -> Array:
+    """Rotation matrix of a rotation vector."""
     return np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
 
 

@@ -182,10 +182,10 @@ def test_bad_images_are_counted_and_survived(graph):
     graph.until(lambda: len(markers) == 10, '10 answers')
     values = graph.diagnostics(NODE)
     assert values['frames_received'] == '15'
-    assert values['frames_answered'] == '10'
-    assert values['refused_bad_image'] == '4'
-    assert values['refused_duplicate_stamp'] == '1'
-    assert 'came twice' in values['last_refusal']
+    assert values['frames_processed'] == '10'
+    assert values['rejected_bad_image'] == '4'
+    assert values['rejected_duplicate_stamp'] == '1'
+    assert 'came twice' in values['last_rejection']
     assert float(values['latency_p50_ms']) > 0
 
 
@@ -249,7 +249,7 @@ def test_compressed_images_in_a_namespace_under_another_name(graph):
     graph.publish_images([broken, *messages], topic='/nose/image/compressed')
     graph.until(lambda: len(markers) == 5, '5 answers')
     assert list(decode_points(markers[4])['state']) == [1] * 5
-    assert graph.diagnostics(NODE)['refused_bad_image'] == '1'
+    assert graph.diagnostics(NODE)['rejected_bad_image'] == '1'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -284,7 +284,7 @@ def test_a_change_of_resolution_and_odd_frames(frames):
         for value in (0, 255):
             assert found(frames.show(np.full(shape, value, np.uint8))) == 0
     assert found(frames.show(runway(size=(640, 480)))) == 3
-    assert graph.diagnostics(NODE)['frames_refused'] == '0'
+    assert graph.diagnostics(NODE)['frames_rejected'] == '0'
 
 
 @pytest.mark.parametrize(('mode', 'waits'), [('thesis', False), ('approach', True)])

@@ -6,7 +6,7 @@ from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.panel.package_data import built_in_sets
 from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.parameters.parameter_file import read_parameter_values
 
 KIND = 'marker_tracker'
 OUTSIDE = [
@@ -54,9 +54,9 @@ def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tm
     values = {**MarkerTrackerParameters().as_dict(), 'threshold': 0.55, 'mode': 'detect'}
     path = store.save('night', KIND, values)
     assert path.parent == tmp_path / 'sets'
-    assert load_parameters(path, KIND) == values
+    assert read_parameter_values(path, KIND) == values
     assert store.load('night', KIND) == values
-    assert MarkerTrackerParameters.from_mapping(load_parameters(path, KIND)).threshold == 0.55
+    assert MarkerTrackerParameters.from_mapping(read_parameter_values(path, KIND)).threshold == 0.55
     assert store.names(KIND) == ['night']
     assert store.names('runway_detector') == []
     store.delete('night')

@@ -30,6 +30,9 @@ CONTRACT = {
     'association': 'nearest',
     'image_transport': 'raw',
     'opencv_threads': 1,
+    'autostart': True,
+    'publish_tf': True,
+    'runway_frame': 'runway',
 }
 
 

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.simulation.rotation import from_rpy
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.frames import from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747, parse_rig

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from mvuav_ros.cli.bench.case import Case
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
 
 LIMIT = 0.7 * 255
@@ -134,7 +135,7 @@ def _posed_frame() -> Callable[[], object]:
     """A call that tracks the tanker of the built-in layout and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
     pipeline, poses = MarkerTracker(), PoseEstimator(TANKER_747)
-    behind = TANKER_747.positions @ FROM_BEHIND.T + (0.0, 5.0, 100.0)
+    behind = TANKER_747.positions @ OPTICAL_FROM_BODY.T + (0.0, 5.0, 100.0)
     frames = []
     for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
         points = np.add(behind, (4.0 * np.cos(angle), 4.0 * np.sin(angle), 0.0))

@@ -10,13 +10,14 @@ from typing import Annotated, Any
 
 import typer
 
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.replay.interruptions import (
     Terminated,
     ignore_signals,
     interrupt_on_signals,
 )
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.selection import Selection
 
@@ -72,6 +73,14 @@ def replay(
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')
     ] = False,
+    gamma: Annotated[
+        float,
+        typer.Option(
+            help='out = in ** gamma on every image (eq. 3.2), as video_source does; 1: off.',
+            min=0.01,
+            max=100.0,
+        ),
+    ] = 1.0,
     jobs: Annotated[int, typer.Option(help='Recordings to process at a time.', min=1)] = 1,
     dask: Annotated[
         str | None,
@@ -93,10 +102,7 @@ def replay(
         from mvuav_ros.offline.replay.job import ReplaySettings
         from mvuav_ros.offline.replay.outputs import plan
     except ImportError as error:
-        raise SourceError(
-            'replay needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('replay', error)) from error
 
     settings = ReplaySettings(
         parameters=_parameters(nodes, params_file, param or []),
@@ -105,6 +111,7 @@ def replay(
         selection=Selection(start, duration, every),
         keep_inputs=keep_inputs,
         debug_images=debug_images,
+        gamma=gamma,
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
     with _told_when_interrupted():
@@ -143,7 +150,7 @@ def _parameters(
             '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
         )
     given: dict[str, dict[str, object]] = {
-        name: load_parameters(params_file, name) if params_file else {} for name in names
+        name: read_parameter_values(params_file, name) if params_file else {} for name in names
     }
     for node, name, value in map(parse_assignment, assignments):
         if node not in given:

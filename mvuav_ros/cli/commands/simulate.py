@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
@@ -74,10 +75,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     try:
         from mvuav_ros.offline.simulate import truth_messages
     except ImportError as error:
-        raise SourceError(
-            'simulate needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('simulate', error)) from error
     flight = make_flight(kind, given)
     if output.exists() and not force:
         raise RecordingError(f'{output} exists; --force overwrites it')

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -62,10 +63,7 @@ def sweep(
         from mvuav_ros.offline.sweep import run as sweeping
         from mvuav_ros.offline.sweep.report import sweep_report, sweep_table
     except ImportError as error:
-        raise SourceError(
-            'sweep needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('sweep', error)) from error
 
     axes = [sweeping.parse_axis(text) for text in param or []]
     base = _nodes(nodes, axes, params_file)
@@ -119,7 +117,7 @@ def _nodes(
             raise ParameterError('--param', f'{node} is not among --nodes {nodes}')
     base: dict[str, dict[str, Any]] = {}
     for name in names:
-        given = load_parameters(params_file, name) if params_file else {}
+        given = read_parameter_values(params_file, name) if params_file else {}
         known = PROCESSORS[name].parameters_type.names()
         base[name] = {key: value for key, value in given.items() if key in known}
     return base

@@ -44,7 +44,7 @@ def run_detector(
         tick: called after each frame.
 
     Raises:
-        CornersError: a image cannot be read.
+        CornersError: an image cannot be read.
     """
     scores = []
     for frame, result in _results(labels, frames, parameters):

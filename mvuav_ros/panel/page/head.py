@@ -13,7 +13,7 @@ _FIGURES = {
     'output_rate_hz': ('out', 'Hz'),
     'latency_p50_ms': ('latency p50', 'ms'),
     'latency_p95_ms': ('p95', 'ms'),
-    'frames_refused': ('refused', ''),
+    'frames_rejected': ('rejected', ''),
 }
 
 

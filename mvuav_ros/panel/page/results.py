@@ -26,8 +26,8 @@ _COLUMNS = {
 }
 _FRAMES = {
     'frames_received': 'received',
-    'frames_answered': 'answered',
-    'frames_refused': 'refused',
+    'frames_processed': 'processed',
+    'frames_rejected': 'rejected',
     'frames_skipped': 'skipped',
     'frames_lost_in_transport': 'lost in transport',
     'frames_missing': 'missing',

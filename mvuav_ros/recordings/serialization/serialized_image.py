@@ -140,7 +140,7 @@ def view_compressed_image(message: bytes) -> SerializedCompressedImage:
 
 
 def serialize_image(image: Image, header: bytes) -> bytes:
-    """A image as a serialized sensor_msgs/Image, its pixels copied once.
+    """An image as a serialized sensor_msgs/Image, its pixels copied once.
 
     rclpy publishes the bytes as they are. By way of a message object the pixels are copied three
     times before they reach DDS.

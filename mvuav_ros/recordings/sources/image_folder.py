@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mvuav_ros.recordings.serialization.image_decoding import decode_file_bytes
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.recordings.sources.video import DEFAULT_RATE
 from mvuav_ros.vision.image import ImageError
 
@@ -47,7 +47,7 @@ class ImageFolder:
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
-                yield Frame(stamp_ns, 'camera', image)
+                yield Frame(stamp_ns, OPTICAL_FRAME, image)
 
     def close(self) -> None:
         """Nothing is held open."""

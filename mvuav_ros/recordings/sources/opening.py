@@ -5,16 +5,22 @@ from __future__ import annotations
 import glob
 from pathlib import Path
 
+from mvuav_ros.recordings.sources.camera import Camera, CameraSettings
 from mvuav_ros.recordings.sources.frame import FrameSource, SourceError
 from mvuav_ros.recordings.sources.image_folder import IMAGE_SUFFIXES, ImageFolder
 from mvuav_ros.recordings.sources.simulated import PREFIX, SimulatedFlight
-from mvuav_ros.recordings.sources.video import Camera, VideoFile
+from mvuav_ros.recordings.sources.video import VideoFile
 
 BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
 
 
 def open_source(
-    text: str, *, topic: str | None = None, rate: float | None = None, cameras: bool = True
+    text: str,
+    *,
+    topic: str | None = None,
+    rate: float | None = None,
+    cameras: bool = True,
+    camera: CameraSettings | None = None,
 ) -> FrameSource:
     """Open whatever ``text`` names.
 
@@ -24,6 +30,7 @@ def open_source(
         topic: the image topic of a bag.
         rate: frames per second of images without stamps, Hz.
         cameras: whether a camera will do.
+        camera: what a camera is asked for.
 
     Raises:
         SourceError: there is no such thing, or nothing in it can be read.
@@ -31,7 +38,7 @@ def open_source(
     if text.startswith(PREFIX):
         return SimulatedFlight(text, rate)
     if cameras and (text.isdigit() or text.startswith('/dev/')):
-        return Camera(int(text) if text.isdigit() else text, rate)
+        return Camera(int(text) if text.isdigit() else text, camera)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
         return _images(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207

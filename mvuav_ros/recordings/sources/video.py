@@ -1,15 +1,14 @@
-"""Video files and cameras through OpenCV."""
+"""Video files through OpenCV."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
@@ -61,7 +60,7 @@ class VideoFile:
                 ok, pixels = capture.read()
                 if not ok:
                     break
-                yield Frame(round(index * 1e9 / self.rate), 'camera', _image(pixels))
+                yield Frame(round(index * 1e9 / self.rate), OPTICAL_FRAME, _image(pixels))
                 index += 1
         finally:
             capture.release()
@@ -71,47 +70,6 @@ class VideoFile:
 
     def close(self) -> None:
         """Nothing to let go of: `frames` closes what it opens."""
-
-
-class Camera:
-    """A camera by index or device; frames carry the time at which they arrived."""
-
-    live = True
-    count: int | None = None
-
-    def __init__(self, device: int | str, rate: float | None = None) -> None:
-        """Name the camera; it is opened when frames are read."""
-        self.name = f'camera {device}'
-        self.rate = rate
-        self.losses: list[str] = []
-        self._device = device
-        self._capture: cv2.VideoCapture | None = None
-
-    def frames(self) -> Iterator[Frame | BadFrame]:
-        """Read until the camera stops delivering.
-
-        Raises:
-            SourceError: it cannot be opened, or has been unplugged.
-        """
-        self._capture = cv2.VideoCapture(self._device)
-        try:
-            if not self._capture.isOpened():
-                raise SourceError(f'{self.name} cannot be opened: is it plugged in and not in use?')
-            if self.rate:
-                self._capture.set(cv2.CAP_PROP_FPS, self.rate)
-            while True:
-                ok, pixels = self._capture.read()
-                if not ok:
-                    raise SourceError(f'{self.name} has stopped delivering frames')
-                yield Frame(time.time_ns(), 'camera', _image(pixels))
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        """Let go of the device."""
-        if self._capture is not None:
-            self._capture.release()
-            self._capture = None
 
 
 def _image(pixels: cv2.typing.MatLike) -> Image:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
+from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
 from mvuav_ros.vision.markers.grouping import GroupingError, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
+from mvuav_ros.vision.markers.many_centroids import measure_windows
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,
@@ -18,7 +21,7 @@ from mvuav_ros.vision.markers.results import (
     MarkerResult,
     MarkerState,
 )
-from mvuav_ros.vision.point_operations import threshold
+from mvuav_ros.vision.point_operations import Pixels, threshold
 
 DARK_EDGE = 4.0
 """px around a light that belong to its window."""
@@ -32,30 +35,47 @@ def find_clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Clu
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
-    mask = threshold(image.gray(), parameters.threshold)
-    clusters = group_pixels(*bright_pixels(mask), parameters.grouping_distance)
+    gray = image.gray()
+    if parameters.by_components:
+        measured = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
+        clusters = [Cluster(x, y, int(area)) for x, y, area, _ in measured.tolist()]
+        return sorted(clusters, key=lambda cluster: (cluster.x, cluster.y))
+    bright = bright_pixels(threshold(gray, parameters.threshold))
+    clusters = group_pixels(*bright, parameters.grouping_distance)
     clusters = [c for c in clusters if area_fits(c.area, parameters)]
-    return weigh(image, clusters, parameters) if parameters.weighted else clusters
+    return weigh(gray, clusters, parameters.threshold) if parameters.weighted else clusters
 
 
-def weigh(
-    image: Image, clusters: list[Cluster], parameters: MarkerTrackerParameters
-) -> list[Cluster]:
+def weigh(gray: Pixels, clusters: list[Cluster], level: float) -> list[Cluster]:
     """The same clusters at their places by intensity.
 
-    A cluster with other lights around it keeps its binary centroid.
+    A cluster with other lights around it keeps its binary centroid, and so do all of them where
+    they are too many to be looked at one by one.
+
+    Args:
+        gray: (height, width).
+        clusters: of the frame.
+        level: threshold, fraction of full scale.
     """
-    meter, cut = CentroidMeter(parameters.threshold, weighted=True), cutter(image)
-    size = (image.width, image.height)
-    weighed = []
-    for cluster in clusters:
-        reach = math.sqrt(cluster.area / math.pi) + DARK_EDGE
-        x0, x1 = max(round(cluster.x - reach), 0), min(round(cluster.x + reach), size[0] - 1)
-        y0, y1 = max(round(cluster.y - reach), 0), min(round(cluster.y + reach), size[1] - 1)
-        spot = meter.measure(cut, (x0, x1, y0, y1), size)
-        alone = spot is not None and spot.area == cluster.area
-        weighed.append(Cluster(spot.x, spot.y, spot.area) if spot and alone else cluster)
-    return weighed
+    if not 0 < len(clusters) <= MAX_BLOBS:
+        return clusters
+    x, y, area = np.array(clusters).T
+    reach = np.sqrt(area / math.pi) + DARK_EDGE
+    height, width = gray.shape
+    windows = np.stack(
+        (
+            np.maximum(np.round(x - reach), 0),
+            np.minimum(np.round(x + reach), width - 1),
+            np.maximum(np.round(y - reach), 0),
+            np.minimum(np.round(y + reach), height - 1),
+        ),
+        axis=-1,
+    )
+    measured = measure_windows(gray, windows.astype(np.intp), level, weighted=True)
+    return [
+        Cluster(x, y, cluster.area) if area == cluster.area else cluster
+        for cluster, (x, y, area, _) in zip(clusters, measured.tolist(), strict=True)
+    ]
 
 
 def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:

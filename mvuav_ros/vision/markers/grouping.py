@@ -38,9 +38,8 @@ def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     if count == 0:
         return np.empty(0, np.int32), np.empty(0, np.int32)
     points = cv2.findNonZero(mask).reshape(-1, 2)
-    order = np.argsort(points[:, 0] * height + points[:, 1], kind='stable')
-    x, y = points[order].T
-    return np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
+    x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
+    return x.astype(np.int32), y.astype(np.int32)
 
 
 def group_pixels(
@@ -64,22 +63,32 @@ def group_pixels(
         GroupingError: there are more than `MAX_CLUSTERS`.
     """
     clusters: list[Cluster] = []
-    left = np.ones(len(x), bool)
-    ends = np.searchsorted(x, x + grouping_distance, side='right')
-    seed = 0
-    while seed < len(x):
+    if len(x) == 0:
+        return clusters
+    # Column after column, as the scan goes: the search for the next seed is one over bytes.
+    height = int(y.max()) + 1
+    first = int(x[0])
+    bright = bytearray((int(x[-1]) - first + 1) * height)
+    left = np.frombuffer(bright, np.uint8).reshape(-1, height)
+    left[x - first, y] = 1
+    seed = bright.find(1)
+    while seed >= 0:
         if len(clusters) == MAX_CLUSTERS:
             raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
-        reach = slice(seed, int(ends[seed]))
-        near = left[reach] & (np.abs(y[reach] - y[seed]) <= grouping_distance)
-        area = int(np.count_nonzero(near))
+        column, row = divmod(seed, height)
+        top = max(row - grouping_distance, 0)
+        group = left[column : column + grouping_distance + 1, top : row + grouping_distance + 1]
+        points = cv2.findNonZero(group).reshape(-1, 1, 2)
+        area = len(points)
+        down, across = cv2.sumElems(points)[:2]
+        # The sums are whole numbers, so that the means are exactly those of the pixels.
         clusters.append(
-            Cluster(float(x[reach][near].sum()) / area, float(y[reach][near].sum()) / area, area)
+            Cluster(
+                ((first + column) * area + across) / area,
+                (top * area + down) / area,
+                area,
+            )
         )
-        left[reach] &= ~near
-        rest = left[seed:]
-        step = int(rest.argmax())
-        if not rest[step]:
-            break
-        seed += step
+        group.fill(0)
+        seed = bright.find(1, seed)
     return clusters

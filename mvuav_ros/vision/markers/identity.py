@@ -28,7 +28,7 @@ from mvuav_ros.vision.markers.assignment import (
 from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import KalmanFilter
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.results import (
     NO_WINDOW,
     TANKER_LABELS,
@@ -175,7 +175,7 @@ class IdentityTracker:
             self._size = (0, 0)
 
     def _start_again(self) -> None:
-        self._filter = KalmanFilter(self._count)
+        self._filter = MotionPredictor(self._count)
         self._views: ViewFilter | None = None
         self._clutter = Clutter()
         self._markers: list[_Known] = []
