@@ -28,7 +28,6 @@ MANAGED_NODE_ANSWERS = (
     '~/get_transition_graph',
 )
 MANAGED_NODE_PUBLISHES = ('diagnostics', '~/transition_event')
-PANEL_CURVES = {'marker_tracker': ('markers', 'rpy'), 'runway_detector': ('line_params',)}
 PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_parameters')
 
 
@@ -58,12 +57,13 @@ def source_policy() -> str:
 
 
 def panel_policy() -> str:
-    """Results, images and diagnostics in; parameters set."""
+    """Results, images and diagnostics in, to be shown and recorded; parameters set."""
     subscribe = ['diagnostics', 'parameter_events', 'image_raw', 'image_raw/compressed', 'clock']
+    subscribe.append('camera_info')
     request = []
     for name, processor in PROCESSORS.items():
         # The panel asks every node for its statistics, whether it has any or not.
-        shown = {*PANEL_CURVES[name], *processor.debug_topics, 'statistics'}
+        shown = {*processor.topics, *processor.debug_topics, 'statistics'}
         subscribe += [f'{name}/{topic}' for topic in shown]
         request += [f'{name}/{service}' for service in (*PANEL_ASKS, *processor.triggers)]
     return policy('tuning_panel', publish=[], subscribe=subscribe, reply=[], request=request)

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec
+from mvuav_ros.parameters.descriptor_text import write_description
 
 P = TypeVar('P', bound=ParameterSet)
 
@@ -137,13 +138,8 @@ def _given_value(node: Node, spec: ParameterSpec) -> object:
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
-    words = [spec.description]
-    if spec.unit:
-        words.append(f'Unit: {spec.unit}.')
-    if spec.thesis:
-        words.append(f'Thesis: {spec.thesis}.')
     descriptor = ParameterDescriptor(
-        description=' '.join(words),
+        description=write_description(spec),
         read_only=spec.read_only,
         additional_constraints=spec.constraint,
     )

@@ -10,7 +10,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image
 
 from mvuav_ros.nodes.subscribers import is_heard
-from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.processing.processor import Output, Processor, resolve
 
 
 def create_result_publisher(node: Node, kind: type, topic: str) -> Any:
@@ -33,15 +33,15 @@ class ResultPublishers:
     def __init__(self, node: Node, processor: Processor) -> None:
         self._node = node
         self._results = {
-            topic: create_result_publisher(node, kind, _own(topic))
+            topic: create_result_publisher(node, kind, resolve(topic))
             for topic, kind in processor.topics.items()
         }
         self._debug = {
-            topic: create_result_publisher(node, Image, _own(topic))
+            topic: create_result_publisher(node, Image, resolve(topic))
             for topic in processor.debug_topics
         }
         self._periodic = {
-            topic: node.create_publisher(kind, _own(topic), 10)
+            topic: node.create_publisher(kind, resolve(topic), 10)
             for topic, kind in processor.periodic_topics.items()
         }
 
@@ -66,8 +66,3 @@ class ResultPublishers:
         for publishers in (self._results, self._debug, self._periodic):
             for publisher in publishers.values():
                 self._node.destroy_publisher(publisher)
-
-
-def _own(topic: str) -> str:
-    """Below the node's name, but for topics that belong to all, such as /tf."""
-    return topic if topic.startswith('/') else f'~/{topic}'

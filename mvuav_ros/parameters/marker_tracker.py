@@ -17,6 +17,11 @@ PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_progr
 GROUPINGS = ('auto', 'distance', 'components')
 CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
 CENTROIDS = ('auto', 'binary', 'weighted')
+_FOLLOWED = ({'mode': ('track', 'track_any')},)
+_GROUPED = (
+    {'mode': ('detect', 'detect_any')},
+    {'mode': ('track',), 'prediction': PREDICTIONS[1:]},
+)
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,7 @@ class MarkerTrackerParameters(ParameterSet):
         'each followed under a number of its own.',
         choices=MODES,
         thesis='Appendices A, B, C',
+        stage='Mode',
     )
     channel: str = parameter(
         'auto',
@@ -40,6 +46,7 @@ class MarkerTrackerParameters(ParameterSet):
         'where no marker is found in it. A grey image has only its intensity.',
         choices=CHANNELS,
         thesis='intensity; eq. 3.3',
+        stage='Image',
     )
     threshold: float = parameter(
         0.7,
@@ -49,6 +56,8 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=1.0,
         unit='fraction of full scale',
         thesis='eq. 3.4; 0.7',
+        stage='Detection',
+        usual=(0.05, 0.99),
     )
     grouping: str = parameter(
         'auto',
@@ -58,6 +67,7 @@ class MarkerTrackerParameters(ParameterSet):
         'prediction kalman, which always uses them, else distance).',
         choices=GROUPINGS,
         thesis='distance',
+        stage='Detection',
     )
     grouping_distance: int = parameter(
         15,
@@ -68,6 +78,9 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=10_000,
         unit='px',
         thesis='T',
+        stage='Detection',
+        usual=(0, 60),
+        counts=_GROUPED,
     )
     search_radius: int = parameter(
         10,
@@ -77,6 +90,9 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=1_000,
         unit='px',
         thesis='RoIT',
+        stage='Tracking',
+        usual=(2, 60),
+        counts=_FOLLOWED,
     )
     prediction: str = parameter(
         'kalman',
@@ -88,6 +104,8 @@ class MarkerTrackerParameters(ParameterSet):
         'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
+        stage='Tracking',
+        counts=({'mode': ('track',)},),
     )
     centroid: str = parameter(
         'auto',
@@ -96,12 +114,14 @@ class MarkerTrackerParameters(ParameterSet):
         'prediction kalman and in track_any, else binary).',
         choices=CENTROIDS,
         thesis='binary',
+        stage='Detection',
     )
     layout: str = parameter(
         '',
         "A YAML file with the body's markers, their names and places (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
         read_only=True,
+        stage='Pose',
     )
     allow_ambiguous: bool = parameter(
         False,
@@ -109,18 +129,21 @@ class MarkerTrackerParameters(ParameterSet):
         'three markers, all on one line, or a symmetric shape (see mvuav rig check). '
         '/diagnostics then says why.',
         read_only=True,
+        stage='Pose',
     )
     pose: bool = parameter(
         True,
         'Whether ~/pose is estimated, where camera_info holds a calibration and at least three '
         'markers are named.',
         thesis='left to others',
+        stage='Pose',
     )
     publish_tf: bool = parameter(
         True,
         "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
         'only where tf2_msgs is installed.',
         read_only=True,
+        stage='Pose',
     )
     min_area: int = parameter(
         1,
@@ -128,6 +151,8 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=1,
         maximum=100_000_000,
         unit='px',
+        stage='Detection',
+        usual=(1, 1_000),
     )
     max_area: int = parameter(
         0,
@@ -135,6 +160,8 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=0,
         maximum=100_000_000,
         unit='px',
+        stage='Detection',
+        usual=(0, 5_000),
     )
     lost_timeout: float = parameter(
         0.5,
@@ -143,15 +170,21 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=0.0,
         maximum=60.0,
         unit='s',
+        stage='Tracking',
+        usual=(0, 5),
+        counts=_FOLLOWED,
     )
     image_transport: str = parameter(
         'raw',
         'raw subscribes to the image topic, compressed to <image topic>/compressed.',
         choices=IMAGE_TRANSPORTS,
         read_only=True,
+        stage='Node',
     )
-    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
-    autostart: bool = parameter(True, AUTOSTART, read_only=True)
+    opencv_threads: int = parameter(
+        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
+    )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True, stage='Node')
 
     @property
     def weighted(self) -> bool:

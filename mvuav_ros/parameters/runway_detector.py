@@ -17,6 +17,7 @@ OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
+_THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,15 @@ class RunwayDetectorParameters(ParameterSet):
         'edge, Hough and peak parameters do not count then.',
         choices=MODES,
         thesis='thesis',
+        stage='Mode',
     )
     target: str = parameter(
         'runway',
         'What mode approach looks for: a runway below the horizon, the painted lines of the lane '
         'that the camera drives in, or a pipeline (a narrow strip without ends).',
         choices=TARGET_NAMES,
+        counts=_APPROACH,
+        stage='Approach',
     )
     runway_width: float = parameter(
         0.0,
@@ -44,18 +48,25 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=0.0,
         maximum=1_000.0,
         unit='m',
+        counts=_APPROACH,
+        stage='Approach',
+        usual=(0, 80),
     )
     runway_frame: str = parameter(
         'runway',
         'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
         'the far end, y left, z up.',
         read_only=True,
+        counts=_APPROACH,
+        stage='Approach',
     )
     publish_tf: bool = parameter(
         True,
         "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
         'all of it is known; only where tf2_msgs is installed.',
         read_only=True,
+        counts=_APPROACH,
+        stage='Approach',
     )
     start_row: int = parameter(
         50,
@@ -65,6 +76,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000,
         unit='px',
         thesis='Starting Row Index; 50',
+        counts=_THESIS,
+        stage='Image',
+        usual=(0, 1080),
     )
     end_row: int = parameter(
         130,
@@ -74,6 +88,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000,
         unit='px',
         thesis='Ending Row Index; 130',
+        counts=_THESIS,
+        stage='Image',
+        usual=(0, 1080),
     )
     channel: str = parameter(
         'red',
@@ -81,6 +98,8 @@ class RunwayDetectorParameters(ParameterSet):
         'only its intensity.',
         choices=CHANNELS,
         thesis='a choice (section 4.3.2.2); red is ours',
+        counts=_THESIS,
+        stage='Image',
     )
     edge_threshold: float = parameter(
         0.0,
@@ -91,11 +110,16 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1.0,
         unit='fraction of full scale',
         thesis='Sobel threshold',
+        counts=_THESIS,
+        stage='Edges',
+        usual=(0, 0.3),
     )
     edge_thinning: bool = parameter(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
         thesis='not said; off is ours',
+        counts=_THESIS,
+        stage='Edges',
     )
     opening_shape: str = parameter(
         'vertical_line',
@@ -104,6 +128,8 @@ class RunwayDetectorParameters(ParameterSet):
         'pixels wide.',
         choices=OPENING_SHAPES,
         thesis='section 3.4.2.1; vertical line',
+        counts=_THESIS,
+        stage='Edges',
     )
     opening_length: int = parameter(
         3,
@@ -114,6 +140,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='px',
         thesis='eqs 3.22-3.24; 3',
+        counts=_THESIS,
+        stage='Edges',
+        usual=(1, 31),
     )
     rho_resolution: float = parameter(
         2.0,
@@ -122,6 +151,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000.0,
         unit='px',
         thesis='Hough Transform Rho Resolution; 2',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(0.25, 10),
     )
     theta_resolution_deg: float = parameter(
         1.0,
@@ -130,6 +162,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=45.0,
         unit='°',
         thesis='Hough Transform Theta Resolution; 1',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(0.1, 10),
     )
     num_peaks: int = parameter(
         3,
@@ -137,6 +172,9 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=1,
         maximum=100,
         thesis='Number of Hough Peaks; 3',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 10),
     )
     peak_neighborhood_rho: int = parameter(
         11,
@@ -146,6 +184,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 101),
     )
     peak_neighborhood_theta: int = parameter(
         11,
@@ -155,6 +196,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 101),
     )
     peak_threshold: int = parameter(
         15,
@@ -163,6 +207,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000_000,
         unit='votes',
         thesis='Hough Peaks Threshold',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 500),
     )
     rho_error_threshold: float = parameter(
         30.0,
@@ -171,6 +218,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000.0,
         unit='px',
         thesis='Rho Error Flag Threshold; 30',
+        stage='Correction',
+        usual=(0, 100),
     )
     theta_error_threshold_deg: float = parameter(
         2.0,
@@ -179,6 +228,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=90.0,
         unit='°',
         thesis='Theta Error Flag Threshold; 2',
+        stage='Correction',
+        usual=(0, 15),
     )
     correction_warmup: int = parameter(
         2,
@@ -187,6 +238,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=10_000,
         unit='frames',
         thesis='N-Sample Switch; 2',
+        stage='Correction',
+        usual=(0, 30),
     )
     max_hold: int = parameter(
         15,
@@ -196,6 +249,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000_000,
         unit='frames',
         thesis='section 4.3.2.4; never',
+        stage='Correction',
+        usual=(0, 100),
     )
     association: str = parameter(
         'nearest',
@@ -204,15 +259,20 @@ class RunwayDetectorParameters(ParameterSet):
         'and theta over all lines).',
         choices=ASSOCIATIONS,
         thesis='index',
+        counts=_THESIS,
+        stage='Correction',
     )
     image_transport: str = parameter(
         'raw',
         'raw subscribes to the image topic, compressed to <image topic>/compressed.',
         choices=IMAGE_TRANSPORTS,
         read_only=True,
+        stage='Node',
     )
-    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
-    autostart: bool = parameter(True, AUTOSTART, read_only=True)
+    opencv_threads: int = parameter(
+        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
+    )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True, stage='Node')
 
     def _check_together(self) -> None:
         if not self.runway_frame:

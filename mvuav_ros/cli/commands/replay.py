@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from mvuav_ros.missing_module import explain_missing_module
-from mvuav_ros.offline.replay.interruptions import (
-    Terminated,
-    ignore_signals,
-    interrupt_on_signals,
-)
-from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
+from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.selection import Selection
 
@@ -81,13 +73,20 @@ def replay(
             max=100.0,
         ),
     ] = 1.0,
-    jobs: Annotated[int, typer.Option(help='Recordings to process at a time.', min=1)] = 1,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            help='Processes that share the recordings, or one; all cores if left out.',
+            min=1,
+            show_default=False,
+        ),
+    ] = None,
     dask: Annotated[
         str | None,
         typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
     ] = None,
     strict: Annotated[
-        bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or refused.')
+        bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
     ] = False,
     force: Annotated[bool, typer.Option('--force', help='Overwrite what is there.')] = False,
 ) -> None:
@@ -99,13 +98,14 @@ def replay(
     """
     try:
         from mvuav_ros.cli.commands import replay_reports as reports
+        from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
         from mvuav_ros.offline.replay.job import ReplaySettings
         from mvuav_ros.offline.replay.outputs import plan
     except ImportError as error:
         raise SourceError(explain_missing_module('replay', error)) from error
 
     settings = ReplaySettings(
-        parameters=_parameters(nodes, params_file, param or []),
+        parameters=complete(resolve_parameters(node_names(nodes), params_file, param or [])),
         image_topic=image_topic,
         fps=fps,
         selection=Selection(start, duration, every),
@@ -114,57 +114,15 @@ def replay(
         gamma=gamma,
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
-    with _told_when_interrupted():
-        if dask is None and not planned[0].resume:
-            outcomes = [reports.replay_one(planned[0])]
+    processes = jobs or len(os.sched_getaffinity(0))
+    with stop_on_signals() as stop:
+        if dask is None and len(planned) == 1:
+            outcomes = [reports.replay_one(planned[0], processes, stop)]
         else:
-            outcomes = reports.replay_many(planned, jobs, dask)
-    if any(outcome.error for outcome in outcomes):
+            outcomes = reports.replay_many(planned, processes, dask, stop)
+    if stop:
+        raise Interrupted(stop.number)
+    if any(outcome.failure for outcome in outcomes):
         raise typer.Exit(1)
     if strict and any(outcome.lossy for outcome in outcomes):
-        raise SourceError('--strict: something was lost or refused; see the warnings')
-
-
-@contextmanager
-def _told_when_interrupted() -> Iterator[None]:
-    interrupt_on_signals()
-    try:
-        yield
-    except KeyboardInterrupt as interruption:
-        ignore_signals()
-        typer.echo('mvuav: interrupted', err=True)
-        terminated = isinstance(interruption, Terminated)
-        raise typer.Exit(128 + (signal.SIGTERM if terminated else signal.SIGINT)) from None
-
-
-def _parameters(
-    nodes: str, params_file: Path | None, assignments: list[str]
-) -> dict[str, dict[str, Any]]:
-    """Every parameter of the nodes that the user named."""
-    from mvuav_ros.processing.registry import PROCESSORS
-
-    names = [name.strip() for name in nodes.split(',') if name.strip()]
-    unknown = [name for name in names if name not in PROCESSORS]
-    if unknown or not names:
-        raise ParameterError(
-            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
-        )
-    given: dict[str, dict[str, object]] = {
-        name: read_parameter_values(params_file, name) if params_file else {} for name in names
-    }
-    for node, name, value in map(parse_assignment, assignments):
-        if node not in given:
-            raise ParameterError(f'{node}:{name}', f'{node} is not among --nodes {nodes}')
-        given[node][name] = value
-    parameters = {}
-    for node, values in given.items():
-        own = {name: value for name, value in values.items() if not _is_foreign(name)}
-        parameters[node] = PROCESSORS[node].parameters_type.from_mapping(own).as_dict()
-    return parameters
-
-
-def _is_foreign(name: str) -> bool:
-    """Parameters that every ROS node has, without a meaning for replay."""
-    return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
-        'qos_overrides.'
-    )
+        raise SourceError('--strict: something was lost or rejected; see the warnings')

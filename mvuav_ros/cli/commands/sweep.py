@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
 from mvuav_ros.missing_module import explain_missing_module
-from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
-
-if TYPE_CHECKING:
-    from mvuav_ros.offline.sweep.run import Axis
 
 CSV = 'sweep.csv'
 
@@ -59,14 +54,17 @@ def sweep(
     does not stop the others; the exit status is 1 then.
     """
     try:
+        from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
         from mvuav_ros.offline.report.writing import write_csv, write_report
         from mvuav_ros.offline.sweep import run as sweeping
         from mvuav_ros.offline.sweep.report import sweep_report, sweep_table
+        from mvuav_ros.processing.registry import PROCESSORS
     except ImportError as error:
         raise SourceError(explain_missing_module('sweep', error)) from error
 
     axes = [sweeping.parse_axis(text) for text in param or []]
-    base = _nodes(nodes, axes, params_file)
+    swept = list(dict.fromkeys(axis.node for axis in axes))
+    base = resolve_parameters(node_names(nodes, swept or [*PROCESSORS]), params_file)
     runs = sweeping.plan_runs(sources, axes, base, image_topic)
     if (output / CSV).exists() and not force:
         raise RecordingError(f'{output / CSV} exists; --force overwrites it')
@@ -97,27 +95,3 @@ def sweep(
     typer.echo(f'{page}: {len(results) - len(failed)} of {len(results)} runs')
     if failed:
         raise typer.Exit(1)
-
-
-def _nodes(
-    nodes: str | None, axes: list[Axis], params_file: Path | None
-) -> dict[str, dict[str, Any]]:
-    """The nodes to run, each with what the parameter file says."""
-    from mvuav_ros.processing.registry import PROCESSORS
-
-    swept = list(dict.fromkeys(axis.node for axis in axes))
-    names = [n.strip() for n in nodes.split(',') if n.strip()] if nodes else swept or [*PROCESSORS]
-    unknown = [name for name in names if name not in PROCESSORS]
-    if unknown or not names:
-        raise ParameterError(
-            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
-        )
-    for node in swept:
-        if node not in names:
-            raise ParameterError('--param', f'{node} is not among --nodes {nodes}')
-    base: dict[str, dict[str, Any]] = {}
-    for name in names:
-        given = read_parameter_values(params_file, name) if params_file else {}
-        known = PROCESSORS[name].parameters_type.names()
-        base[name] = {key: value for key, value in given.items() if key in known}
-    return base

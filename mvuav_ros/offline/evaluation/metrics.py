@@ -20,7 +20,7 @@ def metrics_of(observed: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
     metrics = [
         Metric('frames', 'frames', '', float(observed.frames)),
-        Metric('frames', 'frames refused', '', float(observed.refused)),
+        Metric('frames', 'frames refused', '', float(observed.rejected)),
         Metric('time per frame', 'time per frame', 'ms', observed.milliseconds),
     ]
     if observed.results.markers:

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from mvuav_ros.offline.evaluation.identity_runs import SCENES
 from mvuav_ros.offline.evaluation.marker_runs import supported
-from mvuav_ros.offline.evaluation.processes import all_of
+from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report.comparison import SHIPPED
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value

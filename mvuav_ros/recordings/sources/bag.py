@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Generator, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
@@ -25,6 +26,47 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _NS = 1_000_000_000
+_STAMP_END = 12
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame whose image is still the message that was recorded.
+
+    Attributes:
+        recorded: the message.
+        stamp_ns: the image's own, or the recording's where the driver set none.
+        camera: as in `Frame`.
+    """
+
+    recorded: RecordedMessage
+    stamp_ns: int
+    camera: CameraModel | None = None
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether decoding takes its time."""
+        return self.recorded.type.endswith('CompressedImage')
+
+    def decoded(self) -> Frame | BadFrame:
+        """The frame, or why there is none."""
+        frame = _frame(self.recorded)
+        if self.camera is None or isinstance(frame, BadFrame):
+            return frame
+        return replace(frame, camera=self.camera)
+
+    def without_data(self) -> EncodedFrame:
+        """All but the message's bytes."""
+        return self.with_data(b'')
+
+    def with_data(self, data: bytes) -> EncodedFrame:
+        """With the message's bytes."""
+        recorded = self.recorded
+        bare = RecordedMessage(recorded.topic, recorded.type, recorded.stamp_ns, data)
+        return replace(self, recorded=bare)
+
+
+_Pairing = StampPairing[CameraModel, EncodedFrame]
 
 
 class BagImages:
@@ -85,18 +127,21 @@ class BagImages:
             SourceError: the bag cannot be read any more.
         """
         for item in self.items(camera=True):
-            if not isinstance(item, RecordedMessage):
-                yield item
+            if isinstance(item, EncodedFrame):
+                yield item.decoded()
 
     def items(
         self, selection: Selection = EVERYTHING, *, others: bool = False, camera: bool = False
-    ) -> Generator[Frame | BadFrame | RecordedMessage, None, None]:
+    ) -> Generator[EncodedFrame | RecordedMessage, None, None]:
         """Read a part of the bag in the order in which it was recorded.
 
         Args:
             selection: the part, by the times of recording.
             others: also give every message as it is, an image's own before its frame.
             camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
+
+        Yields:
+            Frames that are not decoded yet, as that can be done apart, and messages.
 
         Raises:
             SourceError: the bag cannot be read any more.
@@ -109,10 +154,10 @@ class BagImages:
 
     def _items(
         self, selection: Selection, others: bool, camera: bool
-    ) -> Iterator[Frame | BadFrame | RecordedMessage]:
+    ) -> Iterator[EncodedFrame | RecordedMessage]:
         recording = self._recording
         wanted = {self.topic}
-        pairing = StampPairing[CameraModel, Frame]()
+        pairing = _Pairing()
         if camera and self.camera_topic is not None:
             wanted.add(self.camera_topic)
             if selection.is_part:
@@ -131,11 +176,8 @@ class BagImages:
                 _add_camera(message, pairing)
             if message.topic == self.topic and is_image_type(message.type):
                 if images % selection.every == 0:
-                    frame = _frame(message)
-                    if isinstance(frame, Frame):
-                        pairing.add_image(frame.stamp_ns, frame)
-                    else:
-                        yield frame
+                    stamp_ns = _stamp_ns(message)
+                    pairing.add_image(stamp_ns, EncodedFrame(message, stamp_ns))
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
@@ -169,7 +211,7 @@ def _camera_topic(recording: Recording, image_topic: str) -> str | None:
     return None
 
 
-def _add_camera(recorded: RecordedMessage, pairing: StampPairing[CameraModel, Frame]) -> bool:
+def _add_camera(recorded: RecordedMessage, pairing: _Pairing) -> bool:
     """Whether the message could be read."""
     try:
         message = decode_message(recorded.type, recorded.data)
@@ -179,19 +221,26 @@ def _add_camera(recorded: RecordedMessage, pairing: StampPairing[CameraModel, Fr
     return True
 
 
-def _add_first_camera(
-    recording: Recording, topic: str, pairing: StampPairing[CameraModel, Frame]
-) -> None:
+def _add_first_camera(recording: Recording, topic: str, pairing: _Pairing) -> None:
     """The calibration of a part may have been published once, before the part begins."""
     for message in recording.messages({topic}):
         if _add_camera(message, pairing):
             return
 
 
-def _paired(pairing: StampPairing[CameraModel, Frame], *, wait: bool) -> Iterator[Frame]:
+def _paired(pairing: _Pairing, *, wait: bool) -> Iterator[EncodedFrame]:
     while (pair := pairing.take(wait=wait)) is not None:
         camera, frame = pair
         yield frame if camera is None else replace(frame, camera=camera)
+
+
+def _stamp_ns(recorded: RecordedMessage) -> int:
+    """What the message's header says, which stands at its beginning whatever its type."""
+    if len(recorded.data) < _STAMP_END:
+        return recorded.stamp_ns
+    order = '<' if recorded.data[1] & 1 else '>'
+    seconds, nanoseconds = struct.unpack_from(f'{order}iI', recorded.data, 4)
+    return int(seconds * _NS + nanoseconds) or recorded.stamp_ns
 
 
 def _frame(recorded: RecordedMessage) -> Frame | BadFrame:

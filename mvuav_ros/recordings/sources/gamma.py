@@ -6,14 +6,15 @@ from collections.abc import Generator
 from dataclasses import replace
 from typing import TypeVar
 
-from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.recordings.sources.bag import EncodedFrame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 
 ItemT = TypeVar('ItemT')
 
 
 def gamma_corrected(
     items: Generator[ItemT, None, None], gamma: float
-) -> Generator[ItemT | Frame, None, None]:
+) -> Generator[ItemT | Frame | BadFrame, None, None]:
     """The items with the image of every frame corrected; whatever is no frame goes through.
 
     Args:
@@ -22,9 +23,10 @@ def gamma_corrected(
     """
     try:
         for item in items:
-            if isinstance(item, Frame) and gamma != 1.0:
-                yield replace(item, image=item.image.gamma_corrected(gamma))
+            frame = item.decoded() if isinstance(item, EncodedFrame) and gamma != 1.0 else item
+            if isinstance(frame, Frame) and gamma != 1.0:
+                yield replace(frame, image=frame.image.gamma_corrected(gamma))
             else:
-                yield item
+                yield frame
     finally:
         items.close()

@@ -24,9 +24,10 @@ from support.commands import (
 )
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
-from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, ReplaySettings, attempt
+from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
+from mvuav_ros.offline.replay.many import Event
 from mvuav_ros.offline.replay.outputs import plan
-from mvuav_ros.offline.replay.pool import Event
+from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.recordings.recording import RecordedMessage
 
 NODE = ('--nodes', 'marker_tracker')
@@ -51,13 +52,11 @@ def content(path: Path) -> tuple[list[RecordedMessage], dict[str, dict[str, str]
 def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The jobs in this process: what is tested is not the pool, and starting takes a second."""
 
-    def run(jobs: Sequence[ReplayJob], at_once: int) -> Generator[Event, None, None]:
+    def run(jobs: Sequence[ReplayJob], _: int, stop: Stop) -> Generator[Event, None, None]:
         for number, job in enumerate(jobs):
-            outcome = ReplayOutcome(job.source, job.output)
-            attempt(job, outcome, lambda _: None)
-            yield number, outcome
+            yield number, attempt(job, lambda _: None, stop)
 
-    monkeypatch.setattr('mvuav_ros.cli.commands.replay_reports.run_in_processes', run)
+    monkeypatch.setattr('mvuav_ros.cli.commands.replay_reports.run_jobs', run)
 
 
 def test_jobs_give_what_single_runs_give(bags: list[Path], tmp_path: Path) -> None:
