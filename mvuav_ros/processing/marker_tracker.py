@@ -95,6 +95,7 @@ class MarkerTrackerProcessor(Processor):
             self._set_rig(parameters)
         else:
             self._pipeline.configure(parameters)
+        self._share_camera()
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -106,9 +107,11 @@ class MarkerTrackerProcessor(Processor):
         if camera != self._camera:
             self._camera = camera
             self._poses.reset()
-            # Without a pose nobody waits for a calibration, so names must not depend on one.
-            if self._parameters.pose:
-                self._pipeline.set_camera(camera)
+            self._share_camera()
+
+    def _share_camera(self) -> None:
+        # Without a pose nobody waits for a calibration, so names must not depend on one.
+        self._pipeline.set_camera(self._camera if self._parameters.pose else None)
 
     def _forget(self) -> None:
         self._newest = None

@@ -49,6 +49,7 @@ class PoseTuning:
         memory: of the residuals, per frame.
         recent_memory: of those that tell of an upset: back to normal in 15 frames.
         upset: ratio of the recent noise to the usual one from which on it counts.
+        longest_upset: frames after which it is the usual noise that has changed.
         steady_error: px, of a centroid, the same from frame to frame: the residuals do not show
             all of it.
         most_distance_error: of the distance (1 sigma), above which a pose is kept back.
@@ -69,6 +70,7 @@ class PoseTuning:
     memory: float = 0.999
     recent_memory: float = 0.6
     upset: float = 2.5
+    longest_upset: int = 60
     steady_error: float = 0.015
     most_distance_error: float = 0.015
     most_turn_error: float = math.radians(1.5)
@@ -154,6 +156,7 @@ class PoseEstimator:
         self._last_time = -math.inf
         self._squares = self._freedom = self._recent = 0.0
         self._doubt = TUNING.first_weight
+        self._upset_for = 0
 
     @property
     def noise(self) -> float:
@@ -245,7 +248,11 @@ class PoseEstimator:
             return
         shown = squares / freedom
         self._recent += (1 - TUNING.recent_memory) * (shown - self._recent)
-        most = TUNING.unusual**2 * self._usual**2 * freedom
+        upset = self._recent > TUNING.upset**2 * self._usual**2
+        self._upset_for = self._upset_for + 1 if upset else 0
+        most = math.inf
+        if 0 < self._upset_for < TUNING.longest_upset:
+            most = self._usual**2 * freedom
         self._squares = TUNING.memory * self._squares + min(squares, most)
         self._freedom = TUNING.memory * self._freedom + freedom
         self._doubt *= TUNING.first_memory

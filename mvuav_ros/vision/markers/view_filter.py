@@ -47,11 +47,12 @@ class ViewTuning:
     """
 
     jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
-    unrest: tuple[float, ...] = (0.8, 0.15, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
+    unrest: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
     rates_last: float = 1.0
     noise: float = 0.15
     rig_error: float = 0.004
     least_rig_error: float = 0.0003
+    other_rig_error: float = 0.02
     gate: float = 16.0
     doubt: float = 6.0
     learning: float = 0.1
@@ -147,8 +148,11 @@ class ViewFilter:
         self._cross: Array = np.zeros((m, COUNT, COUNT))
         """Covariance of the rates with the parameters."""
         relative = view.misfit / view.scale
-        self._most_rig_error = max(TUNING.rig_error, 1.5 * relative if offsets is None else 0.01)
-        self.rig_error = rig_error or self._most_rig_error
+        self._rig_errors = (TUNING.least_rig_error, max(TUNING.rig_error, 1.5 * relative))
+        if offsets is not None:
+            # As the view changes, so does what lies beside the rig.
+            self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
+        self.rig_error = rig_error or self._rig_errors[1]
 
     @property
     def view(self) -> ViewState:
@@ -269,7 +273,7 @@ class ViewFilter:
                 return suspicion
         contested = len(self.contested.intersection(markers))
         judged = 0 < contested <= len(markers) - TUNING.fewest_firm
-        if strange and not judged and self._moved_oddly(found):
+        if (strange or suspicion is not None) and not judged and self._moved_oddly(found):
             return Consensus(self.look(found), markers)
         if suspicion is not None:
             return suspicion
@@ -423,6 +427,6 @@ class ViewFilter:
     def _learn_rig_error(self, view: ViewState, seen: int) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
         shown = view.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / view.scale
-        shown = min(max(2.0 * shown, TUNING.least_rig_error), self._most_rig_error)
+        shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
         self.rig_error += rate * (shown - self.rig_error)
