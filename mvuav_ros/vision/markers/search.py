@@ -11,6 +11,7 @@ import numpy as np
 
 from mvuav_ros.vision.markers.appearance import AppearanceModel
 from mvuav_ros.vision.markers.assignment import (
+    GATE,
     Clutter,
     Expectation,
     Lights,
@@ -73,6 +74,7 @@ class Search:
             found: those markers.
         """
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
+        self._known = tuple(self.found)
         self.views = views
         self.suspects = set(consensus.suspects)
         self._looks = looks
@@ -121,7 +123,16 @@ class Search:
         return len(nameless)
 
     def _check(self) -> None:
-        """Take back names that the others contradict."""
+        """Take back names that the others contradict, those given in this frame first."""
+        newcomers = [marker for marker in self.found if marker not in self._known]
+        while newcomers and len(self._known) >= 2:
+            surprise = self.views.surprise_of(places_of(self.found))
+            if max(surprise.values()) <= GATE:
+                break
+            worst = max(newcomers, key=lambda marker: surprise[marker])
+            newcomers.remove(worst)
+            self._distrusted.add(worst)
+            del self.found[worst]
         consensus = self.views.weigh(places_of(self.found))
         for marker in consensus.dropped:
             self._distrusted.add(marker)

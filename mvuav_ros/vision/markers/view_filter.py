@@ -249,6 +249,10 @@ class ViewFilter:
         self._fitted = key, fits
         return fits
 
+    def surprise_of(self, found: Mapping[int, Point]) -> dict[int, float]:
+        """For each named light how far it lies from where the others put it (see `Fits`)."""
+        return dict(zip(found, self._fit_all(found).surprise[MAIN].tolist(), strict=True))
+
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
 
