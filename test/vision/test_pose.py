@@ -9,9 +9,9 @@ import pytest
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY as FROM_BEHIND
 from mvuav_ros.vision.frames import from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY as FROM_BEHIND
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
 

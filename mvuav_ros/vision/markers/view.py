@@ -72,7 +72,8 @@ class Lens:
         camera = self._camera
         if camera is None or not len(ideal):
             return ideal
-        rays = np.column_stack(((ideal - self.centre) / self.focal, np.ones(len(ideal))))
+        focal = self._ideal[0, 0]
+        rays = np.column_stack(((ideal - self.centre) / focal, np.ones(len(ideal))))
         # Far outside of the frame a lens model turns back: nothing is seen there anyway.
         np.clip(rays[:, :2], -1.5, 1.5, out=rays[:, :2])
         zero = np.zeros(3)

@@ -30,20 +30,36 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class ViewTuning:
-    """How views change, and how exactly rigs are measured.
+    """How views change, how exactly rigs are measured, and how much evidence a doubt takes.
 
-    Chosen on the simulator's flights (vibration 0 to 3, roll sweeps, docking) and the reference's
-    videos.
+    Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
+    simulator's docking approaches; the parameters are those of `WeakPerspective.project`.
 
     Attributes:
-        jitter: random walk of the parameters (see `WeakPerspective.project`) per square root of a second.
+        jitter: random walk of the parameters, per square root of a second.
         unrest: the same of their rates: how quickly a motion changes.
         rates_last: s, after which a motion has changed.
         noise: px (1 sigma), of a light's place.
         rig_error: of a marker's place on the rig, in units of its size (1 sigma), at first.
         least_rig_error: the least that is learnt from how well the markers fit.
+        other_rig_error: the same for a body that is not what its rig says.
+        learning, unlearning: per frame, of a rig error that turns out less, or more.
         gate: squared distance over variance from which on a marker contradicts the others.
         doubt: two explanations whose costs differ by less than this are both possible.
+        doubted: times the usual deviation at which a marker that is doubted takes part.
+        doubted_least: px, of that at least.
+        fewest_firm: markers, without which none can be doubted.
+        allowance: of a squared distance over variance, per frame: what is more is evidence.
+        enough: evidence from which on a marker contradicts the others.
+        most_evidence: to which the evidence against any marker can add up.
+        forgetting: per frame, of the evidence against a marker that is out of sight.
+        doubtful_share: of the evidence against the worst marker, by which another must have
+            less so that it is not a suspect as well.
+        contested: evidence that a marker has against it that was out of sight shortly before.
+        upset: by which all variances grow where what is seen makes no sense.
+        free: by which they grow to find out whether it is only the motion that was not foreseen.
+        fewest_free: coordinates for that.
+        exact: deviations, root mean square, up to which the markers then fit the rig.
     """
 
     jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
@@ -53,23 +69,23 @@ class ViewTuning:
     rig_error: float = 0.004
     least_rig_error: float = 0.0003
     other_rig_error: float = 0.02
-    gate: float = 16.0
-    doubt: float = 6.0
     learning: float = 0.1
     unlearning: float = 0.003
+    gate: float = 16.0
+    doubt: float = 6.0
     doubted: float = 10.0
     doubted_least: float = 2.0
+    fewest_firm: int = 3
     allowance: float = 6.0
     enough: float = 20.0
     most_evidence: float = 100.0
+    forgetting: float = 0.9
+    doubtful_share: float = 0.1
+    contested: float = 50.0
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
     exact: float = 3.0
-    forgetting: float = 0.9
-    doubtful_share: float = 0.1
-    fewest_firm: int = 3
-    contested: float = 50.0
 
 
 TUNING = ViewTuning()
@@ -100,9 +116,9 @@ class Consensus:
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
-    Beside the filter that believes every marker there is one for each marker that all but ignores
-    it. What such a filter saves, frame after frame, is the evidence that its marker is another
-    light; and when that is enough, it has not been led astray by it.
+    Several hypotheses are carried along. Beside the filter that believes every marker there is one for each marker that all but ignores
+    it. How far the marker lies from where that filter expects it, frame after frame, is the evidence
+    that it is another light; and when that is enough, the filter has not been led astray by it.
 
     Attributes:
         shape: the rig.
