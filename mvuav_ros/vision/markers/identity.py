@@ -98,10 +98,12 @@ class _Attempts:
     """When to name a whole body: the more often that failed, the less often it is tried.
 
     Attributes:
+        count: markers of the body.
         agreed: frames in a row that named the body alike.
         last: places of its markers in the last one.
     """
 
+    count: int
     agreed: int = 0
     last: tuple[Detection, ...] = ()
     _failures: int = 0
@@ -115,7 +117,8 @@ class _Attempts:
             lights: in it; another number than before may be what was waited for.
         """
         if lights != self._lights:
-            self._lights, self._rest = lights, min(self._rest, 1)
+            complete = self._lights < self.count <= lights
+            self._lights, self._rest = lights, 0 if complete else min(self._rest, 1)
         self._rest -= 1
         return self._rest < 0
 
@@ -179,7 +182,7 @@ class IdentityTracker:
         self._views: ViewFilter | None = None
         self._clutter = Clutter()
         self._markers: list[_Known] = []
-        self._attempts = _Attempts()
+        self._attempts = _Attempts(self._count)
         self._doubts = 0
         self._tick = 0
 
@@ -213,6 +216,8 @@ class IdentityTracker:
             return self._nothing(str(error))
         if not self._attempts.due(len(lights)):
             return self._nothing(f'{len(lights)} lights in view, {self._count} do not stand out')
+        if len(lights) < self._count:
+            return self._nothing(f'{len(lights)} of {self._count} markers in view')
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is None:
             self._attempts.fail()
@@ -379,7 +384,7 @@ class IdentityTracker:
             marker.returning = RETURNING
             marker.contested = 0
             self._filter.forget(index)
-        self._attempts = _Attempts()
+        self._attempts = _Attempts(self._count)
         self._doubts = 0
 
     def _motion(self, predicted: list[float]) -> Motion:

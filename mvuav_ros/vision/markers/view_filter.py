@@ -116,9 +116,10 @@ class Consensus:
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
-    Several hypotheses are carried along. Beside the filter that believes every marker there is one for each marker that all but ignores
-    it. How far the marker lies from where that filter expects it, frame after frame, is the evidence
-    that it is another light; and when that is enough, the filter has not been led astray by it.
+    Several hypotheses are carried along. Beside the filter that believes every marker there is
+    one for each marker that all but ignores it. How far that marker lies from where such a filter
+    expects it, frame after frame, is the evidence that it is another light; and when that is
+    enough, the filter has not been led astray by it.
 
     Attributes:
         shape: the rig.
