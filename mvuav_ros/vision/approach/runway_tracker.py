@@ -1,0 +1,235 @@
+"""Several possible runways followed at a time, until it is clear which is the one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.candidates import (
+    LEVELS,
+    Candidates,
+    LevelledImage,
+    find_candidates,
+)
+from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
+from mvuav_ros.vision.approach.probability import evidence_weights
+from mvuav_ros.vision.approach.runway_track import RunwayTrack
+from mvuav_ros.vision.approach.strip_search import fan_jobs
+
+_MOST_TRACKS = 5
+_CHUNK = 8
+"""Rows of vanishing points searched in one frame."""
+_OFTEN, _SELDOM = 2, 8
+"""Frames from one share of the search to the next without and with a runway."""
+_HOPELESS = -5.0
+_LEAST_START = -3.0
+"""Log odds below which a candidate is not followed."""
+_SWITCH = 0.7
+"""Log odds by which another track must be better than the one shown."""
+_MOST_STARTED = 3
+
+
+@dataclass(frozen=True)
+class SearchRange:
+    """Where vanishing points are looked for.
+
+    Attributes:
+        slope: rad, by which the image is levelled for the search.
+        first: row of the levelled working image.
+        last: likewise.
+    """
+
+    slope: float
+    first: float
+    last: float
+
+
+class RunwayTracker:
+    """Finds and follows the runway on the levelled working images of one size."""
+
+    def __init__(self) -> None:
+        self.tracks: list[RunwayTrack] = []
+        self.best: RunwayTrack | None = None
+        self._level: Derotation | None = None
+        self._frame = 0
+        self._job = 0
+
+    def step(
+        self,
+        image: NDArray[Any],
+        pixels: NDArray[Any],
+        level: Derotation,
+        ranges: list[SearchRange],
+        horizon: tuple[float, float] | None,
+    ) -> RunwayTrack | None:
+        """Take in the next frame.
+
+        Args:
+            image: the frame, (height, width) or (height, width, 3), blue first.
+            pixels: its working image.
+            level: of the frame.
+            ranges: hypotheses of where the horizon is; the first has the level's slope.
+            horizon: row of the vanishing point and its standard deviation, if known, px.
+
+        Returns:
+            The likeliest track, if there is one.
+        """
+        working = LevelledImage(level.turned(pixels))
+        for track in self.tracks:
+            if self._level is not None:
+                track.turn(self._level, level)
+            track.step(image, working, level, horizon)
+        self._level = level
+        self.tracks = [
+            track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
+        ]
+        self._merge()
+        certain = self.best is not None and self.best.log_odds > 0
+        if self._frame == 0:
+            for each in ranges:
+                self._start(self._everywhere(pixels, working, level, each))
+        elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
+            self._start(self._share(pixels, working, level, ranges))
+        self._frame += 1
+        self._choose()
+        return self.best
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the best track is a runway, rather than another track or none."""
+        best = self.best
+        if best is None:
+            return 0.0
+        others = [t for t in self.tracks if t is not best and not _overlapping(t, best)]
+        against = sum(math.exp(min(track.log_odds, 50.0)) for track in others)
+        for_it = math.exp(min(best.log_odds, 50.0))
+        return for_it / (1.0 + for_it + against)
+
+    def _everywhere(
+        self, pixels: NDArray[Any], working: LevelledImage, level: Derotation, where: SearchRange
+    ) -> Candidates:
+        searched, turned = self._levelled(pixels, working, level, where)
+        found = find_candidates(searched, where.first, where.last)
+        return _turned(found, turned, level)
+
+    def _share(
+        self,
+        pixels: NDArray[Any],
+        working: LevelledImage,
+        level: Derotation,
+        ranges: list[SearchRange],
+    ) -> Candidates:
+        """The next few rows of vanishing points, on one level and at one depth."""
+        chunks = [
+            (where, pyramid, depth, jobs)
+            for where in ranges
+            for pyramid in range(LEVELS)
+            for depth, jobs in _chunks(where, pyramid)
+        ]
+        where, pyramid, depth, rows = chunks[self._job % len(chunks)]
+        self._job += 1
+        searched, turned = self._levelled(pixels, working, level, where)
+        found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
+        return _turned(searched.weigh(found, pyramid), turned, level)
+
+    def _levelled(
+        self, pixels: NDArray[Any], working: LevelledImage, level: Derotation, where: SearchRange
+    ) -> tuple[LevelledImage, Derotation]:
+        if where.slope == level.slope:
+            return working, level
+        other = Derotation(level.width, level.height, level.factor, where.slope)
+        return LevelledImage(other.turned(pixels)), other
+
+    def _start(self, found: Candidates) -> None:
+        if not len(found.strips):
+            return
+        odds = evidence_weights().log_odds(found.features)
+        for index in islice(np.argsort(-odds), _MOST_STARTED):
+            if odds[index] < _LEAST_START:
+                return
+            track = RunwayTrack(found.strips[index], float(odds[index]))
+            if any(_same(track, other) for other in self.tracks):
+                continue
+            if len(self.tracks) >= _MOST_TRACKS:
+                worst = min((t for t in self.tracks if t is not self.best), key=_merit)
+                if worst.log_odds > track.log_odds:
+                    continue
+                self.tracks.remove(worst)
+            self.tracks.append(track)
+
+    def _merge(self) -> None:
+        """Of tracks that have become the same one keep the one shown, or the better."""
+        kept: list[RunwayTrack] = []
+        for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.log_odds)):
+            if not any(_same(track, other) for other in kept):
+                kept.append(track)
+        self.tracks = kept
+
+    def _choose(self) -> None:
+        if self.best not in self.tracks:
+            self.best = None
+        for track in self.tracks:
+            if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
+                self.best = track
+
+
+def _merit(track: RunwayTrack) -> float:
+    return track.log_odds
+
+
+def _chunks(where: SearchRange, level: int) -> list[tuple[int, list[float]]]:
+    factor = 2**level
+    by_depth: dict[int, list[float]] = {}
+    for depth, row in fan_jobs(where.first / factor, where.last / factor, level):
+        by_depth.setdefault(depth, []).append(row)
+    return [
+        (depth, rows[first : first + _CHUNK])
+        for depth, rows in by_depth.items()
+        for first in range(0, len(rows), _CHUNK)
+    ]
+
+
+def _turned(found: Candidates, old: Derotation, new: Derotation) -> Candidates:
+    """Candidates of one derotation described on another one."""
+    if old.slope == new.slope:
+        return found
+    strips = found.strips.copy()
+    for strip in strips:
+        x, y, left, right, far, near = (float(v) for v in strip)
+        row = y + near
+        edges = [turn_edge(x + s * near, s, row, old, new) for s in (left, right)]
+        (first, left), (second, right) = edges
+        if right - left > 0.02:
+            depth = (second - first) / (right - left)
+            strip[:] = first - left * depth, row - depth, left, right, depth * far / near, depth
+    return Candidates(strips, found.features)
+
+
+def _ends(track: RunwayTrack, row: float) -> tuple[float, float]:
+    x, y, left, right = (float(v) for v in track.shape.as_array())
+    return x + left * (row - y), x + right * (row - y)
+
+
+def _same(one: RunwayTrack, other: RunwayTrack) -> bool:
+    width = min(one.width, other.width)
+    row = 0.5 * (_near_row(one) + _near_row(other))
+    edges = zip(_ends(one, row), _ends(other, row), strict=True)
+    apart = max(abs(a - b) for a, b in edges)
+    return apart < 0.15 * width + 1 and abs(_near_row(one) - _near_row(other)) < 0.5 * width + 4
+
+
+def _overlapping(one: RunwayTrack, other: RunwayTrack) -> bool:
+    """Both may be the same runway, one with its shoulders or of its inner part."""
+    row = 0.5 * (_near_row(one) + _near_row(other))
+    a, b = _ends(one, row), _ends(other, row)
+    shared = min(a[1], b[1]) - max(a[0], b[0])
+    return shared > 0.5 * min(a[1] - a[0], b[1] - b[0])
+
+
+def _near_row(track: RunwayTrack) -> float:
+    return float(track.shape.vanishing_point[1]) + track.near
