@@ -13,7 +13,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics, FrameTimes
@@ -117,7 +117,16 @@ class VisionNode(Node):
             topic, kind = f'{images}/compressed', CompressedImage
         else:
             topic, kind = 'image_raw', Image
-        return ImageInput(self, kind, topic, self._on_image, infos, self._awaits_info)
+        return ImageInput(
+            self,
+            kind,
+            topic,
+            self._on_image,
+            infos,
+            self._awaits_info,
+            'imu' if self._processor.uses_attitude else None,
+            lambda: self._processor.awaits_attitude,
+        )
 
     def _awaits_info(self) -> bool:
         return self._processor.awaits_camera_info
@@ -152,7 +161,7 @@ class VisionNode(Node):
             self._frames.arrived()
             if not self._enabled:
                 return
-        frame = self._decode(received.data, received.info)
+        frame = self._decode(received)
         decoded = time.perf_counter()
         with self._lock:
             self._stamps.follow(frame.stamp_ns)
@@ -174,7 +183,8 @@ class VisionNode(Node):
             images = self._processor.draw(debug) if debug else []
         self._publish(images)
 
-    def _decode(self, data: bytes | Frame, info: CameraInfo | None) -> Frame:
+    def _decode(self, received: ReceivedImage) -> Frame:
+        data, info = received.data, received.info
         if isinstance(data, Frame):
             return data
         if self._compressed:
@@ -186,7 +196,7 @@ class VisionNode(Node):
             image = decode_image(message)
             stamp_ns, frame_id = message.stamp_ns, message.frame_id
         camera = None if info is None else decode_camera_info(info)
-        return Frame(stamp_ns, frame_id, image, camera)
+        return Frame(stamp_ns, frame_id, image, camera, received.attitude)
 
     def _publish(self, outputs: list[Output]) -> None:
         for topic, make in outputs:

@@ -57,11 +57,13 @@ class RunwayDetectorProcessor(Processor):
     debug_topics = tuple(_PICTURES)
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
+    uses_attitude = True
     triggers = ('reset_statistics',)
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         super().__init__()
-        self._mode = (parameters or RunwayDetectorParameters()).mode
+        given = parameters or RunwayDetectorParameters()
+        self._mode, self._horizon_source = given.mode, given.horizon_source
         self._thesis = RunwayDetector(parameters)
         self._approach = ApproachDetector(parameters)
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
@@ -71,10 +73,16 @@ class RunwayDetectorProcessor(Processor):
         """See `Processor.awaits_camera_info`."""
         return self._mode == 'approach'
 
+    @property
+    def awaits_attitude(self) -> bool:
+        """See `Processor.awaits_attitude`."""
+        return self._mode == 'approach' and self._horizon_source != 'image'
+
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         self._thesis.configure(parameters)
         self._approach.configure(parameters)
+        self._horizon_source = parameters.horizon_source
         if parameters.mode != self._mode:
             self._mode = parameters.mode
             self._forget()
@@ -103,10 +111,12 @@ class RunwayDetectorProcessor(Processor):
         pixels = _pixels(frame.image)
         result: RunwayResult | ApproachResult
         if self._mode == 'approach':
-            result = self._approach.process(pixels, frame.stamp_ns)
+            result = self._approach.process(pixels, frame.stamp_ns, frame.attitude)
         else:
             result = self._thesis.process(pixels, frame.stamp_ns)
         self.status = result.status
+        if self._mode == 'approach' and self._approach.attitude_problem:
+            self.status = '; '.join(filter(None, (self.status, self._approach.attitude_problem)))
         outputs = [
             Output('line_params', partial(encode_line_params, result, header)),
             Output('lines', partial(encode_lines, result, header)),

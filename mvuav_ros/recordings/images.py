@@ -15,6 +15,7 @@ from mvuav_ros.recordings.serialization.compressed_size import compressed_size
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+IMU = 'sensor_msgs/msg/Imu'
 
 
 def is_image_type(type_name: str) -> bool:

@@ -163,7 +163,11 @@ def run_job(
         progress(JobProgress(source.name, 0, source.count))
         writer = RecordingWriter(job.output, redo, {DESCRIPTION: description})
         with _closed_at_the_end(writer):
-            items = source.items(settings.keep_inputs, any(p.uses_camera_info for p in processors))
+            items = source.items(
+                settings.keep_inputs,
+                any(p.uses_camera_info for p in processors),
+                any(p.awaits_attitude for p in processors),
+            )
             copier = _Copier(processors, writer)
             try:
                 with closing(prefetched(items) if ahead else items) as items:

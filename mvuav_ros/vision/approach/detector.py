@@ -64,6 +64,7 @@ class ApproachDetector:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
         self._finder: Finder | None = None
+        self._had_attitude = False
         self._shown: FollowedTrack | None = None
         self._correction.reset()
 
@@ -110,19 +111,25 @@ class ApproachDetector:
         return self._present(image, stamp_ns, found.track, found)
 
     def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
-        source = self._parameters.horizon_source
+        """Where attitude says that the horizon is; None where the image must say it."""
         self.attitude_problem = ''
-        if source == 'image' or isinstance(attitude, HorizonLine | None):
-            if source == 'imu' and attitude is None:
-                self.attitude_problem = 'no attitude: the horizon is taken from the image'
-            return attitude if source != 'image' and isinstance(attitude, HorizonLine) else None
+        source = self._parameters.horizon_source
+        if source == 'image':
+            return None
+        if attitude is None:
+            if source == 'imu' or self._had_attitude:
+                self.attitude_problem = "no attitude for this image: the horizon is the image's"
+            return None
+        self._had_attitude = True
+        if isinstance(attitude, HorizonLine):
+            return attitude
         camera = self._checked_camera()
         if camera is None:
-            self.attitude_problem = 'attitude needs a calibrated camera_info'
+            self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
             return None
         horizon = horizon_from(attitude, camera, self._mount)
         if horizon is None:
-            self.attitude_problem = 'the attitude shows no horizon'
+            self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
         return horizon
 
     def _doubtful(self, found: Found) -> bool:
