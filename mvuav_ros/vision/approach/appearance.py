@@ -17,6 +17,11 @@ _ROWS = 44
 """Below the vanishing point: near ends of up to 28 px and half as much again."""
 _MOST_GAIN = 5.0
 _FIRST_DEPTH, _LEAST_WIDTH = 1.5, 2.0
+_MIRROR = np.array([-1, -1, -1, 1], np.float32)
+_SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
+"""Widths of strips around and within a strip that are compared with it, of its width."""
+_SIDE = np.array([1.0, 2.0])
+"""Of half its width: how much wider on one side."""
 Numbers = NDArray[np.floating[Any]]
 
 
@@ -194,25 +199,30 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 
 
 def _sampled(
-    image: EvidenceMap, of: Profile, first: Any, second: Any, depth: Numbers
+    image: EvidenceMap, of: Profile, first: Numbers, second: Numbers, depth: Numbers
 ) -> tuple[Numbers, NDArray[np.bool_]]:
-    """Evidence that two edges through the vanishing point have in common, and where it is known.
+    """Evidence that pairs of edges through the vanishing points have in common; where it is known.
 
     Args:
         image: the map.
         of: the strips.
-        first: (n, 1) columns per row of the left edge.
-        second: likewise of the right edge.
+        first: (n, pairs) columns per row of the left edges.
+        second: (n, pairs) of the right edges.
         depth: (n, rows) below the vanishing point.
+
+    Returns:
+        Twice (n, pairs, rows).
     """
-    x, y = of.strips[:, 0:1], of.strips[:, 1:2]
-    rows = np.rint(y + depth).astype(np.intp)
-    one, in_one = image.at(rows, x + first * depth)
-    other, in_other = image.at(rows, x + second * depth)
-    left, right = one.astype(np.float32) / UNIT, other.astype(np.float32) / UNIT
-    right[..., :3] *= -1
+    x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
+    rows = np.rint(y + depth).astype(np.intp)[:, None, :]
+    slopes = np.concatenate([first, second], axis=1)[:, :, None]
+    evidence, inside = image.at(rows, x + slopes * depth[:, None, :])
+    values = evidence.astype(np.float32) / UNIT
+    count = first.shape[1]
+    left, right = values[:, :count], values[:, count:] * _MIRROR
     common = np.maximum(np.minimum(left, right), 0) + np.minimum(np.maximum(left, right), 0)
-    return np.minimum(np.abs(common) @ _WEIGHTS, _MOST_GAIN), in_one & in_other
+    known = inside[:, :count] & inside[:, count:]
+    return np.minimum(np.abs(common) @ _WEIGHTS, _MOST_GAIN), known
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
@@ -220,9 +230,9 @@ def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
 
     A road goes on there as a runway does not; where nothing can be seen nobody knows.
     """
-    near = of.strips[:, 5:6]
+    left, right, near = of.strips[:, 2:3], of.strips[:, 3:4], of.strips[:, 5:6]
     share = np.geomspace(1.12, 2.6, 12)
-    found, seen = _sampled(image, of, of.strips[:, 2:3], of.strips[:, 3:4], near * share + 1.0)
+    found, seen = (each[:, 0] for each in _sampled(image, of, left, right, near * share + 1.0))
     count = seen.sum(axis=1)
     mean: Numbers = (found * seen).sum(axis=1) / np.maximum(count, 1)
     return mean, count / share.size
@@ -236,19 +246,15 @@ def _of_the_neighbours(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     left, right, far, near = (of.strips[:, column : column + 1] for column in (2, 3, 4, 5))
     depth = far + (near - far) * np.linspace(0.15, 0.95, 9)
     middle, half = 0.5 * (left + right), 0.5 * (right - left)
-
-    def best(pairs: list[tuple[Numbers, Numbers]]) -> Numbers:
-        means = [_sampled(image, of, *pair, depth)[0].mean(axis=1) for pair in pairs]
-        result: Numbers = np.max(means, axis=0)
-        return result
-
+    first = np.concatenate([middle - _SCALES * half, left - _SIDE * half, left + 0 * _SIDE], axis=1)
+    second = np.concatenate(
+        [middle + _SCALES * half, right + 0 * _SIDE, right + _SIDE * half], axis=1
+    )
+    means = _sampled(image, of, first, second, depth)[0].mean(axis=2)
     return {
-        'wider': best([(middle - k * half, middle + k * half) for k in (1.35, 1.7, 2.2, 3.0)]),
-        'narrower': best([(middle - k * half, middle + k * half) for k in (0.35, 0.5, 0.7)]),
-        'wider_on_one_side': best(
-            [(left - k * half, right) for k in (1.0, 2.0)]
-            + [(left, right + k * half) for k in (1.0, 2.0)]
-        ),
+        'wider': means[:, :4].max(axis=1),
+        'narrower': means[:, 4:7].max(axis=1),
+        'wider_on_one_side': means[:, 7:].max(axis=1),
     }
 
 
@@ -326,25 +332,21 @@ def _greyness(inside: Numbers, before: Numbers, after: Numbers) -> Numbers:
 
 def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     x, y, left, right, _, near = of.strips.T
+    # Inside the strip, and beside it to the left and to the right.
+    begin, end = np.array([0.1, -0.8, 1.2]), np.array([0.9, -0.2, 1.8])
 
-    def band(first: float, last: float, begin: float, end: float) -> Numbers:
-        means = []
-        for step in np.linspace(first, last, 3):
-            depth = near + step
-            start = x + left * depth
-            width = np.maximum((right - left) * depth, 1)
-            row = np.rint(y + depth).astype(np.intp)[:, None]
-            begins, ends = (start + begin * width)[:, None], (start + end * width)[:, None]
-            means.append(image.means(row, begins, ends)[0][:, :, 0])
-        result: Numbers = np.mean(means, axis=0)
-        return result
+    def band(first: float, last: float) -> Numbers:
+        """(channels, n, 3) means over three rows."""
+        depth = near[:, None] + np.linspace(first, last, 3)
+        start = (x[:, None] + left[:, None] * depth)[:, :, None]
+        width = np.maximum((right - left)[:, None] * depth, 1)[:, :, None]
+        rows = np.rint(y[:, None] + depth).astype(np.intp)[:, :, None]
+        result: Numbers = image.means(rows, start + begin * width, start + end * width)[0]
+        return result.mean(axis=2)
 
     rows = np.rint(y + near).astype(np.intp)
     texture = _texture(image, rows, x + (left + right) / 2 * near)
-    steps = [
-        _length((band(-3.2, -0.2, begin, end) - band(1.2, 3.5, begin, end)) / texture)
-        for begin, end in ((0.1, 0.9), (-0.8, -0.2), (1.2, 1.8))
-    ]
+    steps = _length((band(-3.2, -0.2) - band(1.2, 3.5)) / texture[:, None]).T
     return {
         'near_end': np.minimum(steps[0], 8),
         'near_end_beside': np.clip(steps[0] - np.maximum(steps[1], steps[2]), -8, 8),

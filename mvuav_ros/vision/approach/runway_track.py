@@ -92,14 +92,15 @@ class RunwayTrack:
             level: of the frame.
             horizon: row of the vanishing point and its standard deviation, if known, px.
         """
+        if self.age:
+            self.shape.predict()
         self.age += 1
-        self.shape.predict()
         seen = self._describe(working) if self._plausible(working) else None
         if seen is None:
             self._miss()
             return
         odds = float(evidence_weights().log_odds(seen.features)[0])
-        self.log_odds += max(_MEMORY, 1.0 / (self.age + 1)) * (odds - self.log_odds)
+        self.log_odds += max(_MEMORY, 1.0 / self.age) * (odds - self.log_odds)
         self.misses = 0
         self._measure(image, level, seen, horizon)
         if not self._plausible(working):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,16 @@ class SearchRange:
     last: float
 
 
+class _View(NamedTuple):
+    """A frame as the tracks see it; see `RunwayTracker.step`."""
+
+    image: NDArray[Any]
+    pixels: NDArray[Any]
+    working: LevelledImage
+    level: Derotation
+    horizon: tuple[float, float] | None
+
+
 class RunwayTracker:
     """Finds and follows the runway on the levelled working images of one size."""
 
@@ -79,11 +89,11 @@ class RunwayTracker:
         Returns:
             The likeliest track, if there is one.
         """
-        working = LevelledImage(level.turned(pixels))
+        view = _View(image, pixels, LevelledImage(level.turned(pixels)), level, horizon)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
-            track.step(image, working, level, horizon)
+            track.step(image, view.working, level, horizon)
         self._level = level
         self.tracks = [
             track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
@@ -92,9 +102,9 @@ class RunwayTracker:
         certain = self.best is not None and self.best.log_odds > 0
         if self._frame == 0:
             for each in ranges:
-                self._start(self._everywhere(pixels, working, level, each))
+                self._start(self._everywhere(view, each), view)
         elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
-            self._start(self._share(pixels, working, level, ranges))
+            self._start(self._share(view, ranges), view)
         self._frame += 1
         self._choose()
         return self.best
@@ -110,42 +120,33 @@ class RunwayTracker:
         for_it = math.exp(min(best.log_odds, 50.0))
         return for_it / (1.0 + for_it + against)
 
-    def _everywhere(
-        self, pixels: NDArray[Any], working: LevelledImage, level: Derotation, where: SearchRange
-    ) -> Candidates:
-        searched, turned = self._levelled(pixels, working, level, where)
-        found = find_candidates(searched, where.first, where.last)
-        return _turned(found, turned, level)
+    def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
+        searched, turned = self._levelled(view, where)
+        return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
 
-    def _share(
-        self,
-        pixels: NDArray[Any],
-        working: LevelledImage,
-        level: Derotation,
-        ranges: list[SearchRange],
-    ) -> Candidates:
+    def _share(self, view: _View, ranges: list[SearchRange]) -> Candidates:
         """The next few rows of vanishing points, on one level and at one depth."""
         chunks = [
-            (where, pyramid, depth, jobs)
+            (where, pyramid, depth, rows)
             for where in ranges
             for pyramid in range(LEVELS)
-            for depth, jobs in _chunks(where, pyramid)
+            for depth, rows in _chunks(where, pyramid)
         ]
         where, pyramid, depth, rows = chunks[self._job % len(chunks)]
         self._job += 1
-        searched, turned = self._levelled(pixels, working, level, where)
+        searched, turned = self._levelled(view, where)
         found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
-        return _turned(searched.weigh(found, pyramid), turned, level)
+        return _turned(searched.weigh(found, pyramid), turned, view.level)
 
-    def _levelled(
-        self, pixels: NDArray[Any], working: LevelledImage, level: Derotation, where: SearchRange
-    ) -> tuple[LevelledImage, Derotation]:
+    def _levelled(self, view: _View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
+        level = view.level
         if where.slope == level.slope:
-            return working, level
+            return view.working, level
         other = Derotation(level.width, level.height, level.factor, where.slope)
-        return LevelledImage(other.turned(pixels)), other
+        return LevelledImage(other.turned(view.pixels)), other
 
-    def _start(self, found: Candidates) -> None:
+    def _start(self, found: Candidates, view: _View) -> None:
+        """Follow the likeliest candidates that are not followed yet."""
         if not len(found.strips):
             return
         odds = evidence_weights().log_odds(found.features)
@@ -153,14 +154,20 @@ class RunwayTracker:
             if odds[index] < _LEAST_START:
                 return
             track = RunwayTrack(found.strips[index], float(odds[index]))
-            if any(_same(track, other) for other in self.tracks):
+            if any(_same(track, other) for other in self.tracks) or not self._room_for(track):
                 continue
-            if len(self.tracks) >= _MOST_TRACKS:
-                worst = min((t for t in self.tracks if t is not self.best), key=_merit)
-                if worst.log_odds > track.log_odds:
-                    continue
-                self.tracks.remove(worst)
+            track.step(view.image, view.working, view.level, view.horizon)
             self.tracks.append(track)
+
+    def _room_for(self, track: RunwayTrack) -> bool:
+        """Whether it may be followed, for which the worst one may have to go."""
+        if len(self.tracks) < _MOST_TRACKS:
+            return True
+        worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.log_odds)
+        if worst.log_odds > track.log_odds:
+            return False
+        self.tracks.remove(worst)
+        return True
 
     def _merge(self) -> None:
         """Of tracks that have become the same one keep the one shown, or the better."""
@@ -176,10 +183,6 @@ class RunwayTracker:
         for track in self.tracks:
             if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
                 self.best = track
-
-
-def _merit(track: RunwayTrack) -> float:
-    return track.log_odds
 
 
 def _chunks(where: SearchRange, level: int) -> list[tuple[int, list[float]]]:
