@@ -123,7 +123,7 @@ class LevelledImage:
 
     def describe(self, strips: Strips, level: int) -> Candidates:
         """Align strips, given on a level's image, and describe them."""
-        return describe_strips(self.map(level), strips, level, self.scene(level))
+        return describe_part(self.map(level), strips, level, self.scene(level))[0]
 
     def cut(
         self, level: int, box: tuple[float, float, float, float]
@@ -151,15 +151,22 @@ class LevelledImage:
         )
 
 
-def describe_strips(image: EvidenceMap, strips: Strips, level: int, scene: Scene) -> Candidates:
-    """Align strips, given on the map, and describe them; on the finest level's scale."""
+def describe_part(
+    image: EvidenceMap, strips: Strips, level: int, scene: Scene
+) -> tuple[Candidates, NDArray[np.intp]]:
+    """Align strips, given on a map, and describe them; on the finest level's scale.
+
+    Returns:
+        Those that are still strips, and their numbers.
+    """
     if not len(strips):
-        return NO_CANDIDATES
+        return NO_CANDIDATES, np.empty(0, np.intp)
     aligned, valid = align(image, strips)
-    if not valid.any():
-        return NO_CANDIDATES
-    features, measured = describe(image, aligned[valid], scene, level)
-    return Candidates(to_finest(measured, level), features)
+    kept = np.flatnonzero(valid)
+    if not kept.size:
+        return NO_CANDIDATES, kept
+    features, measured = describe(image, aligned[kept], scene, level)
+    return Candidates(to_finest(measured, level), features), kept
 
 
 def to_finest(strips: Strips, level: int) -> Strips:

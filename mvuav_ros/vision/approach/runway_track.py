@@ -1,4 +1,9 @@
-"""One possible runway followed from frame to frame."""
+"""One possible runway followed from frame to frame, as several strips that may be it.
+
+A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
+of them is the runway one frame seldom tells. So all are followed, each with the log odds of the
+frames so far, and the edges reported are their mean, weighted by probability.
+"""
 
 from __future__ import annotations
 
@@ -9,35 +14,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES
-from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, describe_strips, to_level
-from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
+from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, describe_part, to_level
+from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.edges import EdgePoints
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_edges import EdgeLook
 from mvuav_ros.vision.approach.shape import Shape
+from mvuav_ros.vision.approach.strip_search import Strips
 
 _DEEPEST = 28.0
 """Px of a pyramid level: a near end below that is measured on the next one."""
-_MEMORY, _END_MEMORY = 0.15, 0.6
+_MOST_STRIPS = 10
+_MEMORY = 0.15
+_END_MEMORY = 0.6
 _MOST_MISSES = 10
 _MISSED = -4.0
 """Log odds of a frame in which nothing is there."""
-_SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.6, 36.0, 24.0, 2.7
+_WORST = -9.0
+"""Log odds under the best strip's below which a strip is given up."""
+_TEMPERATURE = 1.5
+"""Of the mean's weights: frames err alike, so that their log odds count less. Run 3."""
+_SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
+_SAME = 0.08
+"""Widths, and px, between edges of strips that are the same."""
+_CLEAR_PX, _CLEAR_SHARE = 1.0, 0.03
+"""Standard deviation of the near end's corners, px or widths, below which the edges are measured on
+the frame itself."""
+_AGREE = 2.0
+"""Px between such a measurement and the mean, at most."""
+_POINTS = 12
 _PAINT = FEATURES.index('paint')
 _STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
 
 
 class RunwayTrack:
-    """A shape, how likely it is, and where it ends.
+    """Strips that overlap, how likely each is the runway, and their mean.
 
     Attributes:
-        shape: its edges.
+        shape: the mean's edges, smoothed.
         far: rows from the vanishing point to the far end, px of the working image.
-        near: likewise to the near end; smoothed.
+        near: rows from the vanishing point to the near end; smoothed.
         near_seen: the same in the newest frame alone.
         open_end: its near end is out of sight.
-        log_odds: that it is a runway, averaged over the last frames.
         age: frames.
         misses: frames in a row in which it was not seen.
         points: of the left and the right edge in the newest frame, if seen.
@@ -45,21 +64,22 @@ class RunwayTrack:
 
     def __init__(self, strip: NDArray[np.float64], log_odds: float) -> None:
         """Begin with a candidate, (6,) as `strip_search.Strips`."""
+        self._strips: Strips = strip[None].copy()
+        self._odds = np.array([log_odds])
         self.shape = Shape(strip[:4], float(strip[5]))
         self.far, self.near = float(strip[4]), float(strip[5])
         self.near_seen = self.near
         self.open_end = False
-        self.log_odds = log_odds
         self.age = 0
         self.misses = 0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._look = EdgeLook()
 
     @property
-    def width(self) -> float:
-        """At the near end, px of the working image."""
-        left, right = self.shape.slopes
-        return (right - left) * self.near
+    def log_odds(self) -> float:
+        """That one of the strips is the runway."""
+        most = float(self._odds.max())
+        return most + math.log(float(np.exp(self._odds - most).sum()))
 
     @property
     def lost(self) -> bool:
@@ -67,15 +87,28 @@ class RunwayTrack:
         return self.misses > _MOST_MISSES
 
     def strip(self) -> NDArray[np.float64]:
-        """(6,) as `strip_search.Strips`."""
-        return np.array([*self.shape.as_array(), self.far, self.near])
+        """The likeliest, (6,) as `strip_search.Strips`."""
+        best: NDArray[np.float64] = self._strips[int(self._odds.argmax())]
+        return best
+
+    def covers(self, strip: NDArray[np.float64]) -> bool:
+        """Whether a strip may be the same runway: around, within or beside the likeliest."""
+        return bool(_overlap(self.strip(), strip[None])[0])
+
+    def add(self, strip: NDArray[np.float64], log_odds: float) -> None:
+        """Take in another strip, unless it is there already."""
+        if _same(strip, self._strips).any():
+            return
+        self._strips = np.concatenate([self._strips, strip[None]])
+        self._odds = np.append(self._odds, log_odds)
+        self._keep(np.argsort(-self._odds, kind='stable')[:_MOST_STRIPS])
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        shape = self.shape
-        for first in (0, 2):
-            place, slope = (float(v) for v in shape.state[first : first + 2])
-            shape.state[first : first + 2] = turn_edge(place, slope, shape.reference, old, new)
+        if old.slope == new.slope:
+            return
+        self._strips = turn_strips(self._strips, old, new)
+        self.shape.turn(old, new)
 
     def step(
         self,
@@ -95,24 +128,22 @@ class RunwayTrack:
         if self.age:
             self.shape.predict()
         self.age += 1
-        seen = self._describe(working) if self._plausible(working) else None
+        seen = self._describe(working)
         if seen is None:
-            self._miss()
+            self.misses += 1
+            self.points = None
+            self._odds += _MEMORY * (_MISSED - self._odds)
             return
-        odds = float(evidence_weights().log_odds(seen.features)[0])
-        self.log_odds += max(_MEMORY, 1.0 / self.age) * (odds - self.log_odds)
         self.misses = 0
         self._measure(image, level, seen, horizon)
         if not self._plausible(working):
             self.misses = _MOST_MISSES + 1
 
-    def _miss(self) -> None:
-        self.misses += 1
-        self.points = None
-        self.log_odds += _MEMORY * (_MISSED - self.log_odds)
+    def _keep(self, index: NDArray[Any]) -> None:
+        self._strips, self._odds = self._strips[index], self._odds[index]
 
     def _plausible(self, working: LevelledImage) -> bool:
-        array = self.strip()
+        array = self.shape.as_array()
         if not np.isfinite(array).all():
             return False
         height, columns = working.size
@@ -126,28 +157,25 @@ class RunwayTrack:
         )
 
     def _describe(self, working: LevelledImage) -> Candidates | None:
-        level = max(0, math.ceil(math.log2(max(self.near, 1.0) / _DEEPEST)))
-        strip = to_level(self.strip()[None], level)
-        scale = 2**level
-        x, y, left, right, _, near = (float(v) for v in strip[0])
-        edges = x + left * near, x + right * near, x
-        margin = max(_SIDE_MARGIN * (right - left) * near, _LEAST_MARGIN)
-        box = (
-            min(edges) - margin,
-            y - _ABOVE,
-            max(edges) + margin,
-            y + _BELOW * near + 4,
-        )
-        part, (column, row) = working.cut(level, box)
+        """Find all strips anew in the frame and let it speak for or against each."""
+        depth = float(self.strip()[5])
+        level = max(0, math.ceil(math.log2(max(depth, 1.0) / _DEEPEST)))
+        strips = to_level(self._strips, level)
+        part, place = working.cut(level, _box(strips))
         if part is None:
             return None
-        strip[:, 0] -= column
-        strip[:, 1] -= row
-        found = describe_strips(part, strip, level, working.scene_of_part(level, column, row))
+        strips[:, :2] -= place
+        found, kept = describe_part(part, strips, level, working.scene_of_part(level, *place))
         if not len(found.strips):
             return None
-        found.strips[:, :2] += np.array([column, row]) * scale
-        return found
+        found.strips[:, :2] += np.array(place) * 2**level
+        self._keep(kept)
+        self._strips = found.strips
+        odds = evidence_weights().log_odds(found.features)
+        self._odds = self._odds + max(_MEMORY, 1.0 / self.age) * (odds - self._odds)
+        order = _distinct(self._strips, self._odds)
+        self._keep(order)
+        return Candidates(found.strips[order], found.features[order])
 
     def _measure(
         self,
@@ -156,19 +184,130 @@ class RunwayTrack:
         seen: Candidates,
         horizon: tuple[float, float] | None,
     ) -> None:
-        strip, features = seen.strips[0], seen.features[0]
+        best, features = seen.strips[0], seen.features[0]
+        weight = np.exp((self._odds - self._odds.max()) / _TEMPERATURE)
+        weight /= weight.sum()
+        rows = best[1] + best[4:6]
+        corners = _columns(seen.strips, rows)
+        mean = np.tensordot(weight, corners, axes=1)
+        spread = np.sqrt(np.tensordot(weight, (corners - mean) ** 2, axes=1))
+        points = _points_along(mean, rows, spread)
+        width = float(mean[1, 1] - mean[0, 1])
+        if spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width):
+            lead = float(features[_PAINT] - features[_STEPS[0]] - features[_STEPS[1]])
+            span = float(best[4]), float(best[5])
+            shape = _shape_through(mean, rows)
+            exact = self._look.find(image, level, shape, span, lead)
+            if all(map(_agrees, exact, points)):
+                points = exact
         shape = self.shape
-        lead = float(features[_PAINT] - features[_STEPS[0]] - features[_STEPS[1]])
-        # Where the evidence is in the small image says where to look in the frame.
-        span = float(strip[4]), float(strip[5])
-        left, right = self._look.find(image, level, strip[:4], span, lead)
-        shape.move_reference(float(strip[1] + 0.7 * strip[5] + 0.3 * strip[4]))
+        shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
         row, sigma = horizon if horizon is not None else (None, 1.0)
-        shape.update(left, right, row, sigma)
-        self.points = left, right
+        shape.update(*points, row, sigma)
+        self.points = points
+        self._follow_ends(rows, bool(features[_OPEN] > 0.5))
+
+    def _follow_ends(self, rows: NDArray[np.float64], open_end: bool) -> None:
         share = max(_END_MEMORY, 1.0 / self.age)
-        self.far += share * (float(strip[4]) - self.far)
-        self.near_seen = float(strip[5])
+        _, y = self.shape.vanishing_point
+        if not math.isfinite(y):
+            return
+        self.near_seen = float(rows[1]) - y
         self.near += share * (self.near_seen - self.near)
+        self.far += share * (max(float(rows[0]) - y, 1.0) - self.far)
         self.near = max(self.near, self.far + 3.0)
-        self.open_end = bool(features[_OPEN] > 0.5)
+        self.open_end = open_end
+
+
+def _box(strips: Strips) -> tuple[float, float, float, float]:
+    """The part of an image that is needed to describe strips."""
+    x, y, left, right, _, near = strips.T
+    first, last = x + left * near, x + right * near
+    margin = max(_SIDE_MARGIN * float((last - first).max()), _LEAST_MARGIN)
+    return (
+        float(np.minimum(first, x).min()) - margin,
+        float(y.min()) - _ABOVE,
+        float(np.maximum(last, x).max()) + margin,
+        float((y + _BELOW * near).max()) + 4,
+    )
+
+
+def _columns(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 2) columns of the left and the right edge at the far and the near row."""
+    depth = rows - strips[:, 1:2]
+    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
+    return np.stack(edges, axis=1)
+
+
+def _same(strip: NDArray[np.float64], strips: Strips) -> NDArray[np.bool_]:
+    """Which strips have the same edges and nearly the same near end."""
+    rows = strip[1] + np.array([0.4 * strip[5], strip[5]])
+    own = _columns(strip[None], rows)
+    width = float(own[0, 1, 1] - own[0, 0, 1])
+    apart = np.abs(_columns(strips, rows) - own).max(axis=(1, 2))
+    end = np.abs(strips[:, 1] + strips[:, 5] - strip[1] - strip[5])
+    result: NDArray[np.bool_] = (apart < _SAME * width + 0.5) & (end < 0.3 * strip[5] + 2)
+    return result
+
+
+def _distinct(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Numbers of the strips that differ, best first, without hopeless ones."""
+    kept: list[int] = []
+    for index in np.argsort(-odds, kind='stable'):
+        if odds[index] < odds.max() + _WORST:
+            break
+        if not kept or not _same(strips[index], strips[kept]).any():
+            kept.append(int(index))
+    return np.array(kept, np.intp)
+
+
+def _overlap(strip: NDArray[np.float64], strips: Strips) -> NDArray[np.bool_]:
+    """Which strips share half of the narrower one, and meet at about the same place."""
+    row = np.array([strip[1] + strip[5]])
+    own, others = _columns(strip[None], row)[0, :, 0], _columns(strips, row)[:, :, 0]
+    width, widths = own[1] - own[0], np.maximum(others[:, 1] - others[:, 0], 1e-6)
+    shared = np.minimum(others[:, 1], own[1]) - np.maximum(others[:, 0], own[0])
+    apart = np.abs(strips[:, 1] - strip[1])
+    result: NDArray[np.bool_] = (
+        (shared > 0.5 * np.minimum(width, widths))
+        & (apart < 0.6 * strip[5])
+        & (widths < 3 * width)
+        & (widths > width / 3)
+    )
+    return result
+
+
+def _points_along(
+    mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
+) -> tuple[EdgePoints, EdgePoints]:
+    """The mean's edges as points, the fewer the less they are known."""
+    share = (np.arange(_POINTS) + 0.5) / _POINTS
+    at = rows[0] + share * (rows[1] - rows[0])
+    edges = []
+    for side in (0, 1):
+        columns = mean[side, 0] + share * (mean[side, 1] - mean[side, 0])
+        weight = 1.0 / (1.0 + float(spread[side].max()) ** 2)
+        edges.append(EdgePoints(at, columns, np.full(_POINTS, weight), 1.0))
+    left, right = edges
+    return left, right
+
+
+def _shape_through(
+    corners: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(4,) vanishing point and slopes of edges through corners."""
+    left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
+    depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
+    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right])
+
+
+def _agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
+    """Whether points measured on the frame lie along the mean."""
+    used = exact.weights > 0
+    if np.count_nonzero(used) < 4:
+        return False
+    expected = np.interp(exact.rows[used], mean.rows, mean.columns)
+    slope = (mean.columns[-1] - mean.columns[0]) / (mean.rows[-1] - mean.rows[0])
+    beyond = exact.rows[used] - np.clip(exact.rows[used], mean.rows[0], mean.rows[-1])
+    apart = np.abs(exact.columns[used] - expected - slope * beyond)
+    return float(np.median(apart)) < _AGREE

@@ -16,12 +16,12 @@ from mvuav_ros.vision.approach.candidates import (
     LevelledImage,
     find_candidates,
 )
-from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
+from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_track import RunwayTrack
 from mvuav_ros.vision.approach.strip_search import fan_jobs
 
-_MOST_TRACKS = 5
+_MOST_TRACKS = 3
 _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
 _OFTEN, _SELDOM = 2, 8
@@ -31,7 +31,8 @@ _LEAST_START = -3.0
 """Log odds below which a candidate is not followed."""
 _SWITCH = 0.7
 """Log odds by which another track must be better than the one shown."""
-_MOST_STARTED = 3
+_MOST_TAKEN, _FAR_BELOW = 24, 6.0
+"""Candidates of one search that are followed, and how far below the best their log odds may be."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class RunwayTracker:
         best = self.best
         if best is None:
             return 0.0
-        others = [t for t in self.tracks if t is not best and not _overlapping(t, best)]
+        others = [track for track in self.tracks if track is not best]
         against = sum(math.exp(min(track.log_odds, 50.0)) for track in others)
         for_it = math.exp(min(best.log_odds, 50.0))
         return for_it / (1.0 + for_it + against)
@@ -146,18 +147,29 @@ class RunwayTracker:
         return LevelledImage(other.turned(view.pixels)), other
 
     def _start(self, found: Candidates, view: _View) -> None:
-        """Follow the likeliest candidates that are not followed yet."""
+        """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
         if not len(found.strips):
             return
         odds = evidence_weights().log_odds(found.features)
-        for index in islice(np.argsort(-odds), _MOST_STARTED):
-            if odds[index] < _LEAST_START:
-                return
-            track = RunwayTrack(found.strips[index], float(odds[index]))
-            if any(_same(track, other) for other in self.tracks) or not self._room_for(track):
-                continue
+        fresh: list[RunwayTrack] = []
+        for index in islice(np.argsort(-odds, kind='stable'), _MOST_TAKEN):
+            if odds[index] < max(_LEAST_START, float(odds.max()) - _FAR_BELOW):
+                break
+            self._take(found.strips[index], float(odds[index]), fresh)
+        for track in fresh:
             track.step(view.image, view.working, view.level, view.horizon)
+
+    def _take(
+        self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]
+    ) -> None:
+        for track in self.tracks:
+            if track.covers(strip):
+                track.add(strip, odds)
+                return
+        track = RunwayTrack(strip, odds)
+        if self._room_for(track):
             self.tracks.append(track)
+            fresh.append(track)
 
     def _room_for(self, track: RunwayTrack) -> bool:
         """Whether it may be followed, for which the worst one may have to go."""
@@ -173,7 +185,7 @@ class RunwayTracker:
         """Of tracks that have become the same one keep the one shown, or the better."""
         kept: list[RunwayTrack] = []
         for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.log_odds)):
-            if not any(_same(track, other) for other in kept):
+            if not any(other.covers(track.strip()) for other in kept):
                 kept.append(track)
         self.tracks = kept
 
@@ -201,38 +213,4 @@ def _turned(found: Candidates, old: Derotation, new: Derotation) -> Candidates:
     """Candidates of one derotation described on another one."""
     if old.slope == new.slope:
         return found
-    strips = found.strips.copy()
-    for strip in strips:
-        x, y, left, right, far, near = (float(v) for v in strip)
-        row = y + near
-        edges = [turn_edge(x + s * near, s, row, old, new) for s in (left, right)]
-        (first, left), (second, right) = edges
-        if right - left > 0.02:
-            depth = (second - first) / (right - left)
-            strip[:] = first - left * depth, row - depth, left, right, depth * far / near, depth
-    return Candidates(strips, found.features)
-
-
-def _ends(track: RunwayTrack, row: float) -> tuple[float, float]:
-    x, y, left, right = (float(v) for v in track.shape.as_array())
-    return x + left * (row - y), x + right * (row - y)
-
-
-def _same(one: RunwayTrack, other: RunwayTrack) -> bool:
-    width = min(one.width, other.width)
-    row = 0.5 * (_near_row(one) + _near_row(other))
-    edges = zip(_ends(one, row), _ends(other, row), strict=True)
-    apart = max(abs(a - b) for a, b in edges)
-    return apart < 0.15 * width + 1 and abs(_near_row(one) - _near_row(other)) < 0.5 * width + 4
-
-
-def _overlapping(one: RunwayTrack, other: RunwayTrack) -> bool:
-    """Both may be the same runway, one with its shoulders or of its inner part."""
-    row = 0.5 * (_near_row(one) + _near_row(other))
-    a, b = _ends(one, row), _ends(other, row)
-    shared = min(a[1], b[1]) - max(a[0], b[0])
-    return shared > 0.5 * min(a[1] - a[0], b[1] - b[0])
-
-
-def _near_row(track: RunwayTrack) -> float:
-    return float(track.shape.vanishing_point[1]) + track.near
+    return Candidates(turn_strips(found.strips, old, new), found.features)
