@@ -113,7 +113,9 @@ class RunwayFinder:
         else:
             level, ranges, seen = self._from_image(pixels, factor)
             row, known = seen, self._agreed(seen)
-        track = self._tracker.step(image, pixels, level, ranges, known)
+        track = self._tracker.step(
+            image, pixels, level, ranges, known, attitude=attitude is not None
+        )
         return Found(track, self._tracker.confidence, level, row)
 
     def _from_image(

@@ -32,8 +32,13 @@ _MISSED = -4.0
 """Log odds of a frame in which nothing is there."""
 _WORST = -9.0
 """Log odds under the best strip's below which a strip is given up."""
-_TEMPERATURE = 1.5
-"""Of the mean's weights: frames err alike, so that their log odds count less. Run 3."""
+_TEMPERATURE, _WIDER = 2.5, 1.0
+"""Of the mean's weights: log odds are divided by the one, as frames err alike, and widths taken to
+the power of the other, as paint and rubber within a runway are seen more often than it. Runs 3, 5
+in single frames."""
+_LEAST_TOLERANCE, _TOLERANCE_SHARE = 3.0, 0.05
+"""Px of the working image, and widths: strips whose corners are that near the mean agree with it.
+So far from the labels a report still counts as right."""
 _SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
 _SAME = 0.08
 """Widths, and px, between edges of strips that are the same."""
@@ -59,6 +64,7 @@ class RunwayTrack:
         open_end: its near end is out of sight.
         age: frames.
         misses: frames in a row in which it was not seen.
+        agreement: probability of the strips that are where the mean is.
         points: of the left and the right edge in the newest frame, if seen.
     """
 
@@ -72,6 +78,7 @@ class RunwayTrack:
         self.open_end = False
         self.age = 0
         self.misses = 0
+        self.agreement = 1.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._look = EdgeLook()
 
@@ -185,14 +192,20 @@ class RunwayTrack:
         horizon: tuple[float, float] | None,
     ) -> None:
         best, features = seen.strips[0], seen.features[0]
-        weight = np.exp((self._odds - self._odds.max()) / _TEMPERATURE)
-        weight /= weight.sum()
         rows = best[1] + best[4:6]
         corners = _columns(seen.strips, rows)
+        widths = np.maximum(corners[:, 1, 1] - corners[:, 0, 1], 1.0)
+        weight = np.exp((self._odds - self._odds.max()) / _TEMPERATURE) * widths**_WIDER
+        weight /= weight.sum()
         mean = np.tensordot(weight, corners, axes=1)
         spread = np.sqrt(np.tensordot(weight, (corners - mean) ** 2, axes=1))
         points = _points_along(mean, rows, spread)
         width = float(mean[1, 1] - mean[0, 1])
+        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < max(
+            _LEAST_TOLERANCE, _TOLERANCE_SHARE * width
+        )
+        agreement = float(weight[near_mean].sum())
+        self.agreement += max(_MEMORY, 1.0 / self.age) * (agreement - self.agreement)
         if spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width):
             lead = float(features[_PAINT] - features[_STEPS[0]] - features[_STEPS[1]])
             span = float(best[4]), float(best[5])

@@ -20,6 +20,7 @@ from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_track import RunwayTrack
 from mvuav_ros.vision.approach.strip_search import fan_jobs
+from mvuav_ros.vision.approach.tuning import TUNING
 
 _MOST_TRACKS = 3
 _CHUNK = 8
@@ -67,6 +68,7 @@ class RunwayTracker:
         self.tracks: list[RunwayTrack] = []
         self.best: RunwayTrack | None = None
         self._level: Derotation | None = None
+        self._attitude = False
         self._frame = 0
         self._job = 0
 
@@ -77,6 +79,8 @@ class RunwayTracker:
         level: Derotation,
         ranges: list[SearchRange],
         horizon: tuple[float, float] | None,
+        *,
+        attitude: bool = False,
     ) -> RunwayTrack | None:
         """Take in the next frame.
 
@@ -86,6 +90,7 @@ class RunwayTracker:
             level: of the frame.
             ranges: hypotheses of where the horizon is; the first has the level's slope.
             horizon: row of the vanishing point and its standard deviation, if known, px.
+            attitude: whether that comes from an attitude sensor.
 
         Returns:
             The likeliest track, if there is one.
@@ -95,7 +100,7 @@ class RunwayTracker:
             if self._level is not None:
                 track.turn(self._level, level)
             track.step(image, view.working, level, horizon)
-        self._level = level
+        self._level, self._attitude = level, attitude
         self.tracks = [
             track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
         ]
@@ -117,9 +122,10 @@ class RunwayTracker:
         if best is None:
             return 0.0
         others = [track for track in self.tracks if track is not best]
-        against = sum(math.exp(min(track.log_odds, 50.0)) for track in others)
-        for_it = math.exp(min(best.log_odds, 50.0))
-        return for_it / (1.0 + for_it + against)
+        bonus = TUNING.attitude_log_odds if self._attitude else 0.0
+        against = sum(math.exp(min(track.log_odds + bonus, 50.0)) for track in others)
+        for_it = math.exp(min(best.log_odds + bonus, 50.0))
+        return best.agreement * for_it / (1.0 + for_it + against)
 
     def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)
