@@ -16,6 +16,10 @@ _NEAR_STEPS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 _SAMPLES, _ROUNDS = 14, 2
 _WEIGHTS = np.array(TUNING.weights)
 _COST_PER_PX = 0.02
+_SHIFTS, _SHIFT, _LEAST_SHIFT = 5, 0.11, 0.75
+"""Places of each edge on either side that are tried, and px between them: widths, at least px."""
+_NARROWER, _WIDER = 0.45, 2.2
+"""Widths of the narrowest and the widest strip tried around another."""
 _LEAST_SLOPE_GAP, _LEAST_DEPTH, _MOST_DEPTH = 0.1, 4.0, 60.0
 
 
@@ -43,6 +47,41 @@ def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]
         edges.append(signed)
     chosen = _choose(edges)
     return _moved(strips, chosen)
+
+
+def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
+    """Strips around, within and beside one, with the most evidence first.
+
+    Args:
+        image: the map.
+        strip: (6,).
+        most: how many at most, the strip itself included.
+    """
+    x, y, left, right, _, near = (float(value) for value in strip)
+    width = (right - left) * near
+    step = max(_LEAST_SHIFT, _SHIFT * width)
+    shifts = np.arange(-_SHIFTS, _SHIFTS + 1) * step
+    rows = np.rint(y + np.linspace(TUNING.first_row, 1.0, _SAMPLES) * near).astype(np.intp)
+    edges = []
+    for slope, mirror in ((left, 1), (right, -1)):
+        slopes = slope + shifts / near
+        evidence, _ = image.at(rows, x + slopes[:, None] * (rows - y))
+        signed = evidence.astype(np.int16)
+        signed[..., :3] *= mirror
+        edges.append((slopes, signed))
+    (lefts, one), (rights, other) = edges
+    total = _common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
+    score = np.abs(total) @ _WEIGHTS
+    widths = (rights[None] - lefts[:, None]) * near
+    score[(widths < max(_NARROWER * width, 2.0)) | (widths > _WIDER * width)] = -1.0
+    found = [strip]
+    while len(found) < most:
+        first, second = divmod(int(score.argmax()), score.shape[1])
+        if score[first, second] <= 0:
+            break
+        found.append(np.array([x, y, lefts[first], rights[second], *strip[4:]]))
+        score[max(0, first - 1) : first + 2, max(0, second - 1) : second + 2] = -1.0
+    return np.stack(found)
 
 
 def _choose(edges: list[NDArray[np.int16]]) -> list[NDArray[np.intp]]:

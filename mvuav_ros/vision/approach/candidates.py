@@ -123,7 +123,7 @@ class LevelledImage:
 
     def describe(self, strips: Strips, level: int) -> Candidates:
         """Align strips, given on a level's image, and describe them."""
-        return describe_part(self.map(level), strips, level, self.scene(level))[0]
+        return describe_part(self.map(level), strips, level, self.scene(level))
 
     def cut(
         self, level: int, box: tuple[float, float, float, float]
@@ -151,22 +151,15 @@ class LevelledImage:
         )
 
 
-def describe_part(
-    image: EvidenceMap, strips: Strips, level: int, scene: Scene
-) -> tuple[Candidates, NDArray[np.intp]]:
-    """Align strips, given on a map, and describe them; on the finest level's scale.
-
-    Returns:
-        Those that are still strips, and their numbers.
-    """
+def describe_part(image: EvidenceMap, strips: Strips, level: int, scene: Scene) -> Candidates:
+    """Align strips, given on a map, and describe those that still are strips, at full scale."""
     if not len(strips):
-        return NO_CANDIDATES, np.empty(0, np.intp)
+        return NO_CANDIDATES
     aligned, valid = align(image, strips)
-    kept = np.flatnonzero(valid)
-    if not kept.size:
-        return NO_CANDIDATES, kept
-    features, measured = describe(image, aligned[kept], scene, level)
-    return Candidates(to_finest(measured, level), features), kept
+    if not valid.any():
+        return NO_CANDIDATES
+    features, measured = describe(image, aligned[valid], scene, level)
+    return Candidates(to_finest(measured, level), features)
 
 
 def to_finest(strips: Strips, level: int) -> Strips:

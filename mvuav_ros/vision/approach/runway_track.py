@@ -1,8 +1,8 @@
 """One possible runway followed from frame to frame, as several strips that may be it.
 
 A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom tells. So all are followed, each with the log odds of the
-frames so far, and the edges reported are their mean, weighted by probability.
+of them is the runway one frame seldom tells. So all are weighed anew in every frame, and what is
+followed and reported is their mean, weighted by probability.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.alignment import around
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, describe_part, to_level
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
@@ -24,7 +25,7 @@ from mvuav_ros.vision.approach.strip_search import Strips
 
 _DEEPEST = 28.0
 """Px of a pyramid level: a near end below that is measured on the next one."""
-_MOST_STRIPS = 10
+_MOST_STRIPS = 12
 _MEMORY = 0.15
 _END_MEMORY = 0.6
 _MOST_MISSES = 10
@@ -54,9 +55,10 @@ _OPEN = FEATURES.index('open_end')
 
 
 class RunwayTrack:
-    """Strips that overlap, how likely each is the runway, and their mean.
+    """The mean of strips that overlap, and how likely one of them is the runway.
 
     Attributes:
+        log_odds: that one of the strips is the runway, averaged over the last frames.
         shape: the mean's edges, smoothed.
         far: rows from the vanishing point to the far end, px of the working image.
         near: rows from the vanishing point to the near end; smoothed.
@@ -70,23 +72,17 @@ class RunwayTrack:
 
     def __init__(self, strip: NDArray[np.float64], log_odds: float) -> None:
         """Begin with a candidate, (6,) as `strip_search.Strips`."""
-        self._strips: Strips = strip[None].copy()
-        self._odds = np.array([log_odds])
         self.shape = Shape(strip[:4], float(strip[5]))
         self.far, self.near = float(strip[4]), float(strip[5])
         self.near_seen = self.near
         self.open_end = False
+        self.log_odds = log_odds
         self.age = 0
         self.misses = 0
         self.agreement = 1.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
+        self._found: list[NDArray[np.float64]] = [strip]
         self._look = EdgeLook()
-
-    @property
-    def log_odds(self) -> float:
-        """That one of the strips is the runway."""
-        most = float(self._odds.max())
-        return most + math.log(float(np.exp(self._odds - most).sum()))
 
     @property
     def lost(self) -> bool:
@@ -94,28 +90,22 @@ class RunwayTrack:
         return self.misses > _MOST_MISSES
 
     def strip(self) -> NDArray[np.float64]:
-        """The likeliest, (6,) as `strip_search.Strips`."""
-        best: NDArray[np.float64] = self._strips[int(self._odds.argmax())]
-        return best
+        """The mean, (6,) as `strip_search.Strips`."""
+        return np.array([*self.shape.as_array(), self.far, self.near])
 
     def covers(self, strip: NDArray[np.float64]) -> bool:
-        """Whether a strip may be the same runway: around, within or beside the likeliest."""
+        """Whether a strip may be the same runway: around, within or beside the mean."""
         return bool(_overlap(self.strip(), strip[None])[0])
 
-    def add(self, strip: NDArray[np.float64], log_odds: float) -> None:
-        """Take in another strip, unless it is there already."""
-        if _same(strip, self._strips).any():
-            return
-        self._strips = np.concatenate([self._strips, strip[None]])
-        self._odds = np.append(self._odds, log_odds)
-        self._keep(np.argsort(-self._odds, kind='stable')[:_MOST_STRIPS])
+    def add(self, strip: NDArray[np.float64]) -> None:
+        """Take in what a search has found, in the next frame."""
+        self._found.append(strip)
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        if old.slope == new.slope:
-            return
-        self._strips = turn_strips(self._strips, old, new)
-        self.shape.turn(old, new)
+        if old.slope != new.slope:
+            self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+            self.shape.turn(old, new)
 
     def step(
         self,
@@ -135,19 +125,17 @@ class RunwayTrack:
         if self.age:
             self.shape.predict()
         self.age += 1
-        seen = self._describe(working)
-        if seen is None:
+        found = self._describe(working) if self._plausible(working) else None
+        self._found = []
+        if found is None:
             self.misses += 1
             self.points = None
-            self._odds += _MEMORY * (_MISSED - self._odds)
+            self.log_odds += _MEMORY * (_MISSED - self.log_odds)
             return
         self.misses = 0
-        self._measure(image, level, seen, horizon)
+        self._measure(image, level, *found, horizon)
         if not self._plausible(working):
             self.misses = _MOST_MISSES + 1
-
-    def _keep(self, index: NDArray[Any]) -> None:
-        self._strips, self._odds = self._strips[index], self._odds[index]
 
     def _plausible(self, working: LevelledImage) -> bool:
         array = self.shape.as_array()
@@ -163,39 +151,42 @@ class RunwayTrack:
             and self.near > self.far
         )
 
-    def _describe(self, working: LevelledImage) -> Candidates | None:
-        """Find all strips anew in the frame and let it speak for or against each."""
-        depth = float(self.strip()[5])
-        level = max(0, math.ceil(math.log2(max(depth, 1.0) / _DEEPEST)))
-        strips = to_level(self._strips, level)
-        part, place = working.cut(level, _box(strips))
+    def _describe(
+        self, working: LevelledImage
+    ) -> tuple[Candidates, NDArray[np.float64]] | None:
+        """The strips that may be the runway in this frame, best first, and their log odds."""
+        strip = self.strip()
+        level = max(0, math.ceil(math.log2(max(float(strip[5]), 1.0) / _DEEPEST)))
+        known = to_level(np.stack([strip, *self._found]), level)
+        part, place = working.cut(level, _box(known))
         if part is None:
             return None
-        strips[:, :2] -= place
-        found, kept = describe_part(part, strips, level, working.scene_of_part(level, *place))
+        known[:, :2] -= place
+        strips = np.concatenate([around(part, known[0], _MOST_STRIPS), known[1:]])
+        found = describe_part(part, strips, level, working.scene_of_part(level, *place))
         if not len(found.strips):
             return None
         found.strips[:, :2] += np.array(place) * 2**level
-        self._keep(kept)
-        self._strips = found.strips
         odds = evidence_weights().log_odds(found.features)
-        self._odds = self._odds + max(_MEMORY, 1.0 / self.age) * (odds - self._odds)
-        order = _distinct(self._strips, self._odds)
-        self._keep(order)
-        return Candidates(found.strips[order], found.features[order])
+        order = _distinct(found.strips, odds)
+        odds = odds[order]
+        now = float(odds[0]) + math.log(float(np.exp(odds - odds[0]).sum()))
+        self.log_odds += max(_MEMORY, 1.0 / self.age) * (now - self.log_odds)
+        return Candidates(found.strips[order], found.features[order]), odds
 
     def _measure(
         self,
         image: NDArray[Any],
         level: Derotation,
         seen: Candidates,
+        odds: NDArray[np.float64],
         horizon: tuple[float, float] | None,
     ) -> None:
         best, features = seen.strips[0], seen.features[0]
         rows = best[1] + best[4:6]
         corners = _columns(seen.strips, rows)
         widths = np.maximum(corners[:, 1, 1] - corners[:, 0, 1], 1.0)
-        weight = np.exp((self._odds - self._odds.max()) / _TEMPERATURE) * widths**_WIDER
+        weight = np.exp((odds - odds[0]) / _TEMPERATURE) * widths**_WIDER
         weight /= weight.sum()
         mean = np.tensordot(weight, corners, axes=1)
         spread = np.sqrt(np.tensordot(weight, (corners - mean) ** 2, axes=1))

@@ -170,7 +170,7 @@ class RunwayTracker:
     ) -> None:
         for track in self.tracks:
             if track.covers(strip):
-                track.add(strip, odds)
+                track.add(strip)
                 return
         track = RunwayTrack(strip, odds)
         if self._room_for(track):
