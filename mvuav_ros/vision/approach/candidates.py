@@ -68,8 +68,15 @@ def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
 class LevelledImage:
     """A levelled working image and what is known of it, each part computed when it is asked for."""
 
-    def __init__(self, pixels: NDArray[Any]) -> None:
+    def __init__(self, pixels: NDArray[Any], scene: Scene | None = None) -> None:
+        """Begin with nothing computed.
+
+        Args:
+            pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
+            scene: what a frame just before was like, to be taken for this one's.
+        """
         self._pixels = [pixels]
+        self._given_scene = scene
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
 
@@ -92,7 +99,10 @@ class LevelledImage:
         return self._maps[level]
 
     @cached_property
-    def _scene(self) -> Scene:
+    def whole_scene(self) -> Scene:
+        """What the image is like, at full scale."""
+        if self._given_scene is not None:
+            return self._given_scene
         pixels = self._pixels[0]
         gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
         levels = gray[::4, ::4]
@@ -102,7 +112,7 @@ class LevelledImage:
 
     def scene(self, level: int) -> Scene:
         """What the image is like, on a level of the pyramid."""
-        scene, factor = self._scene, 2**level
+        scene, factor = self.whole_scene, 2**level
         if level == 0:
             return scene
         skyline = (scene.skyline[::factor] + 0.5) / factor - 0.5

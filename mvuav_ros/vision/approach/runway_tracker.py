@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.appearance import Scene
 from mvuav_ros.vision.approach.candidates import (
     LEVELS,
     Candidates,
@@ -27,6 +28,11 @@ _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
 _OFTEN, _SELDOM = 2, 8
 """Frames from one share of the search to the next without and with a runway."""
+_HALF_AGREEMENT = 0.15
+"""Agreement of the strips at which the mean of the right runway is within tolerance in every second
+frame: runs 3 and 5."""
+_SCENE_FRAMES = 8
+"""For which the image as a whole is taken to stay alike."""
 _HOPELESS = -5.0
 _LEAST_START = -3.0
 """Log odds below which a candidate is not followed."""
@@ -69,6 +75,7 @@ class RunwayTracker:
         self.best: RunwayTrack | None = None
         self._level: Derotation | None = None
         self._attitude = False
+        self._scene: Scene | None = None
         self._frame = 0
         self._job = 0
 
@@ -95,7 +102,10 @@ class RunwayTracker:
         Returns:
             The likeliest track, if there is one.
         """
-        view = _View(image, pixels, LevelledImage(level.turned(pixels)), level, horizon)
+        if self._frame % _SCENE_FRAMES == 0:
+            self._scene = None
+        working = LevelledImage(level.turned(pixels), self._scene)
+        view = _View(image, pixels, working, level, horizon)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
@@ -112,6 +122,7 @@ class RunwayTracker:
         elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
             self._start(self._share(view, ranges), view)
         self._frame += 1
+        self._scene = working.whole_scene
         self._choose()
         return self.best
 
@@ -125,7 +136,8 @@ class RunwayTracker:
         bonus = TUNING.attitude_log_odds if self._attitude else 0.0
         against = sum(math.exp(min(track.log_odds + bonus, 50.0)) for track in others)
         for_it = math.exp(min(best.log_odds + bonus, 50.0))
-        return best.agreement * for_it / (1.0 + for_it + against)
+        sure = best.agreement / (best.agreement + _HALF_AGREEMENT)
+        return sure * for_it / (1.0 + for_it + against)
 
     def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)
