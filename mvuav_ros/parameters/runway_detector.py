@@ -59,7 +59,7 @@ class RunwayDetectorParameters(ParameterSet):
     )
     camera_mount_rpy_deg: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
-        "Roll, pitch and yaw of the camera on the body (REP 103, fixed axes; all 0: it looks along "
+        'Roll, pitch and yaw of the camera on the body (REP 103, fixed axes; all 0: it looks along '
         "the body's x), for the horizon from imu.",
         minimum=-180.0,
         maximum=180.0,

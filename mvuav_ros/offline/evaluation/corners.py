@@ -13,6 +13,7 @@ from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
+
 @dataclass(frozen=True)
 class Tolerance:
     """How far an edge may be from its corners, px along their rows.

@@ -17,8 +17,8 @@ from mvuav_ros.recordings.images import (
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
-from mvuav_ros.recordings.serialization.imu import decode_imu
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.recordings.serialization.imu import decode_imu
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 from mvuav_ros.recordings.sources.attitude_pairing import AttitudePairing
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError

@@ -106,9 +106,7 @@ def _common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
     return common
 
 
-def _moved(
-    strips: Strips, chosen: list[NDArray[np.intp]]
-) -> tuple[Strips, NDArray[np.bool_]]:
+def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDArray[np.bool_]]:
     x, y, *_, near = strips.T
     places = []
     for column, number in zip((2, 3), chosen, strict=True):

@@ -76,7 +76,10 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     x, y, left_slope, right_slope, _, expected = strips.T
     rows = np.rint(y[:, None] + np.arange(1, _ROWS + 1)).astype(np.intp)
     depth = rows - y[:, None]
-    left, right = x[:, None] + left_slope[:, None] * depth, x[:, None] + right_slope[:, None] * depth
+    left, right = (
+        x[:, None] + left_slope[:, None] * depth,
+        x[:, None] + right_slope[:, None] * depth,
+    )
     lefts, in_left = image.at(rows, left)
     rights, in_right = image.at(rows, right)
     visible = in_left & in_right
@@ -315,9 +318,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
         'dark': np.clip((beside - scene.darkest) / spread, 0, 1),
         'dark_inside': np.clip((middle - scene.darkest) / spread, 0, 1),
         'greyness': _greyness(inside, before, after),
-        'brighter': np.clip(
-            (middle - 0.5 * (before[0] + after[0]).mean(axis=1)) / 10, -4, 4
-        ),
+        'brighter': np.clip((middle - 0.5 * (before[0] + after[0]).mean(axis=1)) / 10, -4, 4),
         'roughness': np.log(texture.mean(axis=1)),
     }
 

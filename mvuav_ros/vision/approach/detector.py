@@ -155,7 +155,17 @@ class ApproachDetector:
         self._statistics.add(lines)
         guidance = None if self._usable_camera() is None else Guidance()
         return ApproachResult(
-            stamp_ns, width, height, lines, _NOWHERE, horizon, None, confidence, guidance, status, image
+            stamp_ns,
+            width,
+            height,
+            lines,
+            _NOWHERE,
+            horizon,
+            None,
+            confidence,
+            guidance,
+            status,
+            image,
         )
 
     def _present(

@@ -117,9 +117,7 @@ class EdgeSamples:
         """
         across = self.across[self._middle]
         left, right = (
-            _fit(
-                clear[side], smooth[side], across, self.expected[side], self.rows, size, self.base
-            )
+            _fit(clear[side], smooth[side], across, self.expected[side], self.rows, size, self.base)
             for side in (0, 1)
         )
         return left, right

@@ -57,7 +57,9 @@ def opponent_channels(pixels: NDArray[Any]) -> list[NDArray[np.float32]]:
     levels = pixels.astype(np.float32)
     if pixels.ndim == 2:
         return [levels]
-    return [np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, _OPPONENT))]
+    return [
+        np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, _OPPONENT))
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,9 +61,7 @@ class EdgeLook:
         along = np.clip(along, 0.0, size)
         return samples.fit(along, along, size)
 
-    def _learn(
-        self, steps: NDArray[Any], samples: EdgeSamples, brightness: NDArray[Any]
-    ) -> None:
+    def _learn(self, steps: NDArray[Any], samples: EdgeSamples, brightness: NDArray[Any]) -> None:
         """Take the strongest step that both edges have in common near where they are expected."""
         middle = steps.shape[3] // 2
         near = slice(max(0, middle - 3), middle + 4)

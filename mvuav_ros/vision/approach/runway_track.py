@@ -175,9 +175,7 @@ class RunwayTrack:
             and self.near > self.far
         )
 
-    def _describe(
-        self, working: LevelledImage
-    ) -> tuple[Candidates, NDArray[np.float64]] | None:
+    def _describe(self, working: LevelledImage) -> tuple[Candidates, NDArray[np.float64]] | None:
         """The strips that may be the runway in this frame, best first, and their log odds."""
         strip = self.strip()
         level = max(0, math.ceil(math.log2(max(float(strip[5]), 1.0) / _DEEPEST)))
@@ -321,9 +319,7 @@ def _points_along(
     return left, right
 
 
-def _shape_through(
-    corners: NDArray[np.float64], rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _shape_through(corners: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4,) vanishing point and slopes of edges through corners."""
     left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
     depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)

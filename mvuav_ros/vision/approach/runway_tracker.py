@@ -177,9 +177,7 @@ class RunwayTracker:
         for track in fresh:
             track.step(view.image, view.working, view.level, view.horizon)
 
-    def _take(
-        self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]
-    ) -> None:
+    def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
         for track in self.tracks:
             if track.covers(strip):
                 track.add(strip)

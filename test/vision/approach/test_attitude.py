@@ -55,7 +55,9 @@ def test_no_horizon_without_a_usable_attitude(attitude):
 def test_it_is_where_the_simulated_runways_direction_vanishes():
     """The vanishing point of a level runway lies on the horizon."""
     flight = RunwayFlight(RunwaySettings(frames=200, seed=3, motion='s_turn'))
-    camera = CameraModel(flight.camera.width, flight.camera.height, tuple(flight.camera.matrix.flat))
+    camera = CameraModel(
+        flight.camera.width, flight.camera.height, tuple(flight.camera.matrix.flat)
+    )
     for index in range(0, 200, 40):
         truth = flight.truth(index)
         attitude = Attitude.from_roll_pitch(truth.pose.roll, truth.pose.pitch)
