@@ -9,8 +9,9 @@ from dataclasses import dataclass
 class TuningParameters:
     """Constants of the search for a runway; lengths are px of an image of about 320 px width.
 
-    Chosen on the tuning half: the flight of runs 1 and 3 and the cockpit stills of the videos
-    whose number over two is even. The other half was looked at for figures alone.
+    Chosen on the tuning half of the footage: the flights of runs 3 and 5, the cockpit stills of
+    every other video, the country and the forest road. Run 2, the other stills and the motorway
+    were looked at for figures alone.
 
     Attributes:
         step_reach: px on each side over which a step of brightness or colour is averaged; the
