@@ -17,7 +17,7 @@ from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.features import shrink
 from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
 from mvuav_ros.vision.approach.runway_tracker import RunwayTracker, SearchRange
-from mvuav_ros.vision.approach.shape import HORIZON_SIGMA, Shape
+from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.targets import TARGETS
 from mvuav_ros.vision.approach.tracker import Tracker
 from mvuav_ros.vision.approach.tuning import TUNING
@@ -141,7 +141,7 @@ class RunwayFinder:
         if row is None or best is None:
             return None
         apart = abs(best.shape.vanishing_point[1] - row)
-        return (row, HORIZON_SIGMA) if apart < _NEAR_HORIZON else None
+        return (row, TUNING.image_horizon_sigma) if apart < _NEAR_HORIZON else None
 
 
 class StripFinder:

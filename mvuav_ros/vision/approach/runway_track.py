@@ -67,6 +67,7 @@ class RunwayTrack:
         open_end: its near end is out of sight.
         age: frames.
         misses: frames in a row in which it was not seen.
+        moved: frames that differed from the one before.
         agreement: probability of the strips that are where the mean is.
         points: of the left and the right edge in the newest frame, if seen.
     """
@@ -80,6 +81,7 @@ class RunwayTrack:
         self.log_odds = log_odds
         self.age = 0
         self.misses = 0
+        self.moved = 0
         self.agreement = 1.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._found: list[NDArray[np.float64]] = [strip]

@@ -31,6 +31,8 @@ _OFTEN, _SELDOM = 2, 8
 _HALF_AGREEMENT = 0.15
 """Agreement of the strips at which the mean of the right runway is within tolerance in every second
 frame: runs 3 and 5."""
+_SPARSE, _LEAST_CHANGE = 8, 0.5
+"""Px between those compared, and grey levels of their mean change, in an image that moves."""
 _SCENE_FRAMES = 8
 """For which the image as a whole is taken to stay alike."""
 _HOPELESS = -5.0
@@ -76,6 +78,7 @@ class RunwayTracker:
         self._level: Derotation | None = None
         self._attitude = False
         self._scene: Scene | None = None
+        self._last: NDArray[np.float32] | None = None
         self._frame = 0
         self._job = 0
 
@@ -106,10 +109,12 @@ class RunwayTracker:
             self._scene = None
         working = LevelledImage(level.turned(pixels), self._scene)
         view = _View(image, pixels, working, level, horizon)
+        moved = self._has_moved(pixels)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
             track.step(image, view.working, level, horizon)
+            track.moved += moved
         self._level, self._attitude = level, attitude
         self.tracks = [
             track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
@@ -133,11 +138,24 @@ class RunwayTracker:
         if best is None:
             return 0.0
         others = [track for track in self.tracks if track is not best]
-        bonus = TUNING.attitude_log_odds if self._attitude else 0.0
-        against = sum(math.exp(min(track.log_odds + bonus, 50.0)) for track in others)
-        for_it = math.exp(min(best.log_odds + bonus, 50.0))
+        against = sum(self._odds(track) for track in others)
+        for_it = self._odds(best)
         sure = best.agreement / (best.agreement + _HALF_AGREEMENT)
         return sure * for_it / (1.0 + for_it + against)
+
+    def _has_moved(self, pixels: NDArray[Any]) -> bool:
+        """Whether the image differs from the last one; a still says nothing new."""
+        some = pixels[::_SPARSE, ::_SPARSE].astype(np.float32)
+        last, self._last = self._last, some
+        if last is None or last.shape != some.shape:
+            return False
+        return float(np.abs(some - last).mean()) > _LEAST_CHANGE
+
+    def _odds(self, track: RunwayTrack) -> float:
+        """That a track is a runway, with what the frames together and attitude say."""
+        bonus = TUNING.attitude_log_odds if self._attitude else 0.0
+        bonus += TUNING.followed_log_odds * min(track.moved / TUNING.followed_frames, 1.0)
+        return math.exp(min(track.log_odds + bonus, 50.0))
 
     def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)

@@ -44,6 +44,11 @@ class TuningParameters:
         attitude_log_odds: what a vanishing point within ``attitude_reach`` of that horizon says for
             a runway: logarithm of the rows searched without attitude (0.62 of 240) over those
             searched with it.
+        followed_log_odds: what it says for a runway that it was followed for ``followed_frames``
+            frames of a moving image.
+        followed_frames: see there; below the 25 frames after which a runway must be reported.
+        image_horizon_sigma: px, standard deviation of a horizon seen in the image about the
+            vanishing point: the far land's edge is not at infinity, and lenses bend it.
         horizon_reach: px above and below a horizon seen in the image.
     """
 
@@ -67,6 +72,9 @@ class TuningParameters:
     attitude_reach: float = 10.0
     attitude_sigma: float = 6.0
     attitude_log_odds: float = 1.9
+    followed_log_odds: float = 0.5
+    followed_frames: int = 20
+    image_horizon_sigma: float = 8.0
     horizon_reach: tuple[float, float] = (20.0, 60.0)
 
 
