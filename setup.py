@@ -29,7 +29,9 @@ setup(
     maintainer_email='mvuav_ros@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*']},
+    package_data={
+        NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*', 'vision/approach/*.json'],
+    },
     python_requires='>=3.11',
     install_requires=[
         'numpy>=1.26',

@@ -119,6 +119,8 @@ class VisionNode(ManagedNode):
             self._answerer.answer,
             infos if self._processor.uses_camera_info else None,
             lambda: self._processor.awaits_camera_info,
+            'imu' if self._processor.uses_attitude else None,
+            lambda: self._processor.awaits_attitude,
         )
 
     def _announce(self) -> None:

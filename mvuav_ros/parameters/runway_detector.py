@@ -18,6 +18,7 @@ MOST_ROUND = 31
 """px; every pixel of a round element costs a pass over the rows searched."""
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
+HORIZON_SOURCES = ('auto', 'imu', 'image')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
 _THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 
@@ -69,6 +70,27 @@ class RunwayDetectorParameters(ParameterSet):
         read_only=True,
         counts=_APPROACH,
         stage='Approach',
+    )
+    min_confidence: float = parameter(
+        0.5,
+        'Probability below which mode approach reports no runway: its rows are NaN then.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    horizon_source: str = parameter(
+        'auto',
+        'Where mode approach takes the horizon from. auto: from imu while there is one, else from '
+        'the image; imu: the same, and /diagnostics warns while there is none; image: never from '
+        'imu.',
+        choices=HORIZON_SOURCES,
+    )
+    camera_mount_rpy_deg: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0),
+        'Roll, pitch and yaw of the camera on the body (REP 103, fixed axes; all 0: it looks along '
+        "the body's x), for the horizon from imu.",
+        minimum=-180.0,
+        maximum=180.0,
+        unit='°',
     )
     start_row: int = parameter(
         50,
