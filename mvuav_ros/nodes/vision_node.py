@@ -135,7 +135,7 @@ class VisionNode(ManagedNode):
     def _apply(self, parameters: ParameterSet) -> None:
         with self._answerer.lock:
             self._processor.configure(parameters)
-        threads = int(parameters.as_dict()['opencv_threads'])
+        threads = int(getattr(parameters, 'opencv_threads'))  # noqa: B009 - both detectors' have it
         # OpenCV takes a negative number for its own choice.
         cv2.setNumThreads(threads if threads > 0 else -1)
 
