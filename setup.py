@@ -41,6 +41,7 @@ setup(
         'typer>=0.9',
         'rich>=13',
         'matplotlib>=3.6',
+        'av>=11',
     ],
     extras_require={
         'ros': [
@@ -53,9 +54,18 @@ setup(
             'ros-jazzy-std-srvs',
             'ros-lifecycle-msgs',
         ],
+        'remote': ['fsspec>=2024.1', 's3fs>=2024.1', 'aiohttp'],
+        'parquet': ['pyarrow>=14'],
         'dask': ['distributed>=2024.1'],
         'panel': ['nicegui>=3,<4'],
-        'test': ['pytest>=7,<9', 'pytest-xdist', 'hypothesis', 'scikit-image', 'playwright'],
+        'test': [
+            'pytest>=7,<9',
+            'pytest-xdist',
+            'hypothesis',
+            'scikit-image',
+            'playwright',
+            'moto[server]',
+        ],
         'dev': [
             'ruff',
             'mypy',

@@ -13,7 +13,9 @@ import mvuav_ros
 from mvuav_ros.cli.commands.bench import bench
 from mvuav_ros.cli.commands.demo import demo
 from mvuav_ros.cli.commands.evaluate import evaluate
+from mvuav_ros.cli.commands.export import export
 from mvuav_ros.cli.commands.info import info
+from mvuav_ros.cli.commands.repair import repair
 from mvuav_ros.cli.commands.replay import replay
 from mvuav_ros.cli.commands.rig import rig
 from mvuav_ros.cli.commands.simulate import simulate
@@ -34,6 +36,8 @@ app = typer.Typer(
 )
 app.command()(replay)
 app.command()(info)
+app.command()(repair)
+app.command()(export)
 app.command()(bench)
 app.command()(demo)
 app.command()(sweep)

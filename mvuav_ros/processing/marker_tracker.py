@@ -95,6 +95,7 @@ class MarkerTrackerProcessor(Processor):
             self._set_rig(parameters)
         else:
             self._pipeline.configure(parameters)
+        self._share_camera()
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -106,6 +107,11 @@ class MarkerTrackerProcessor(Processor):
         if camera != self._camera:
             self._camera = camera
             self._poses.reset()
+            self._share_camera()
+
+    def _share_camera(self) -> None:
+        # Without a pose nobody waits for a calibration, so names must not depend on one.
+        self._pipeline.set_camera(self._camera if self._parameters.pose else None)
 
     def _forget(self) -> None:
         self._newest = None
@@ -174,7 +180,7 @@ class MarkerTrackerProcessor(Processor):
         pixels = np.array([(marker.x, marker.y) for marker in seen])
         pose = self._poses.estimate(self._camera, lights, pixels, frame.stamp_ns * 1e-9)
         if pose is None:
-            self._warnings.append('no pose: none fits the markers')
+            self._warnings.append(f'no pose: {self._poses.reason}')
         return pose
 
     def _check(self, camera: CameraModel, image: Image) -> None:

@@ -16,9 +16,15 @@ from mvuav_ros.offline.evaluation.identity_runs import (
     fly_names,
     identity_task,
 )
+from mvuav_ros.offline.evaluation.integrity_runs import fly_integrity
 from mvuav_ros.offline.evaluation.numbers import rms
 from mvuav_ros.offline.evaluation.pose_runs import FlownPoses, PoseTask, fly_poses
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
+from mvuav_ros.offline.thesis.integrity import (
+    integrity_claims,
+    integrity_table,
+    integrity_tasks,
+)
 from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan
 
 EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
@@ -50,6 +56,7 @@ def pose_tasks(plan: Plan) -> list[PoseTask]:
 def beyond_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
     """Fly the scenes and the approaches, and hold names and poses against the truth."""
     names = runner.all_of(fly_names, identity_tasks(runner.plan))
+    doubts = runner.all_of(fly_integrity, integrity_tasks(runner.plan))
     poses = runner.all_of(fly_poses, pose_tasks(runner.plan))
     section = Section(
         'Beyond the thesis: names and pose',
@@ -59,9 +66,9 @@ def beyond_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
             'vanish, pass each other and are imitated, and its poses on docking approaches are '
             'held against the truth.',
         ),
-        (identity_table(names), pose_table(poses)),
+        (identity_table(names), integrity_table(doubts), pose_table(poses)),
     )
-    return section, [*name_claims(names), *pose_claims(poses)]
+    return section, [*name_claims(names), *integrity_claims(doubts), *pose_claims(poses)]
 
 
 def name_claims(flights: Sequence[NamedFlight]) -> list[Claim]:

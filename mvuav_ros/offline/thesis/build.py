@@ -14,7 +14,12 @@ import cv2
 import mvuav_ros
 from mvuav_ros.offline.report.comparison import EQUAL_SHARE
 from mvuav_ros.offline.report.model import Cell, Claim, Report, Section
-from mvuav_ros.offline.thesis.beyond import beyond_section, identity_tasks, pose_tasks
+from mvuav_ros.offline.thesis.beyond import (
+    beyond_section,
+    identity_tasks,
+    pose_tasks,
+)
+from mvuav_ros.offline.thesis.integrity import integrity_tasks
 from mvuav_ros.offline.thesis.plan import (
     PROGRAM,
     ExperimentRunner,
@@ -50,7 +55,7 @@ def steps_of(plan: Plan) -> int:
     """How often a runner's ``advance`` is called."""
     flights = len(tracking_tasks(plan)) + len(runway_tasks(plan))
     flights += len(roll_tasks(plan)) + len(noise_tasks(plan))
-    beyond = len(identity_tasks(plan)) + len(pose_tasks(plan))
+    beyond = len(identity_tasks(plan)) + len(integrity_tasks(plan)) + len(pose_tasks(plan))
     return 2 + flights + len(path_tasks(plan)) + beyond
 
 

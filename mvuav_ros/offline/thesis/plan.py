@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from mvuav_ros.offline.evaluation import integrity_runs
 from mvuav_ros.offline.evaluation.identity_runs import SCENES
 from mvuav_ros.offline.evaluation.marker_runs import supported
-from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report.comparison import SHIPPED
+from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import PREDICTIONS, MarkerTrackerParameters
@@ -43,6 +44,8 @@ class Plan:
         runway_seconds: length of each runway scene.
         identity_scenes: how many of the scenes in which names can be lost.
         identity_repeats: flights of each of those.
+        integrity_scenes: how many of the scenes in which other lights take the names.
+        integrity_repeats: flights of each of those.
         pose_frames: frames of each docking approach.
     """
 
@@ -57,6 +60,8 @@ class Plan:
     runway_seconds: float = known.RUNWAY_SECONDS
     identity_scenes: int = len(SCENES)
     identity_repeats: int = 1
+    integrity_scenes: int = len(integrity_runs.SCENES)
+    integrity_repeats: int = 3
     pose_frames: int = 1000
 
     @classmethod
@@ -72,6 +77,8 @@ class Plan:
             measurements=20,
             runway_seconds=1.5,
             identity_scenes=2,
+            integrity_scenes=2,
+            integrity_repeats=1,
             pose_frames=200,
         )
 

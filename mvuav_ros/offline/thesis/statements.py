@@ -52,8 +52,28 @@ def ratio_text(thesis: Sequence[Sequence[float]], ours: Sequence[Sequence[float]
     larger = sum(o > t for t, o in pairs)
     return (
         f'The ratio is smaller here than in the thesis in {smaller} of {len(pairs)} cells, larger '
-        f'in {larger}: where it is not larger, a worse cell of full estimation is the motion, and '
-        'not the method.'
+        f'in {larger}.'
+    )
+
+
+def bound_text(
+    velocity: Sequence[Sequence[float]], accelerations: Sequence[Sequence[float]]
+) -> str:
+    """For how many markers of each trial the motion is faster than that of the thesis can be.
+
+    Args:
+        velocity: the thesis's RMS of prediction by velocity only, by trial and marker, px.
+        accelerations: of our motion, RMS, px per frame squared.
+    """
+    above = [
+        f'{sum(a > v for v, a in zip(printed, ours, strict=True))} of {len(ours)} in trial {trial}'
+        for trial, (printed, ours) in enumerate(zip(velocity, accelerations, strict=True), 1)
+    ]
+    return (
+        'Velocity only goes wrong by at least the acceleration, so that each of its cells in the '
+        'thesis is the most that the acceleration of that marker can have been there. Here it is '
+        f'more than that for {", ".join(above)}: there a worse cell is the motion, and no method '
+        'of the thesis could be equal.'
     )
 
 

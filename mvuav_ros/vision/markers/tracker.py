@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import detect, detect_any
 from mvuav_ros.vision.markers.identity import IdentityTracker
@@ -58,7 +59,18 @@ class MarkerTracker:
         """
         self.parameters = parameters or MarkerTrackerParameters()
         self.rig = rig or TANKER_747
+        self._camera: CameraModel | None = None
         self.reset()
+
+    def set_camera(self, camera: CameraModel | None) -> None:
+        """Name markers by the undistorted points of a calibrated camera; None: by the pixels.
+
+        What was known of the markers under another calibration is forgotten. A calibration of
+        another image size is not used.
+        """
+        self._camera = camera
+        if isinstance(self._tracker, IdentityTracker):
+            self._tracker.set_camera(camera)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """Use other parameters from the next frame on.
@@ -84,7 +96,9 @@ class MarkerTracker:
 
             return MultiObjectTracker()
         if self.parameters.prediction == 'kalman':
-            return IdentityTracker(self.rig)
+            tracker = IdentityTracker(self.rig)
+            tracker.set_camera(self._camera)
+            return tracker
         return ThesisTracker()
 
     def process(self, image: Image, stamp_ns: int) -> MarkerResult:

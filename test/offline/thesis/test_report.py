@@ -198,7 +198,20 @@ def test_what_is_said_of_table_5_3(tables, said):
     ratios = tables['table_5_3_ratio'].rows
     printed, ours = ([row[2:] for row in ratios if row[1] == by] for by in ('thesis', 'here'))
     larger = int(np.sum(np.array(ours) > np.array(printed)))
-    assert f'of 20 cells, larger in {larger}: where' in said
+    assert f'of 20 cells, larger in {larger}.' in said
+    faster = re.search(r'Here it is more than that for ([^:]*):', said)
+    assert faster is not None
+    for number, told in enumerate(re.findall(r'(\d) of 5 in trial', faster.group(1)), 1):
+        moved = next(
+            row[2:]
+            for row in ratios
+            if row[0].startswith(f'Trial {number}') and row[1].startswith('acceleration')
+        )
+        printed_cells = [
+            known.cell('table_5_3', f'Trial {number}, Velocity Only', name).value
+            for name in known.MARKERS
+        ]
+        assert int(told) == sum(a > v for a, v in zip(moved, printed_cells, strict=True))
     # Of the thesis's own numbers.
     assert 'velocity only is smaller in 14 of 20 cells, full estimation in 5, 1 equal' in said
 
