@@ -45,6 +45,7 @@ class MultiObjectTuning:
         confirmed: sightings from which a light is more than a speck.
         most_tentative: specks out of sight that are kept; with all of the following, so that
             noise in every frame costs little more than in one.
+        most_voters: lights that are asked whether all have jumped.
         most: lights that are kept.
     """
 
@@ -57,6 +58,7 @@ class MultiObjectTuning:
     size_memory: float = 0.8
     confirmed: int = 3
     most_tentative: int = 50
+    most_voters: int = 40
     most: int = 400
 
 
@@ -111,8 +113,9 @@ class MultiObjectTracker:
             return np.full(len(predicted), -1)
         seen = found[:, :2]
         apart, number = choices(predicted, seen, TUNING.widest)
+        voters = self._voters()
         longest, same = 3 * TUNING.widest, TUNING.same_jump
-        shift = common_shift(predicted, seen, apart[:, 0], longest, same)
+        shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
         if shift is not None:
             apart, number = choices(predicted + shift, seen, TUNING.widest)
         deviations = self._motion.deviations()
@@ -128,6 +131,12 @@ class MultiObjectTracker:
         cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
         cost[apart > reach] = IMPOSSIBLE
         return assign(cost, number)
+
+    def _voters(self) -> Integers:
+        """The lights that can tell a jump of all: well known, and seen in the last frame."""
+        known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
+        voters = np.flatnonzero(known)
+        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.most_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
