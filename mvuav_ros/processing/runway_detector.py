@@ -78,6 +78,11 @@ class RunwayDetectorProcessor(Processor):
         # publish_tf is known from the start on, so this stands before anybody asks.
         self.topics = topics  # type: ignore[misc]
 
+    @property
+    def awaits_camera_info(self) -> bool:
+        """See `Processor.awaits_camera_info`; lines are drawn with the last one known."""
+        return self._parameters.mode == 'approach' or self._camera is None
+
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
