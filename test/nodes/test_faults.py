@@ -100,7 +100,7 @@ def test_stamps_that_repeat_stand_still_and_jump(graph):
 
 
 def test_nan_and_nonsense(graph):
-    stream = Stream(graph, *BOTH)
+    stream = Stream(graph, *BOTH, **KEEP_EVERYTHING)
     client = graph.probe.create_client(SetParameters, '/marker_tracker/set_parameters')
     graph.until(client.service_is_ready, 'the parameter service')
     # rclpy itself stumbles over this one, while it spins.
