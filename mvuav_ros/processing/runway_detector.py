@@ -85,6 +85,11 @@ class RunwayDetectorProcessor(Processor):
         given = self._parameters
         return given.mode == 'approach' and given.horizon_source != 'image'
 
+    @property
+    def awaits_camera_info(self) -> bool:
+        """See `Processor.awaits_camera_info`; lines are drawn with the last one known."""
+        return self._parameters.mode == 'approach' or self._camera is None
+
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters

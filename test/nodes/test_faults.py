@@ -43,6 +43,9 @@ def test_sizes_and_encodings_that_change_with_every_frame(graph):
     sent = 0
     for encoding in ENCODINGS:
         for width, height in sizes:
+            if ENCODINGS[encoding].chroma_below:
+                # Its colours are half a frame more of rows: see test_image_decoding.
+                continue
             if 'yuv' in encoding or 'uyvy' in encoding or 'yuyv' in encoding:
                 width += width % 2
             image = any_image(encoding, width, height)
@@ -97,7 +100,7 @@ def test_stamps_that_repeat_stand_still_and_jump(graph):
 
 
 def test_nan_and_nonsense(graph):
-    stream = Stream(graph, *BOTH)
+    stream = Stream(graph, *BOTH, **KEEP_EVERYTHING)
     client = graph.probe.create_client(SetParameters, '/marker_tracker/set_parameters')
     graph.until(client.service_is_ready, 'the parameter service')
     # rclpy itself stumbles over this one, while it spins.

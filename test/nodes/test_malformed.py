@@ -186,6 +186,6 @@ def test_malformed_messages_are_counted_and_good_frames_processed(graph, is_comp
         values = graph.diagnostics(name)
         assert values['frames_rejected'] == values['rejected_bad_image'] == str(bad)
         assert values['frames_processed'] == str(good) == str(len(stream.answers[name]))
-        assert 'images refused' in values['message'] and values['level'] == 1
+        assert 'images rejected' in values['message'] and values['level'] == 1
     assert stream.states() == [1] * 5
     stream.check_alive()

@@ -34,6 +34,12 @@ from mvuav_ros.vision.markers.results import TANKER_NAMES
 FRAME_IDS = ['', 'c', 'ca', 'cam', 'nose', 'left1', 'Kamera µ', 'a/b/opt', 'camera_1']
 BLACK = Image(np.zeros((240, 320), np.uint8), 'mono8')
 
+OWN_FRAMES = {
+    ('marker_tracker', 'vision_pose'): 'tanker_747',
+    ('runway_detector', 'pose'): 'runway',
+    ('runway_detector', 'vision_pose'): 'runway',
+}
+
 
 def flight_of(processor: Processor, flight) -> Iterator[tuple[str, str, bytes]]:
     """Frame, topic and bytes of every output; each frame has another frame_id."""
@@ -57,14 +63,14 @@ def processors():
     named = {f'marker/{name}' for name in TANKER_NAMES}
     for values, missing in (
         ({}, set()),
-        ({'mode': 'track_any'}, named),
+        ({'mode': 'track_any'}, named | {'vision_pose'}),
         ({'mode': 'detect'}, set()),
     ):
         processor = MarkerTrackerProcessor(MarkerTrackerParameters.from_mapping(values))
         yield pytest.param(processor, tanker, missing, id=f'markers {values}')
     images = {'debug/confined', 'debug/edges', 'debug/hough'}
     for values, missing in (
-        ({}, {'pose'}),
+        ({}, {'pose', 'vision_pose'}),
         ({'mode': 'approach', 'runway_width': 30.0}, images),
     ):
         processor = RunwayDetectorProcessor(RunwayDetectorParameters.from_mapping(values))
@@ -83,7 +89,8 @@ def test_every_output_is_what_rclpy_would_have_written(processor, flight, missin
         # rclpy leaves chance bytes in the padding.
         padding = {a for a, b in zip(ours, theirs, strict=True) if a != b}
         assert padding <= {0}, topic
-        assert message.header.frame_id == frame_id
+        own_frame = OWN_FRAMES.get((processor.name, topic), frame_id)
+        assert message.header.frame_id == own_frame
     wanted = {*processor.topics, *processor.debug_topics, *processor.periodic_topics}
     assert wanted - seen == missing
 
