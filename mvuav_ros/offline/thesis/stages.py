@@ -173,7 +173,7 @@ def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
         for program in known.PROGRAMS:
             printed = known.cell('table_5_2', stage, f'{program}, time')
             ours = seconds[program].get(stage)
-            row += [printed.text, _compared(ours, printed)]
+            row += [printed.text, ours if stage == REST else _compared(ours, printed)]
             row.append(known.cell('table_5_2', stage, f'{program}, executions').text)
             row.append(times[program].executions.get(stage))
         rows.append(tuple(row))

@@ -137,10 +137,10 @@ def test_a_verdict_stands_beside_every_number_that_can_be_compared(tables):
     assert compared['table_5_3'] == 40 + 20
     assert compared['table_5_5'] == 12 + 12
     assert compared['table_5_4'] == 6
-    assert compared['table_5_7'] == 2 * 8
+    assert compared['table_5_7'] == 2 * 7
     assert compared['figure_4_30'] == 2 * (3 + 6)
     assert compared['figures_5_1_to_5_3'] == 4
-    assert compared['table_5_2'] == 24 - 1
+    assert compared['table_5_2'] == 24 - 1 - 3
 
 
 def test_the_summary_counts_what_the_tables_say(written, said):
@@ -303,7 +303,8 @@ def test_times_add_up(tables):
         assert sum(stages) == pytest.approx(times[-1])
         assert math.isfinite(times[-1])
     for column in (2, 3):
-        times = [row[column].value for row in tables['table_5_7'].rows]
+        cells = [row[column] for row in tables['table_5_7'].rows]
+        times = [getattr(cell, 'value', cell) for cell in cells]
         assert sum(times[:-1]) == pytest.approx(times[-1])
     shares = [row[7] for row in tables['table_5_7'].rows]
     assert sum(shares[:-1]) == pytest.approx(100.0) == shares[-1]
