@@ -31,6 +31,7 @@ TABLES = {
     'approach',
     'names',
     'pose',
+    'prediction_by_motion',
 }
 FIGURES = {f'figure_5_{number}' for number in range(1, 16)} | {'figure_appendix_c'}
 PRINTED_IN = {'figures': 'figures_5_1_to_5_3'}
@@ -42,6 +43,7 @@ def small_plan(seed):
         jobs=1,
         trial_seconds=1.6,
         trial_repeats=2,
+        prediction_flights=1,
         passes=1,
         repeats=1,
         measurements=5,
