@@ -173,7 +173,7 @@ def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
         for program in known.PROGRAMS:
             printed = known.cell('table_5_2', stage, f'{program}, time')
             ours = seconds[program].get(stage)
-            row += [printed.text, _compared(ours, printed)]
+            row += [printed.text, ours if stage == REST else _compared(ours, printed)]
             row.append(known.cell('table_5_2', stage, f'{program}, executions').text)
             row.append(times[program].executions.get(stage))
         rows.append(tuple(row))
@@ -185,8 +185,8 @@ def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
         (
             f'{plan.trial_frames} frames of trial 1 from an uncompressed AVI file of colour '
             f'frames of 640x480; sums of the least of {plan.passes} passes over each frame. The '
-            "thesis's times are of MATLAB under its profiler on its machine. A rest below zero is "
-            'the noise of the measurement.',
+            "thesis's times are of MATLAB under its profiler on its machine. The rest is "
+            'what the stages leave of the total: near zero it is noise, and it is not compared.',
             'Here a window is thresholded, scanned and its centroid taken in one stage, "Scanning '
             'for Estimation", so that pre-processing and centroids run on the whole frames only. '
             'The executions of "Centroid Calculation" are the bright pixels, which the size of a '
