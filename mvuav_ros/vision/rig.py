@@ -105,7 +105,7 @@ def load_rig(path: str | Path) -> MarkerRig:
     """
     try:
         text = Path(path).expanduser().read_text(encoding='utf-8')
-        content = yaml.load(text, _Loader)
+        content = _Loader(text).get_single_data()
     except OSError as error:
         raise RigError(f'{path}: {error.strerror}') from error
     except RigError as error:
