@@ -175,7 +175,7 @@ class McapFile:
         while position + HEADER.size <= len(view):
             opcode, length = HEADER.unpack_from(view, position)
             position += HEADER.size
-            if position + length > len(view):
+            if opcode == 0 or position + length > len(view):  # zeros are no records
                 return
             if opcode in _CONTENT and length >= _CONTENT[opcode]:
                 yield opcode, view[position : position + length]

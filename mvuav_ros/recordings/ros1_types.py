@@ -16,7 +16,16 @@ _HEADER_DEFINITION = 'builtin_interfaces/Time stamp\nstring frame_id\n'
 # The longest that are known (Autoware's) have some thousand lines.
 _LONGEST_DEFINITION = 1 << 17
 _MOST_NUMBERS = 100_000
+_DEEPEST = 32
 _STRING = 'string'
+_PARSE_ERRORS = (
+    TypesysError,
+    KeyError,
+    ValueError,
+    SyntaxError,
+    AssertionError,
+    RecursionError,
+)
 _TYPES_KEPT = 1024
 
 
@@ -47,7 +56,7 @@ class Ros1Type:
             self._store.register(types)
             text, _ = self._store.generate_msgdef(name, ros_version=2)
             self._store.get_msgdef(name)
-        except (TypesysError, KeyError, ValueError, SyntaxError, AssertionError) as error:
+        except _PARSE_ERRORS as error:
             raise UnknownTypeError(name) from error
         self.schema = Schema('ros2msg', text)
 
@@ -83,6 +92,7 @@ class _Sizes:
     def __init__(self, types: dict[str, Any]) -> None:
         self._types = types
         self._least: dict[str, int | None] = {}
+        self._depth = 0
 
     def check(self) -> None:
         """Raise ValueError where a type is none of a message that somebody would record."""
@@ -93,7 +103,11 @@ class _Sizes:
     def _of_type(self, name: str) -> int:
         if name not in self._least:
             self._least[name] = None
+            self._depth += 1
+            if self._depth > _DEEPEST:
+                raise ValueError(f'{name} is nested too deeply')
             self._least[name] = sum(self._of_field(kind) for _, kind in self._types[name][1])
+            self._depth -= 1
         least = self._least[name]
         if least is None:
             raise ValueError(f'{name} holds itself')

@@ -178,7 +178,9 @@ def test_bz2_of_ros1(tmp_path: Path) -> None:
         'a/A y\n',
         'string[2000000000] x\n',
         ''.join(f'b/B{n} x\nb/B{n} y\n{"=" * 80}\nMSG: b/B{n}\n' for n in range(40)) + 'uint8 x\n',
+        ''.join(f'b/B{n} x\n{"=" * 80}\nMSG: b/B{n}\n' for n in range(1200)) + 'uint8 x\n',
     ],
+    ids=['nothing', 'itself', 'strings', 'doubling', 'chain'],
 )
 def test_definitions_that_never_end(definition: str) -> None:
     with pytest.raises(UnknownTypeError):
