@@ -16,7 +16,7 @@ from mvuav_ros.panel import foreign
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.sources.opening import BAG_SUFFIXES
+from mvuav_ros.recordings.content import BAG_SUFFIXES
 
 RESULTS = 'results.mcap'
 REPORT = 'report'

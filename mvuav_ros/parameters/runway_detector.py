@@ -14,6 +14,8 @@ from mvuav_ros.parameters.image_input import (
 
 CHANNELS = ('red', 'green', 'blue', 'intensity')
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
+MOST_ROUND = 31
+"""px; every pixel of a round element costs a pass over the rows searched."""
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
@@ -134,7 +136,7 @@ class RunwayDetectorParameters(ParameterSet):
     opening_length: int = parameter(
         3,
         'Height of the structuring element: with the vertical line, shorter vertical runs of '
-        'edge pixels are removed. 1: no opening.',
+        'edge pixels are removed. 1: no opening; at most 31 with disk and diamond.',
         minimum=1,
         maximum=999,
         odd=True,
@@ -277,6 +279,12 @@ class RunwayDetectorParameters(ParameterSet):
     def _check_together(self) -> None:
         if not self.runway_frame:
             raise ParameterError('runway_frame', 'must not be empty')
+        if self.opening_shape in ('disk', 'diamond') and self.opening_length > MOST_ROUND:
+            raise ParameterError(
+                'opening_length',
+                f'must be at most {MOST_ROUND} with opening_shape {self.opening_shape}, '
+                f'not {self.opening_length}',
+            )
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
             raise ParameterError(
                 'end_row',

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -102,12 +103,14 @@ def replay(
 
     The messages are those that the live nodes publish for the same images.
 
-    With a folder as output, a recording that was finished before is not done again.
+    With a folder as output, a recording that was finished before is not done again, and
+    manifest.json tells what became of each.
     """
     try:
         from mvuav_ros.cli.commands import replay_reports as reports
         from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
         from mvuav_ros.offline.replay.job import ReplaySettings
+        from mvuav_ros.offline.replay.manifest import write_manifest
         from mvuav_ros.offline.replay.outputs import plan
     except ImportError as error:
         raise SourceError(explain_missing_module('replay', error)) from error
@@ -122,12 +125,15 @@ def replay(
         gamma=gamma,
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
+    started = datetime.now(UTC)
     processes = jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
         if dask is None and len(planned) == 1:
             outcomes = [reports.replay_one(planned[0], processes, stop)]
         else:
             outcomes = reports.replay_many(planned, processes, dask, stop)
+    if planned[0].resume:
+        write_manifest(output, planned, outcomes, started)
     if stop:
         raise Interrupted(stop.number)
     if any(outcome.failure for outcome in outcomes):

@@ -36,6 +36,7 @@ class Plan:
         jobs: processes.
         trial_seconds: length of each trial.
         trial_repeats: flights of each trial, which differ in their seeds.
+        prediction_flights: of each kind of motion and frame rate.
         passes: how often each timed flight is processed.
         repeats: flights per cell of Table 5.5.
         measurements: of roll on each of those.
@@ -49,8 +50,9 @@ class Plan:
     jobs: int = 2
     trial_seconds: float = known.TRIAL_SECONDS
     trial_repeats: int = 5
+    prediction_flights: int = 30
     passes: int = 3
-    repeats: int = 10
+    repeats: int = 5
     measurements: int = known.MEASUREMENTS
     runway_seconds: float = known.RUNWAY_SECONDS
     identity_scenes: int = len(SCENES)
@@ -64,6 +66,7 @@ class Plan:
             seed=seed,
             jobs=jobs,
             trial_repeats=2,
+            prediction_flights=2,
             passes=1,
             repeats=2,
             measurements=20,

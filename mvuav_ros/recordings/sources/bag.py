@@ -13,12 +13,14 @@ from mvuav_ros.recordings.images import (
     choose_image_topic,
     decode_message,
     is_image_type,
+    video_packet,
 )
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
@@ -27,6 +29,8 @@ from mvuav_ros.vision.image import ImageError
 
 _NS = 1_000_000_000
 _STAMP_END = 12
+_END_OF_TIME = 1 << 31
+"""Seconds: a stamp has 32 bits for them."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +63,14 @@ class EncodedFrame:
         """All but the message's bytes."""
         return self.with_data(b'')
 
-    def with_data(self, data: bytes) -> EncodedFrame:
+    def with_data(self, data: bytes | memoryview) -> EncodedFrame:
         """With the message's bytes."""
         recorded = self.recorded
         bare = RecordedMessage(recorded.topic, recorded.type, recorded.stamp_ns, data)
         return replace(self, recorded=bare)
 
 
-_Pairing = StampPairing[CameraModel, EncodedFrame]
+_Pairing = StampPairing[CameraModel, EncodedFrame | Frame]
 
 
 class BagImages:
@@ -129,10 +133,12 @@ class BagImages:
         for item in self.items(camera=True):
             if isinstance(item, EncodedFrame):
                 yield item.decoded()
+            elif not isinstance(item, RecordedMessage):
+                yield item
 
     def items(
         self, selection: Selection = EVERYTHING, *, others: bool = False, camera: bool = False
-    ) -> Generator[EncodedFrame | RecordedMessage, None, None]:
+    ) -> Generator[EncodedFrame | Frame | BadFrame | RecordedMessage, None, None]:
         """Read a part of the bag in the order in which it was recorded.
 
         Args:
@@ -141,7 +147,8 @@ class BagImages:
             camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
 
         Yields:
-            Frames that are not decoded yet, as that can be done apart, and messages.
+            Frames that are not decoded yet, as that can be done apart (those of a video cannot,
+            and are), and messages.
 
         Raises:
             SourceError: the bag cannot be read any more.
@@ -154,7 +161,7 @@ class BagImages:
 
     def _items(
         self, selection: Selection, others: bool, camera: bool
-    ) -> Iterator[EncodedFrame | RecordedMessage]:
+    ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
         recording = self._recording
         wanted = {self.topic}
         pairing = _Pairing()
@@ -167,6 +174,7 @@ class BagImages:
         if selection.is_part:
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
+        video = VideoTopic()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
         for message in recording.messages(None if others else wanted, *window):
@@ -175,13 +183,20 @@ class BagImages:
             if message.topic in wanted and message.topic == self.camera_topic:
                 _add_camera(message, pairing)
             if message.topic == self.topic and is_image_type(message.type):
-                if images % selection.every == 0:
-                    stamp_ns = _stamp_ns(message)
-                    pairing.add_image(stamp_ns, EncodedFrame(message, stamp_ns))
+                for frame in _frames(message, video, images % selection.every == 0):
+                    if isinstance(frame, BadFrame):
+                        yield frame
+                    else:
+                        pairing.add_image(frame.stamp_ns, frame)
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
             yield from _paired(pairing, wait=wait)
+        for frame in video.end():
+            if isinstance(frame, BadFrame):
+                yield frame
+            else:
+                pairing.add_image(frame.stamp_ns, frame)
         yield from _paired(pairing, wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
@@ -228,10 +243,27 @@ def _add_first_camera(recording: Recording, topic: str, pairing: _Pairing) -> No
             return
 
 
-def _paired(pairing: _Pairing, *, wait: bool) -> Iterator[EncodedFrame]:
+def _paired(pairing: _Pairing, *, wait: bool) -> Iterator[EncodedFrame | Frame]:
     while (pair := pairing.take(wait=wait)) is not None:
         camera, frame = pair
         yield frame if camera is None else replace(frame, camera=camera)
+
+
+def _frames(
+    recorded: RecordedMessage, video: VideoTopic, wanted: bool
+) -> Iterator[EncodedFrame | Frame | BadFrame]:
+    """What becomes of an image's message, or of a packet of a video."""
+    try:
+        packet = video_packet(recorded.type, recorded.data)
+    except MalformedMessageError as error:
+        yield BadFrame(recorded.stamp_ns, str(error))
+        return
+    if packet is not None:
+        packet.stamp_ns = packet.stamp_ns or recorded.stamp_ns
+        yield from video.frames(packet, wanted)
+    elif wanted:
+        stamp_ns = _stamp_ns(recorded)
+        yield EncodedFrame(recorded, stamp_ns)
 
 
 def _stamp_ns(recorded: RecordedMessage) -> int:
@@ -249,6 +281,8 @@ def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
         message = decode_message(recorded.type, recorded.data)
         header = message.header
         stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
+        if not -_END_OF_TIME <= stamp_ns // _NS < _END_OF_TIME:
+            raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
         compressed = recorded.type.endswith('CompressedImage')
         image = (decode_compressed_image if compressed else decode_image)(message)
     except (ImageError, MalformedMessageError) as error:
