@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -174,6 +174,8 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
 def control_of(descriptor: ParameterDescriptor) -> Control:
     """The control that fits a descriptor; of other packages' nodes as well."""
     text = read_description(foreign.words(descriptor.description, foreign.LONGEST_DESCRIPTION))
+    short = {key: foreign.words(getattr(text, key), 40) for key in ('unit', 'default', 'stage')}
+    text = replace(text, **short, thesis=foreign.words(text.thesis))
     constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
     kind, choices, (low, high) = _kind(descriptor, type_, constraint)
