@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -22,6 +22,7 @@ _MOST_STEPS = 500
 """Positions of a slider that a hand can still tell apart."""
 _WIDEST = 1e15
 """Ends of a range that is a range: beyond that any number is allowed."""
+_SHORT = 40
 _LARGEST_INTEGER = 2**63 - 1
 _TYPES = {
     ParameterType.PARAMETER_BOOL: bool,
@@ -174,6 +175,13 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
 def control_of(descriptor: ParameterDescriptor) -> Control:
     """The control that fits a descriptor; of other packages' nodes as well."""
     text = read_description(foreign.words(descriptor.description, foreign.LONGEST_DESCRIPTION))
+    text = replace(
+        text,
+        unit=foreign.words(text.unit, _SHORT),
+        default=foreign.words(text.default, _SHORT),
+        stage=foreign.words(text.stage, _SHORT),
+        thesis=foreign.words(text.thesis),
+    )
     constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
     kind, choices, (low, high) = _kind(descriptor, type_, constraint)

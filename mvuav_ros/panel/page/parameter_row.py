@@ -137,7 +137,7 @@ class ParameterRow:
         words += [said.unit, f'default {said.default}' if said.default else '']
         words += ['set at the start only'] if control.read_only else []
         plain = ' · '.join(word for word in words if word)
-        self._hint.set_text(self._refused or plain or said.description)
+        self._hint.set_text(self._refused or foreign.words(plain or said.description))
         if self._refused:
             self._hint.classes(add='refused')
         else:

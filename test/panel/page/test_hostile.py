@@ -303,10 +303,10 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
     assert 'mode WWWW' in row.inner_text() and 'script>' in row.inner_text()
     row.get_by_role('checkbox').click()
     page.locator('[data-trend]').wait_for()
-    page.get_by_label('Recording').click()
+    page.get_by_label('Recording', exact=True).click()
     page.get_by_role('option', name='line break.mcap').wait_for()
     page.keyboard.press('Escape')
-    page.locator('.sets').get_by_label('Set').click()
+    page.locator('.sets').get_by_label('Set', exact=True).click()
     options = page.get_by_role('option').all_inner_texts()
     page.keyboard.press('Escape')
     assert options == ['default', 'thesis', 'words']
