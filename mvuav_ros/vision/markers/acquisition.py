@@ -46,11 +46,11 @@ _USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17
 """How far from its expected place a light is looked for, in units of the body's size."""
-_TRIED = 24
+_TRIED = 16
 _APART = 0.6
 """rad: two starts for one way of naming the lights are tilted at least this differently."""
 _WAYS_TRIED = 8
-_MOST_COMPARISONS = 700_000
+_MOST_COMPARISONS = 300_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from mvuav_ros.vision.markers.acquisition import (
     Guess,
     guess_start,
 )
-from mvuav_ros.vision.markers.blobs import Blobs, may_be_light
+from mvuav_ros.vision.markers.blobs import Blob, Blobs, may_be_light
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
@@ -58,7 +58,7 @@ MOST_REFITTED = 24
 MOST_PERMUTED = 7
 MOST_OF_THREE = 24
 MOST_BENT = 0.15
-MOST_MEASURED = 48
+MOST_MEASURED = 24
 MOST_PAIRS = 300
 MOST_COST = 24.0
 STRANGE = 3
@@ -75,10 +75,27 @@ class Lights:
         measured: where the image shows them.
     """
 
-    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter, lens: Lens) -> None:
+    def __init__(
+        self,
+        blobs: Blobs,
+        cut: Cut,
+        meter: CentroidMeter,
+        lens: Lens,
+        around: Sequence[float] = (),
+    ) -> None:
+        """Measure the lights of a frame.
+
+        Args:
+            blobs: of the frame.
+            cut: gives its intensity.
+            meter: how they are measured.
+            lens: of the camera.
+            around: x and y of places in turn, px: of very many lights the nearest to them are
+                measured; the largest, which tell what is small, if there are none.
+        """
         boxes = [box for box in blobs.boxes if may_be_light(box)]
-        # The largest tell what is small; of hundreds of specks no more is needed.
-        boxes = sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+        if len(boxes) > MOST_MEASURED:
+            boxes = _most_useful(boxes, around)
         measured = [blobs.measure(box, cut, meter) for box in boxes]
         self.spots = straightened(lens, measured)
         self.measured = dict(zip(self.spots, measured, strict=True))
@@ -109,6 +126,15 @@ class Lights:
             return spots
         least = LEAST_SHARE * spots[count - 1].area
         return [spot for spot in spots if spot.area >= least]
+
+
+def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
+    if not len(around):
+        return sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+    middles = np.array([(box.x0 + box.x1, box.y0 + box.y1) for box in boxes]) / 2
+    apart = middles[:, None] - np.reshape(around, (-1, 2))
+    nearest = np.abs(apart).max(axis=2).min(axis=1)
+    return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MOST_MEASURED]]
 
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:

@@ -67,7 +67,7 @@ PATIENCE = 5
 EXACT = 4.0
 """Deviations of a marker from its rig's place (root mean square) at which a body that was known
 before is another one."""
-LONGEST_REST = 8
+LONGEST_REST = 15
 """Frames between two attempts to name lights that could not be named, at most."""
 _FAR_OFF = 1e6
 
@@ -84,13 +84,19 @@ class _Frame:
     meter: CentroidMeter
     cut: Cut
 
-    def lights(self, lens: Lens) -> Lights:
+    def lights(self, lens: Lens, around: Sequence[float] = ()) -> Lights:
         """The lights of the whole frame.
+
+        Args:
+            lens: of the camera.
+            around: x and y of places in turn, px: of very many lights the nearest to them are
+                measured; the largest if there are none.
 
         Raises:
             GroupingError: it is too bright or too noisy to hold markers.
         """
-        return Lights(Blobs(self.image.gray(), self.parameters), self.cut, self.meter, lens)
+        blobs = Blobs(self.image.gray(), self.parameters)
+        return Lights(blobs, self.cut, self.meter, lens, around)
 
 
 @dataclass
@@ -261,12 +267,13 @@ class IdentityTracker:
         for marker in consensus.dropped:
             self._filter.forget(marker)
         in_image = dict(zip(found.values(), seen.values(), strict=True))
-        for index, marker in enumerate(self._markers):
-            if not (index in seen or (marker.returning and not marker.unseen)):
-                marker.contested = PROBATION
+        for index, known in enumerate(self._markers):
+            if not (index in seen or (known.returning and not known.unseen)):
+                known.contested = PROBATION
                 views.contested.add(index)
         search = Search(views, self._looks, self._motion(predicted), consensus, found)
-        status = self._search(frame, search, in_image)
+        around = predicted if consensus.kept else ()
+        status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - self._newest > GIVEN_UP:
             self._start_again()
             return self._nothing('no marker in view')
@@ -274,7 +281,8 @@ class IdentityTracker:
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = _window(x, y, radius, self._size)
-        spots = [in_image.get(search.found.get(index)) for index in range(self._count)]
+        named = {index: in_image[spot] for index, spot in search.found.items()}
+        spots = [named.get(index) for index in range(self._count)]
         self._remember(frame.time, spots, expected)
         spots = [None if index in search.suspects else spot for index, spot in enumerate(spots)]
         return self._result(frame, spots, predicted, windows, expected, status)
@@ -331,19 +339,26 @@ class IdentityTracker:
         cut_x = x - reach < x0 > 0 or x + reach > x1 < right
         return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)
 
-    def _search(self, frame: _Frame, search: Search, in_image: dict[Detection, Detection]) -> str:
+    def _search(
+        self,
+        frame: _Frame,
+        search: Search,
+        in_image: dict[Detection, Detection],
+        around: Sequence[float],
+    ) -> str:
         """Name the lights of the whole frame, some markers being known already.
 
         Args:
             frame: where.
             search: takes the names.
             in_image: every light where the image shows it; is added to.
+            around: where the markers should be (see `_Frame.lights`).
 
         Returns:
             What is wrong with the frame, or nothing.
         """
         try:
-            lights = frame.lights(self._lens)
+            lights = frame.lights(self._lens, around)
         except GroupingError as error:
             return str(error)
         fewest = 2 if frame.time - self._newest < YOUNG else 3
