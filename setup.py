@@ -29,7 +29,9 @@ setup(
     maintainer_email='mvuav_ros@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*']},
+    package_data={
+        NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*', 'vision/approach/*.json'],
+    },
     python_requires='>=3.11',
     install_requires=[
         'numpy>=1.26',
@@ -41,6 +43,7 @@ setup(
         'typer>=0.9',
         'rich>=13',
         'matplotlib>=3.6',
+        'av>=11',
     ],
     extras_require={
         'ros': [
@@ -53,9 +56,18 @@ setup(
             'ros-jazzy-std-srvs',
             'ros-lifecycle-msgs',
         ],
+        'remote': ['fsspec>=2024.1', 's3fs>=2024.1', 'aiohttp'],
+        'parquet': ['pyarrow>=14'],
         'dask': ['distributed>=2024.1'],
         'panel': ['nicegui>=3,<4'],
-        'test': ['pytest>=7,<9', 'pytest-xdist', 'hypothesis', 'scikit-image', 'playwright'],
+        'test': [
+            'pytest>=7,<9',
+            'pytest-xdist',
+            'hypothesis',
+            'scikit-image',
+            'playwright',
+            'moto[server]',
+        ],
         'dev': [
             'ruff',
             'mypy',
@@ -72,7 +84,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', files('launch/*.py')),
         # Fast DDS's profile also here, for the processes of other camera drivers.
-        (f'share/{NAME}/config', files('config/*.yaml') + files(f'{NAME}/nodes/*.xml')),
+        (f'share/{NAME}/config', files('config/*') + files(f'{NAME}/nodes/*.xml')),
         (f'share/{NAME}/sros2', files('sros2/*.xml')),
         (f'share/{NAME}/bags', files('bags/*.mcap')),
         # `ros2 run` looks in lib/mvuav_ros; pip puts console scripts into bin/.

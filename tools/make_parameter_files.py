@@ -44,6 +44,8 @@ def _row(spec: ParameterSpec) -> str:
 def _yaml(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, tuple):
+        return str(list(value))
     return f"'{value}'" if isinstance(value, str) else str(value)
 
 

@@ -123,13 +123,15 @@ def other_python(version: str) -> list[list[str]]:
 
 
 def robot() -> list[list[str]]:
-    """The library with apt's NumPy, OpenCV and SciPy of Ubuntu 24.04, on its Python 3.12."""
+    """Library and nodes with apt's NumPy, OpenCV and SciPy of Ubuntu 24.04, on its Python 3.12."""
     python = find_python('3.12')
     if python is None:
         return []
     inside = ROOT / '.venv-robot' / 'bin' / 'python'
-    tests = parallel('-m', 'not long', *QUICK[:-1], python=inside)
-    return [[str(python), 'tools/install.py', '.venv-robot', 'requirements/robot.txt'], tests]
+    library = parallel('-m', 'not long', *QUICK[:-1], python=inside)
+    live = pytest('-n', '2', '--dist', 'worksteal', '-m', 'not long', 'test/nodes', python=inside)
+    install = [str(python), 'tools/install.py', '.venv-robot', 'requirements/robot.txt']
+    return [install, library, live]
 
 
 def parts(which: str) -> list[Part]:

@@ -13,11 +13,14 @@ import mvuav_ros
 from mvuav_ros.cli.commands.bench import bench
 from mvuav_ros.cli.commands.demo import demo
 from mvuav_ros.cli.commands.evaluate import evaluate
+from mvuav_ros.cli.commands.export import export
 from mvuav_ros.cli.commands.info import info
+from mvuav_ros.cli.commands.repair import repair
 from mvuav_ros.cli.commands.replay import replay
 from mvuav_ros.cli.commands.rig import rig
 from mvuav_ros.cli.commands.simulate import simulate
 from mvuav_ros.cli.commands.sweep import sweep
+from mvuav_ros.cli.typer_annotations import spell_unions_out
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
@@ -33,6 +36,8 @@ app = typer.Typer(
 )
 app.command()(replay)
 app.command()(info)
+app.command()(repair)
+app.command()(export)
 app.command()(bench)
 app.command()(demo)
 app.command()(sweep)
@@ -55,6 +60,9 @@ def _options(
     ] = False,
 ) -> None:
     pass
+
+
+spell_unions_out(app)
 
 
 def main() -> NoReturn:

@@ -128,7 +128,7 @@ class FrameAnswerer:
             image = decode_image(message)
             stamp_ns, frame_id = message.stamp_ns, message.frame_id
         camera = None if info is None else decode_camera_info(info)
-        return Frame(stamp_ns, frame_id, image, camera)
+        return Frame(stamp_ns, frame_id, image, camera, received.attitude)
 
     def _reject(self, kind: str, reason: str) -> None:
         with self.lock:

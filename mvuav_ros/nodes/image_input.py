@@ -28,12 +28,15 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Imu
 
+from mvuav_ros.recordings.serialization.imu import decode_imu
 from mvuav_ros.recordings.serialization.serialized_image import stamp_ns_in
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.attitude_pairing import AttitudePairing
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.image import ImageError
 
 LONGEST_HOLD = 0.1
@@ -56,12 +59,14 @@ class ReceivedImage(NamedTuple):
         transport: seconds since it was sent, by the system clocks; NaN if unknown.
         taken: `time.perf_counter` when it was taken.
         info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
+        attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
     """
 
     data: bytes | Frame
     transport: float
     taken: float
     info: Any = None
+    attitude: Attitude | None = None
 
 
 @dataclass
@@ -115,6 +120,8 @@ class ImageInput:
         on_image: Callable[[ReceivedImage], None],
         info_topic: str | None = None,
         awaits_info: Callable[[], bool] = lambda: True,
+        imu_topic: str | None = None,
+        awaits_attitude: Callable[[], bool] = lambda: True,
     ) -> None:
         """Subscribe.
 
@@ -125,15 +132,20 @@ class ImageInput:
             on_image: called with each, from a thread of its own.
             info_topic: of the CameraInfo that belongs to the images, where that may be wanted.
             awaits_info: whether an image is to wait for it, now.
+            imu_topic: of the body's attitude, where that may be wanted.
+            awaits_attitude: whether an image is to wait for it, now.
         """
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
         self._awaits_info = awaits_info
+        self._awaits_attitude = awaits_attitude
         self._group = _OwnThread()
         self._pairing = StampPairing[CameraInfo, ReceivedImage]()
         # Before the images, so that a source that sees the one subscription has seen the other.
         self._infos = None if info_topic is None else self._subscribe(CameraInfo, info_topic, False)
+        self._attitudes = AttitudePairing[ReceivedImage]()
+        self._imus = None if imu_topic is None else self._subscribe(Imu, imu_topic, False)
         self._subscription = self._subscribe(kind, topic, True)
         self._lost = self._event('MESSAGE_LOST')
         self._incompatible = self._event('REQUESTED_INCOMPATIBLE_QOS')
@@ -217,7 +229,7 @@ class ImageInput:
                 self._stopping.wait(_PAUSE_AFTER_ERROR)
 
     def _take_until_stopped(self) -> None:
-        subscriptions = [self._subscription, *([self._infos] if self._infos else [])]
+        subscriptions = [self._subscription, *filter(None, (self._infos, self._imus))]
         context = self._node.context.handle
         assert context is not None
         with ExitStack() as handles:
@@ -230,10 +242,12 @@ class ImageInput:
                 for subscription in subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
-                wait_set.wait(_LONGEST_WAIT_NS if self._pairing.held is None else _HELD_WAIT_NS)
+                held = self._pairing.held or self._attitudes.held
+                wait_set.wait(_LONGEST_WAIT_NS if held is None else _HELD_WAIT_NS)
                 if not self._node.context.ok():
                     return
                 self._take_infos()
+                self._take_imus()
                 self._hand_over(self._take_images())
 
     def _take_infos(self) -> None:
@@ -241,6 +255,13 @@ class ImageInput:
             return
         while (taken := self._infos.handle.take_message(CameraInfo, False)) is not None:
             self._pairing.add_info(stamp_ns_of(taken[0].header), taken[0])
+
+    def _take_imus(self) -> None:
+        if self._imus is None:
+            return
+        while (taken := self._imus.handle.take_message(Imu, False)) is not None:
+            message = taken[0]
+            self._attitudes.add_attitude(stamp_ns_of(message.header), decode_imu(message))
 
     def _take_images(self) -> list[ReceivedImage]:
         images = []
@@ -270,12 +291,31 @@ class ImageInput:
             images = images[-1:]
         for image in images:
             if self._infos is None:
-                self._on_image(image)
+                self._pass_on(image)
             else:
                 self._pairing.add_image(_stamp_ns(image.data), image)
         while (pair := self._pairing.take(wait=self._may_wait())) is not None:
             info, image = pair
-            self._on_image(image._replace(info=info))
+            self._pass_on(image._replace(info=info))
+        while (found := self._attitudes.take(wait=self._may_wait_for_attitude())) is not None:
+            attitude, image = found
+            self._on_image(image._replace(attitude=attitude))
+
+    def _pass_on(self, image: ReceivedImage) -> None:
+        """To whoever waits for it, or to wait for its attitude."""
+        if self._imus is None:
+            self._on_image(image)
+        else:
+            self._attitudes.add_image(_stamp_ns(image.data), image)
+
+    def _may_wait_for_attitude(self) -> bool:
+        """Whether an attitude for the longest-held image may yet come."""
+        held = self._attitudes.held
+        if self._imus is None or held is None or not self._awaits_attitude():
+            return False
+        if self._imus.get_publisher_count() == 0:
+            return False
+        return time.perf_counter() < held.taken + LONGEST_HOLD
 
     def _may_wait(self) -> bool:
         """Whether the longest-held image's CameraInfo may yet come."""

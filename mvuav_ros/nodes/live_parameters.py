@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec, Value
 from mvuav_ros.parameters.descriptor_text import write_description
 
 P = TypeVar('P', bound=ParameterSet)
@@ -87,7 +87,7 @@ class LiveParameters(Generic[P]):
         for spec in self._specs.values():
             node.declare_parameter(
                 spec.name,
-                getattr(self.current, spec.name),
+                _for_ros(getattr(self.current, spec.name)),
                 _descriptor(spec),
                 ignore_override=True,
             )
@@ -101,14 +101,18 @@ class LiveParameters(Generic[P]):
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn whole numbers into floats before rclpy checks the type."""
-        return [
-            Parameter(p.name, Parameter.Type.DOUBLE, float(p.value))
-            if p.type_ is Parameter.Type.INTEGER
-            and p.name in self._specs
-            and self._specs[p.name].type is float
-            else p
-            for p in parameters
-        ]
+        return [self._with_floats(parameter) for parameter in parameters]
+
+    def _with_floats(self, given: Parameter) -> Parameter:
+        spec = self._specs.get(given.name)
+        if spec is None:
+            return given
+        if spec.type is float and given.type_ is Parameter.Type.INTEGER:
+            return Parameter(given.name, Parameter.Type.DOUBLE, float(given.value))
+        if spec.type is tuple and given.type_ is Parameter.Type.INTEGER_ARRAY:
+            numbers = [float(number) for number in given.value]
+            return Parameter(given.name, Parameter.Type.DOUBLE_ARRAY, numbers)
+        return given
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -131,10 +135,14 @@ def _given_value(node: Node, spec: ParameterSpec) -> object:
     raises on an integer for a float, before anything could convert it.
     """
     value = node.declare_parameter(
-        spec.name, spec.default, ParameterDescriptor(dynamic_typing=True)
+        spec.name, _for_ros(spec.default), ParameterDescriptor(dynamic_typing=True)
     ).value
     node.undeclare_parameter(spec.name)
     return value
+
+
+def _for_ros(value: Value) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
@@ -148,7 +156,7 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=float(spec.minimum), to_value=float(spec.maximum))
             ]
-        else:
+        elif spec.type is int:
             descriptor.integer_range = [
                 IntegerRange(from_value=int(spec.minimum), to_value=int(spec.maximum))
             ]

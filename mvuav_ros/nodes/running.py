@@ -18,9 +18,9 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.process_tuning import freeze_garbage, tune_process
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.processing.process_tuning import freeze_garbage, tune_process
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _LOG_INTERVAL = 5.0

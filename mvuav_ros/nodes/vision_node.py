@@ -119,6 +119,8 @@ class VisionNode(ManagedNode):
             self._answerer.answer,
             infos if self._processor.uses_camera_info else None,
             lambda: self._processor.awaits_camera_info,
+            'imu' if self._processor.uses_attitude else None,
+            lambda: self._processor.awaits_attitude,
         )
 
     def _announce(self) -> None:
@@ -133,7 +135,7 @@ class VisionNode(ManagedNode):
     def _apply(self, parameters: ParameterSet) -> None:
         with self._answerer.lock:
             self._processor.configure(parameters)
-        threads = int(parameters.as_dict()['opencv_threads'])
+        threads = int(getattr(parameters, 'opencv_threads'))  # noqa: B009 - both detectors' have it
         # OpenCV takes a negative number for its own choice.
         cv2.setNumThreads(threads if threads > 0 else -1)
 

@@ -1,4 +1,4 @@
-"""Work in processes: one pool for replay, sweeps, the thesis's flights, the panel and bench."""
+"""Processes that do tasks: for replay, sweeps, the thesis's flights, the panel and bench."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pickle
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import resource_tracker
@@ -17,16 +17,14 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import cv2
 
-from mvuav_ros.offline.replay.memory import keep_freed_memory
 from mvuav_ros.offline.stopping import (
     SIGNALS,
-    Interrupted,
     Stop,
     signals_held_back,
     stop_on_signals,
 )
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 
-TaskT = TypeVar('TaskT')
 ResultT = TypeVar('ResultT')
 
 Report = Callable[[Any], None]
@@ -64,19 +62,22 @@ class Worker:
     Ctrl-C in a terminal reaches it too and is left to the parent, which asks by `request_stop`.
     """
 
-    def __init__(self, work: Work, method: Method = 'spawn', threads: int = 1) -> None:
+    def __init__(
+        self, work: Work, method: Method = 'spawn', threads: int = 1, *, may_fork: bool = False
+    ) -> None:
         """Start the process.
 
         Args:
             work: does the tasks; a function of a module, or an object that can be pickled.
             method: how to start it.
             threads: OpenCV's.
+            may_fork: whether its work starts processes; `end` must then be called before the exit.
         """
         context: Any = multiprocessing.get_context(method)
         self._connection, theirs = context.Pipe()
         forked = self._connection if method == 'fork' else None
         self._process = context.Process(
-            target=_serve, args=(theirs, forked, work, threads), daemon=True
+            target=_serve, args=(theirs, forked, work, threads), daemon=not may_fork
         )
         # It would let the signals through again when it is started with the first process.
         if method == 'spawn':
@@ -183,68 +184,6 @@ def run_in_processes(
             worker.end()
 
 
-def each(
-    work: Callable[[TaskT], ResultT], tasks: Sequence[TaskT], jobs: int = 1
-) -> Iterator[Done[ResultT]]:
-    """Do the work on every task; one that fails does not stop the others.
-
-    Args:
-        work: a function of a module, so that another process finds it.
-        tasks: its arguments.
-        jobs: processes; with 1 all is done in this one.
-
-    Yields:
-        Tasks as they end, in any order.
-
-    Raises:
-        Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
-    """
-    if jobs <= 1 or len(tasks) <= 1:
-        yield from (_attempted(number, partial(work, task)) for number, task in enumerate(tasks))
-        return
-    with stop_on_signals() as stop:
-        done = run_in_processes(_Plain(work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
-        for message in done:
-            if isinstance(message, Done):
-                yield message
-        if stop:
-            raise Interrupted(stop.number)
-
-
-def all_of(
-    work: Callable[[TaskT], ResultT],
-    tasks: Sequence[TaskT],
-    jobs: int = 1,
-    advance: Callable[[], None] = lambda: None,
-) -> list[ResultT]:
-    """As `each`, but all results in the tasks' order; the first failure ends it.
-
-    Args:
-        work: a function of a module.
-        tasks: its arguments.
-        jobs: processes.
-        advance: called whenever a task has ended.
-    """
-    results: dict[int, ResultT] = {}
-    for done in each(work, tasks, jobs):
-        if done.error is not None:
-            raise done.error
-        assert done.result is not None
-        results[done.number] = done.result
-        advance()
-    return [results[number] for number in range(len(tasks))]
-
-
-@dataclass(frozen=True)
-class _Plain:
-    """Work that neither tells anything nor looks at the stop."""
-
-    function: Callable[[Any], Any]
-
-    def __call__(self, task: Any, _report: Report, _stop: Stop) -> Any:
-        return self.function(task)
-
-
 def _speaking(busy: dict[Worker, int], stop: Stop, deadline: float | None) -> list[Worker]:
     """The workers that have something to say; none where the end was asked for first."""
     descriptors = [worker.fileno() for worker in busy]
@@ -262,7 +201,8 @@ def _heard(worker: Worker, number: int) -> Told | Done[Any]:
         return Done(number, None, error)
 
 
-def _attempted(number: int, work: Callable[[], ResultT]) -> Done[ResultT]:
+def attempted(number: int, work: Callable[[], ResultT]) -> Done[ResultT]:
+    """The result of some work, or what went wrong."""
     try:
         return Done(number, work())
     except Exception as error:
@@ -292,7 +232,7 @@ def _serve(
                         stop.request()
                     connection.send(Told(number, message))
 
-                done = _attempted(number, partial(work, task, report, stop))
+                done = attempted(number, partial(work, task, report, stop))
                 connection.send(_sendable(done))
         except (BrokenPipeError, ConnectionResetError):
             pass

@@ -101,7 +101,6 @@ def address(host: str, port: int, token: str) -> str:
 def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     import uvicorn
 
-    from mvuav_ros.nodes.process_tuning import tune_process
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
     from mvuav_ros.panel.images import ImageFeed
@@ -111,6 +110,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     from mvuav_ros.panel.ros_thread import RosThread
     from mvuav_ros.panel.runs import RunStore
     from mvuav_ros.panel.sets import SetStore
+    from mvuav_ros.processing.process_tuning import tune_process
 
     tune_process()
     ros = RosThread('tuning_panel', arguments.ros)

@@ -16,7 +16,7 @@ from mvuav_ros.panel import foreign
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.sources.opening import BAG_SUFFIXES
+from mvuav_ros.recordings.content import BAG_SUFFIXES
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
@@ -170,7 +170,7 @@ def run_table(runs: Sequence[SavedRun]) -> Table:
                 run.source,
                 run.version,
                 *(numbers.get(column) for column in metrics),
-                *(run.parameters.get(name) for name in parameters),
+                *(_cell(run.parameters.get(name)) for name in parameters),
             )
         )
     heads = ('run', 'node', 'input', 'version', *metrics, *parameters)
@@ -186,3 +186,7 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 bags.setdefault(foreign.words(name), path)
     return bags
+
+
+def _cell(value: Value | None) -> Cell:
+    return ', '.join(f'{number:g}' for number in value) if isinstance(value, tuple) else value

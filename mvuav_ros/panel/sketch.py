@@ -110,8 +110,8 @@ def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
 def rotation_of(quaternion: Any) -> Array:
     """A geometry_msgs/Quaternion as a matrix; NaN where it is none."""
     q = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=float)
-    length = float(np.linalg.norm(q)) if np.isfinite(q).all() else 0.0
-    if length < 1e-6 or not math.isfinite(length):
+    length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
+    if length < 1e-6:
         return np.full((3, 3), math.nan)
     w, x, y, z = q / length
     return np.array(

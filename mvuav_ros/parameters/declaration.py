@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from array import array
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-Value = bool | int | float | str
+Value = bool | int | float | str | tuple[float, ...]
 Condition = Mapping[str, tuple[str, ...]]
 """Values that other parameters must have, by name; all must hold."""
 
@@ -53,8 +54,8 @@ class ParameterSpec:
     counts: tuple[Condition, ...] = ()
 
     @property
-    def type(self) -> type[bool] | type[int] | type[float] | type[str]:
-        """The parameter's Python type, which is its default's."""
+    def type(self) -> type[bool | int | float | str | tuple[float, ...]]:
+        """The parameter's Python type, which is its default's; a tuple is of numbers."""
         return type(self.default)
 
     @property
@@ -77,6 +78,8 @@ class ParameterSpec:
         Raises:
             ParameterError: the value has another type, or is out of range.
         """
+        if isinstance(self.default, tuple):
+            return self._convert_tuple(value, len(self.default))
         if self.type is float and type(value) is int:
             value = float(value)
         if self.type is str and type(value) is int and not self.choices:
@@ -86,16 +89,26 @@ class ParameterSpec:
                 self.name,
                 f'takes a {_TYPE_NAMES[self.type]}, not the {_type_name(value)} {value!r}',
             )
-        assert isinstance(value, (bool, int, float, str))
+        assert isinstance(value, bool | int | float | str)
         self._check(value)
         return value
+
+    def _convert_tuple(self, value: object, length: int) -> tuple[float, ...]:
+        numbers = list(value) if isinstance(value, Sequence | array) else []
+        if isinstance(value, str) or len(numbers) != length:
+            raise ParameterError(self.name, f'takes {length} numbers, not {value!r}')
+        if any(type(number) not in (int, float) for number in numbers):
+            raise ParameterError(self.name, f'takes {length} numbers, not {value!r}')
+        for number in numbers:
+            self._check(float(number))
+        return tuple(float(number) for number in numbers)
 
     def _check(self, value: Value) -> None:
         if isinstance(value, str):
             if self.choices and value not in self.choices:
                 raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
             return
-        if isinstance(value, bool):
+        if isinstance(value, bool | tuple):
             return
         if not math.isfinite(value):
             raise ParameterError(self.name, f'must be a finite number, not {value}')
@@ -176,7 +189,7 @@ class ParameterSet:
         return dataclasses.asdict(self)
 
 
-_TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text'}
+_TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text', tuple: 'numbers'}
 
 
 def _plain(number: float) -> str:

@@ -14,8 +14,11 @@ from mvuav_ros.parameters.image_input import (
 
 CHANNELS = ('red', 'green', 'blue', 'intensity')
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
+MOST_ROUND = 31
+"""px; every pixel of a round element costs a pass over the rows searched."""
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
+HORIZON_SOURCES = ('auto', 'imu', 'image')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
 _THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 
@@ -67,6 +70,27 @@ class RunwayDetectorParameters(ParameterSet):
         read_only=True,
         counts=_APPROACH,
         stage='Approach',
+    )
+    min_confidence: float = parameter(
+        0.5,
+        'Probability below which mode approach reports no runway: its rows are NaN then.',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    horizon_source: str = parameter(
+        'auto',
+        'Where mode approach takes the horizon from. auto: from imu while there is one, else from '
+        'the image; imu: the same, and /diagnostics warns while there is none; image: never from '
+        'imu.',
+        choices=HORIZON_SOURCES,
+    )
+    camera_mount_rpy_deg: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0),
+        'Roll, pitch and yaw of the camera on the body (REP 103, fixed axes; all 0: it looks along '
+        "the body's x), for the horizon from imu.",
+        minimum=-180.0,
+        maximum=180.0,
+        unit='°',
     )
     start_row: int = parameter(
         50,
@@ -134,7 +158,7 @@ class RunwayDetectorParameters(ParameterSet):
     opening_length: int = parameter(
         3,
         'Height of the structuring element: with the vertical line, shorter vertical runs of '
-        'edge pixels are removed. 1: no opening.',
+        'edge pixels are removed. 1: no opening; at most 31 with disk and diamond.',
         minimum=1,
         maximum=999,
         odd=True,
@@ -277,6 +301,12 @@ class RunwayDetectorParameters(ParameterSet):
     def _check_together(self) -> None:
         if not self.runway_frame:
             raise ParameterError('runway_frame', 'must not be empty')
+        if self.opening_shape in ('disk', 'diamond') and self.opening_length > MOST_ROUND:
+            raise ParameterError(
+                'opening_length',
+                f'must be at most {MOST_ROUND} with opening_shape {self.opening_shape}, '
+                f'not {self.opening_length}',
+            )
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
             raise ParameterError(
                 'end_row',

@@ -53,6 +53,7 @@ class Processor(ABC):
         debug_topics: image topics below ``~/`` that are computed only when wanted.
         periodic_topics: topics below ``~/`` of `periodic`, and their message classes.
         uses_camera_info: whether frames should come with their camera.
+        uses_attitude: whether frames should come with the body's attitude.
         triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
         resets: how often a stamp jumped back.
@@ -64,6 +65,7 @@ class Processor(ABC):
     debug_topics: ClassVar[tuple[str, ...]]
     periodic_topics: ClassVar[Mapping[str, type]] = {}
     uses_camera_info: ClassVar[bool] = False
+    uses_attitude: ClassVar[bool] = False
     triggers: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self) -> None:
@@ -75,6 +77,11 @@ class Processor(ABC):
     def awaits_camera_info(self) -> bool:
         """Whether the next frame's results depend on its camera, so that it is worth a wait."""
         return self.uses_camera_info
+
+    @property
+    def awaits_attitude(self) -> bool:
+        """Whether the next frame's results depend on the attitude, so that it is worth a wait."""
+        return self.uses_attitude
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

@@ -60,6 +60,7 @@ class RunwayDetectorProcessor(Processor):
     debug_topics = tuple(_PICTURES)
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
+    uses_attitude = True
     triggers = ('reset_statistics',)
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
@@ -77,6 +78,12 @@ class RunwayDetectorProcessor(Processor):
             topics[transforms.TF_TOPIC] = transforms.TF_TYPE
         # publish_tf is known from the start on, so this stands before anybody asks.
         self.topics = topics  # type: ignore[misc]
+
+    @property
+    def awaits_attitude(self) -> bool:
+        """See `Processor.awaits_attitude`."""
+        given = self._parameters
+        return given.mode == 'approach' and given.horizon_source != 'image'
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
@@ -112,10 +119,12 @@ class RunwayDetectorProcessor(Processor):
         pixels = _pixels(frame.image)
         result: RunwayResult | ApproachResult
         if self._parameters.mode == 'approach':
-            result = self._approach.process(pixels, frame.stamp_ns)
+            result = self._approach.process(pixels, frame.stamp_ns, frame.attitude)
         else:
             result = self._thesis.process(pixels, frame.stamp_ns)
         self.status = result.status
+        if self._parameters.mode == 'approach' and self._approach.attitude_problem:
+            self.status = '; '.join(filter(None, (self.status, self._approach.attitude_problem)))
         camera = self._usable_camera(frame.image)
         outputs = [
             Output('line_params', partial(encode_line_params, result, header)),

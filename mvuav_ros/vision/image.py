@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +25,8 @@ class Encoding:
     """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it.
 
     ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2); ``colors`` are the
-    places of blue, green and red where each pixel has all three.
+    places of blue, green and red where each pixel has all three. With ``chroma_below`` the rows of
+    intensity are followed by half as many of colour (YUV 4:2:0).
     """
 
     dtype: type[np.uint8] | type[np.uint16]
@@ -33,6 +35,7 @@ class Encoding:
     to_bgr: int | None = None
     luma: int | None = None
     colors: tuple[int, int, int] | None = None
+    chroma_below: bool = False
 
     @property
     def pixel_bytes(self) -> int:
@@ -43,34 +46,40 @@ class Encoding:
 _BLUE_FIRST, _RED_FIRST = (0, 1, 2), (2, 1, 0)
 _GRAY8 = Encoding(np.uint8, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _GRAY16 = Encoding(np.uint16, 1, to_bgr=cv2.COLOR_GRAY2BGR)
-_BGR8 = Encoding(np.uint8, 3, to_gray=cv2.COLOR_BGR2GRAY, colors=_BLUE_FIRST)
 _UYVY = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_UYVY, luma=1)
 _YUYV = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_YUY2, luma=0)
 
 
-def _bayer(to_gray: int, to_bgr: int) -> Encoding:
-    return Encoding(np.uint8, 1, to_gray=to_gray, to_bgr=to_bgr)
-
-
+_BGR: tuple[Any, ...] = (3, cv2.COLOR_BGR2GRAY, None, None, _BLUE_FIRST)
+_BGRA: tuple[Any, ...] = (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, None, _BLUE_FIRST)
+_COLORS: dict[str, tuple[Any, ...]] = {
+    'bgr': _BGR,
+    'rgb': (3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, None, _RED_FIRST),
+    'bgra': _BGRA,
+    'rgba': (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, None, _RED_FIRST),
+    # OpenCV names a pattern by its second row and column, ROS by its first.
+    'bayer_rggb': (1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
+    'bayer_bggr': (1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
+    'bayer_gbrg': (1, cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2BGR),
+    'bayer_grbg': (1, cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2BGR),
+}
 ENCODINGS = {
     'mono8': _GRAY8,
     '8UC1': _GRAY8,
     'mono16': _GRAY16,
     '16UC1': _GRAY16,
-    'bgr8': _BGR8,
-    '8UC3': _BGR8,
-    'rgb8': Encoding(np.uint8, 3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, colors=_RED_FIRST),
-    'bgra8': Encoding(np.uint8, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, colors=_BLUE_FIRST),
-    'rgba8': Encoding(np.uint8, 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, colors=_RED_FIRST),
+    **{f'{name}8': Encoding(np.uint8, *rest) for name, rest in _COLORS.items()},
+    **{f'{name}16': Encoding(np.uint16, *rest) for name, rest in _COLORS.items()},
+    '8UC3': Encoding(np.uint8, *_BGR),
+    '8UC4': Encoding(np.uint8, *_BGRA),
+    '16UC3': Encoding(np.uint16, *_BGR),
+    '16UC4': Encoding(np.uint16, *_BGRA),
     'yuv422': _UYVY,
     'uyvy': _UYVY,
     'yuv422_yuy2': _YUYV,
     'yuyv': _YUYV,
-    # OpenCV names a pattern by its second row and column, ROS by its first.
-    'bayer_rggb8': _bayer(cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
-    'bayer_bggr8': _bayer(cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
-    'bayer_gbrg8': _bayer(cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2BGR),
-    'bayer_grbg8': _bayer(cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2BGR),
+    'nv12': Encoding(np.uint8, 1, to_bgr=cv2.COLOR_YUV2BGR_NV12, chroma_below=True),
+    'nv21': Encoding(np.uint8, 1, to_bgr=cv2.COLOR_YUV2BGR_NV21, chroma_below=True),
 }
 
 
@@ -81,6 +90,7 @@ class Image:
     ``pixels`` is (height, width) or (height, width, channels), of the encoding's dtype; rows may
     be padded (strided views are welcome). Nothing here writes to it. ``channel`` is what `gray` and
     `gray_window` give of a colour image (one of `CHANNELS`); a grey one has only its intensity.
+    NV12 and NV21 have height * 3 / 2 rows of pixels.
 
     Raises:
         ImageError: the encoding is unknown, the pixels do not fit it, or there are none.
@@ -113,11 +123,14 @@ class Image:
             )
         if self.pixels.size == 0:
             raise ImageError(f'the image is empty ({self.width} x {self.height})')
+        if layout.chroma_below and (self.pixels.shape[0] % 3 or self.width % 2):
+            raise ImageError(f'{self.encoding} needs an even width and height')
 
     @property
     def height(self) -> int:
         """Rows."""
-        return int(self.pixels.shape[0])
+        rows = int(self.pixels.shape[0])
+        return rows * 2 // 3 if ENCODINGS[self.encoding].chroma_below else rows
 
     @property
     def width(self) -> int:
@@ -128,7 +141,7 @@ class Image:
     def is_gray(self) -> bool:
         """Whether the pixels are intensities already."""
         layout = ENCODINGS[self.encoding]
-        return layout.channels == 1 and layout.to_gray is None
+        return layout.channels == 1 and layout.to_gray is None and not layout.chroma_below
 
     def seen_in(self, channel: str) -> Image:
         """The same image, looked at in another channel; its pixels are not copied."""
@@ -148,7 +161,11 @@ class Image:
 
     def gray(self) -> Pixels:
         """The channel, (height, width) uint8 or uint16; a view where it can be."""
-        return self._gray(self.pixels)
+        if not ENCODINGS[self.encoding].chroma_below:
+            return self._gray(self.pixels)
+        if self.channel == 'intensity':
+            return self.pixels[: self.height]
+        return _channel(self.bgr(), _BLUE_FIRST, self.channel)
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
         """The channel in a part of the frame at the cost of that part alone.
@@ -158,7 +175,7 @@ class Image:
             columns: the same.
         """
         layout = ENCODINGS[self.encoding]
-        if layout.channels == 1 and layout.to_gray is not None:
+        if layout.channels == 1 and not self.is_gray:
             # The colour of a mosaic's pixel comes from its neighbours: cut after the conversion.
             return self.gray()[rows, columns]
         if layout.luma is not None and self.channel != 'intensity':

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation.corners import read_corners
-from mvuav_ros.offline.evaluation.corners_run import run_detector
+from mvuav_ros.offline.evaluation.corners import Tolerance, read_corners, read_horizon
+from mvuav_ros.offline.evaluation.corners_run import LabelledRun, run_detector
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
@@ -38,20 +38,46 @@ def reported(path, parameters, most=None):
     return np.array([result.corners is not None for result in results(path, parameters, most)])
 
 
-@pytest.mark.parametrize('run', ['approach_run1', 'approach_run3'])
-def test_both_edges_in_nine_frames_of_ten(footage, run):
+def labelled(footage, run, *, horizon, gray=False, part=slice(None)):
+    """A run, with the horizon as attitude would give it or without."""
     labels = footage / 'runway' / run / 'corners.csv'
-    score = run_detector(labels, read_corners(labels), APPROACH, lambda: None)
+    frames = read_corners(labels)[part]
+    lines = read_horizon(labels.parent / 'horizon.csv', frames) if horizon else None
+    allowed = Tolerance(4.0, 0.08) if run == 'approach_run5' else Tolerance()
+    return LabelledRun(labels.parent, frames, lines, gray, allowed)
+
+
+def judged(*arguments, **options):
+    return run_detector(labelled(*arguments, **options), APPROACH, lambda: None)
+
+
+def test_the_flight_it_was_tuned_on(footage):
+    score = judged(footage, 'approach_run1', horizon=True)
     assert score.both >= 0.90
-    assert score.reported >= 0.99
+    assert score.wrong <= 0.02
+    assert score.first_report <= 25
 
 
-@pytest.mark.parametrize('start', [60, 150, 240, 330])
+@pytest.mark.parametrize(('horizon', 'gray'), [(True, False), (True, True), (False, False)])
+def test_a_flight_that_nothing_was_tuned_on(footage, horizon, gray):
+    """Dusk, in colour and turned grey; docs/runway.md says what is wrong without attitude."""
+    score = judged(footage, 'approach_run2', horizon=horizon, gray=gray)
+    assert score.both >= (0.80 if horizon else 0.60)
+    assert score.wrong <= (0.05 if horizon else 0.10)
+    assert score.first_report <= 25
+
+
+def test_a_grey_camera_at_another_airport(footage):
+    score = judged(footage, 'approach_run5', horizon=True, part=slice(0, 120))
+    assert score.both >= 0.5
+    assert score.wrong <= 0.02
+
+
+@pytest.mark.parametrize('start', [60, 150, 240])
 def test_a_flight_may_begin_anywhere(footage, start):
     """Nothing is known but what the first 24 frames showed."""
-    labels = footage / 'runway' / 'approach_run3' / 'corners.csv'
-    frames = read_corners(labels)[start : start + 70]
-    assert run_detector(labels, frames, APPROACH, lambda: None).both >= 0.90
+    part = slice(start, start + 60)
+    assert judged(footage, 'approach_run3', horizon=False, part=part).both >= 0.90
 
 
 @pytest.mark.parametrize(
@@ -85,12 +111,11 @@ def test_no_runway_where_none_is(footage):
     # The runway comes into view before frame 200 and leaves before 450.
     without = np.concatenate([seen[:200], seen[451:]])
     assert without.mean() <= 0.05
-    assert seen[200:280].mean() > 0.9
 
 
 @pytest.mark.parametrize('road', ROADS)
 def test_a_road_is_seldom_taken_for_a_runway(footage, road):
-    assert reported(footage / road, APPROACH, ROADS[road]).mean() <= 0.10
+    assert reported(footage / road, APPROACH, ROADS[road]).mean() <= 0.01
 
 
 @pytest.mark.parametrize('road', ROADS)

@@ -157,6 +157,7 @@ def test_error_thresholds_and_warmup_take_effect(frames):
         ('peak_neighborhood_rho', 10, 'odd'),
         ('peak_neighborhood_theta', 2, 'odd'),
         ('opening_length', 4, 'odd'),
+        ('opening_shape', 'round', 'vertical_line'),
         ('end_row', 50, 'start_row'),
         ('end_row', 0, 'start_row'),
         ('start_row', 130, 'start_row (130)'),

@@ -27,6 +27,18 @@ def corners(
         list[str] | None,
         typer.Option(help='runway_detector:name:=value; may be repeated.', show_default=False),
     ] = None,
+    horizon: Annotated[
+        Path | None,
+        typer.Option(
+            help='The horizon of each frame as attitude would give it: columns file, '
+            'row_at_centre (px) and slope_deg (right end down positive).'
+        ),
+    ] = None,
+    gray: Annotated[bool, typer.Option('--gray', help='Turn the images grey first.')] = False,
+    tolerance: Annotated[float, typer.Option(help='Horizontal error allowed, px.', min=0)] = 3.0,
+    tolerance_share: Annotated[
+        float, typer.Option(help='The same, of the near width, where that is more.', min=0)
+    ] = 0.05,
     as_json: Annotated[
         Path | None, typer.Option('--json', help='Write the figures of every frame there.')
     ] = None,
@@ -38,15 +50,23 @@ def corners(
         typer.Option(help='Exit with status 1 if both edges are found in a smaller share.', min=0),
     ] = 0.0,
 ) -> None:
-    """Say in how many frames both runway edges were found.
+    """Say in how many frames both runway edges were found, and in how many they are wrong.
 
     The columns of CSV are file and near_left, near_right, far_right, far_left, each with _x and
-    _y, px. An edge is found when a line with its role passes within max(3 px, 5 % of the near
-    width) of both its corners. Frames count from the 25th on. Mode approach is used unless
-    another one is given.
+    _y, px. An edge is right when a line with its role is within max(3 px, 5 % of the near
+    width) of its corners, measured along the rows of the near and of the far corner. Wrong are
+    frames in which both edges were reported (so with at least min_confidence) and one is not
+    right. Frames count from the 25th on; the first report is counted from the first frame. Mode
+    approach is used unless another one is given.
     """
-    from mvuav_ros.offline.evaluation.corners import WARM_UP, CornersError, read_corners
-    from mvuav_ros.offline.evaluation.corners_run import run_detector, write_images
+    from mvuav_ros.offline.evaluation.corners import (
+        WARM_UP,
+        CornersError,
+        Tolerance,
+        read_corners,
+        read_horizon,
+    )
+    from mvuav_ros.offline.evaluation.corners_run import LabelledRun, run_detector, write_images
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
     values: dict[str, Any] = {'mode': 'approach'}
@@ -59,11 +79,13 @@ def corners(
     parameters = RunwayDetectorParameters.from_mapping(values)
     try:
         frames = read_corners(labels)
+        lines = None if horizon is None else read_horizon(horizon, frames)
+        run = LabelledRun(labels.parent, frames, lines, gray, Tolerance(tolerance, tolerance_share))
         with frame_progress() as progress:
             task = progress.add_task('frames', total=len(frames))
-            score = run_detector(labels, frames, parameters, lambda: progress.advance(task))
+            score = run_detector(run, parameters, lambda: progress.advance(task))
         if images is not None:
-            write_images(labels, frames, parameters, score, images)
+            write_images(run, parameters, score, images)
     except CornersError as error:
         raise SourceError(str(error)) from error
     errors = [frame.error for frame in score.counted if math.isfinite(frame.error)]
@@ -73,8 +95,10 @@ def corners(
         ('left edge found', score.left),
         ('right edge found', score.right),
         ('both edges reported', score.reported),
+        ('both edges reported and wrong', score.wrong),
     ):
         typer.echo(f'{name} {100 * share:.1f} %')
+    typer.echo(f'first report in frame {score.first_report or "none"}')
     if errors:
         median, high = np.percentile(errors, [50, 90])
         typer.echo(f'error / tolerance: median {median:.2f}, 90th percentile {high:.2f}')

@@ -13,8 +13,8 @@ from mvuav_ros.cli.progress import frame_progress
 from mvuav_ros.offline.replay.cluster import run_on_cluster
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
 from mvuav_ros.offline.replay.many import run_jobs
-from mvuav_ros.offline.replay.memory import keep_freed_memory
 from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 
 _MOST_REASONS = 5
 

@@ -81,6 +81,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     if output.exists() and not force:
         raise RecordingError(f'{output} exists; --force overwrites it')
     camera = camera_model(flight.camera)
+    seed = flight.settings.seed
     with (
         stop_on_signals() as stop,
         RecordingWriter(output, overwrite=force) as writer,
@@ -88,7 +89,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in truth_messages(frame, camera, FRAME_ID):
+            for topic, type_name, data in truth_messages(frame, camera, FRAME_ID, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
             if stop:
                 break

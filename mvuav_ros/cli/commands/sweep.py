@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,40 +12,50 @@ from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
+if TYPE_CHECKING:
+    from mvuav_ros.offline.sweep.run import RunResult
+
 CSV = 'sweep.csv'
 
 
+Sources = Annotated[
+    list[str],
+    typer.Argument(
+        metavar='INPUT...',
+        help="Bags, videos, image folders, or flights such as 'sim:tanker?motion=roll&seed=3'.",
+    ),
+]
+Param = Annotated[
+    list[str] | None,
+    typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
+]
+Output = Annotated[
+    Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
+]
+Nodes = Annotated[
+    str | None,
+    typer.Option(help='Nodes to run; those of --param if left out.', show_default=False),
+]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option(help='A ROS 2 parameter file for all runs.', show_default=False),
+]
+ImageTopic = Annotated[str | None, typer.Option(help='Image topic of bags that have several.')]
+Dask = Annotated[
+    str | None,
+    typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
+]
+
+
 def sweep(
-    sources: Annotated[
-        list[str],
-        typer.Argument(
-            metavar='INPUT...',
-            help="Bags, videos, image folders, or flights such as 'sim:tanker?motion=roll&seed=3'.",
-        ),
-    ],
-    param: Annotated[
-        list[str] | None,
-        typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
-    ] = None,
-    output: Annotated[
-        Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
-    ] = Path('out/sweep'),
-    nodes: Annotated[
-        str | None,
-        typer.Option(help='Nodes to run; those of --param if left out.', show_default=False),
-    ] = None,
-    params_file: Annotated[
-        Path | None,
-        typer.Option(help='A ROS 2 parameter file for all runs.', show_default=False),
-    ] = None,
-    image_topic: Annotated[
-        str | None, typer.Option(help='Image topic of bags that have several.')
-    ] = None,
+    sources: Sources,
+    param: Param = None,
+    output: Output = Path('out/sweep'),
+    nodes: Nodes = None,
+    params_file: ParamsFile = None,
+    image_topic: ImageTopic = None,
     jobs: Annotated[int, typer.Option(help='Runs at a time.', min=1)] = 1,
-    dask: Annotated[
-        str | None,
-        typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
-    ] = None,
+    dask: Dask = None,
     force: Annotated[bool, typer.Option('--force', help='Overwrite what is there.')] = False,
 ) -> None:
     """Run every combination of parameters on every INPUT; keep the numbers and draw trends.
@@ -75,7 +85,7 @@ def sweep(
             results.append(result)
             progress.advance(task)
     results = sweeping.in_order(results)
-    settings = {
+    described = {
         'inputs': ', '.join(sources),
         'parameters swept': ', '.join(
             f'{axis.title} = {", ".join(map(str, axis.values))}' for axis in axes
@@ -85,7 +95,11 @@ def sweep(
     }
     output.mkdir(parents=True, exist_ok=True)
     write_csv(sweep_table(results, axes), output / CSV)
-    page = write_report(sweep_report(results, axes, settings), output)
+    page = write_report(sweep_report(results, axes, described), output)
+    _tell(results, page)
+
+
+def _tell(results: list[RunResult], page: Path) -> None:
     failed = [result for result in results if result.error]
     for result in failed:
         typer.echo(

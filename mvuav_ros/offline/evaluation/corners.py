@@ -5,17 +5,30 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
-LEAST_TOLERANCE = 3.0
-"""Px."""
-TOLERANCE_SHARE = 0.05
-"""Of the near end's width."""
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far an edge may be from its corners, px along their rows.
+
+    Attributes:
+        least: px.
+        share: of the near end's width.
+    """
+
+    least: float = 3.0
+    share: float = 0.05
+
+
+TOLERANCE = Tolerance()
+"""Of labels by hand on images of 320 px."""
 WARM_UP = 24
 """Frames before the first that counts."""
 _CORNERS = ('near_left', 'near_right', 'far_right', 'far_left')
@@ -46,10 +59,9 @@ class LabelledFrame:
     far_right: Point
     far_left: Point
 
-    @property
-    def tolerance(self) -> float:
-        """How far a line may pass from its edge's corners, px."""
-        return max(LEAST_TOLERANCE, TOLERANCE_SHARE * math.dist(self.near_left, self.near_right))
+    def tolerance(self, allowed: Tolerance = TOLERANCE) -> float:
+        """How far a line may pass from its edge's corners, px along their rows."""
+        return max(allowed.least, allowed.share * abs(self.near_right[0] - self.near_left[0]))
 
 
 @dataclass(frozen=True)
@@ -58,16 +70,28 @@ class FrameScore:
 
     Attributes:
         file: name of the image.
-        left: the larger distance of the left edge's line from its two corners, px; infinite if
-            no such line was reported.
-        right: likewise.
+        left: the larger horizontal error of the left edge's line at its two corners' rows, px;
+            infinite if no such line was reported.
+        right: of the right edge's line.
         tolerance: px.
+        confidence: of the lines; NaN if there are none.
     """
 
     file: str
     left: float
     right: float
     tolerance: float
+    confidence: float = math.nan
+
+    @property
+    def reported(self) -> bool:
+        """Both edges have a line."""
+        return math.isfinite(self.error)
+
+    @property
+    def wrong(self) -> bool:
+        """Reported, and not where the edges are."""
+        return self.reported and not self.found
 
     @property
     def found(self) -> bool:
@@ -124,7 +148,18 @@ class CornersScore:
     @property
     def reported(self) -> float:
         """Share of frames with a line reported for both edges."""
-        return _share(math.isfinite(frame.error) for frame in self.counted)
+        return _share(frame.reported for frame in self.counted)
+
+    @property
+    def wrong(self) -> float:
+        """Share of frames with both edges reported, and at least one of them wrong."""
+        return _share(frame.wrong for frame in self.counted)
+
+    @property
+    def first_report(self) -> int | None:
+        """Number of the first frame with both edges reported, from 1; None if there is none."""
+        reported = (number for number, frame in enumerate(self.frames, 1) if frame.reported)
+        return next(reported, None)
 
     @property
     def failures(self) -> dict[str, int]:
@@ -138,6 +173,8 @@ class CornersScore:
             'left_found': self.left,
             'right_found': self.right,
             'reported': self.reported,
+            'wrong': self.wrong,
+            'first_report': self.first_report,
             'failures': self.failures,
             'warm_up': WARM_UP,
             'frames': [
@@ -146,6 +183,7 @@ class CornersScore:
                     'left_px': frame.left if math.isfinite(frame.left) else None,
                     'right_px': frame.right if math.isfinite(frame.right) else None,
                     'tolerance_px': frame.tolerance,
+                    'confidence': frame.confidence if frame.reported else None,
                     'found': frame.found,
                 }
                 for frame in self.frames
@@ -170,8 +208,11 @@ def read_corners(path: Path) -> list[LabelledFrame]:
     return frames
 
 
-def score_frame(labels: LabelledFrame, lines: Iterable[RunwayLine]) -> FrameScore:
+def score_frame(
+    labels: LabelledFrame, lines: Iterable[RunwayLine], allowed: Tolerance = TOLERANCE
+) -> FrameScore:
     """Hold one frame's lines against its labels."""
+    confidence = math.nan
     errors = {LineRole.LEFT_EDGE: math.inf, LineRole.RIGHT_EDGE: math.inf}
     corners = {
         LineRole.LEFT_EDGE: (labels.near_left, labels.far_left),
@@ -180,11 +221,46 @@ def score_frame(labels: LabelledFrame, lines: Iterable[RunwayLine]) -> FrameScor
     for line in lines:
         if line.found and line.role in errors:
             form = NormalForm(line.rho, line.theta)
-            distance = max(_distance(form, corner) for corner in corners[line.role])
-            errors[line.role] = min(errors[line.role], distance)
+            error = max(_horizontal_error(form, corner) for corner in corners[line.role])
+            errors[line.role] = min(errors[line.role], error)
+            confidence = line.confidence
     return FrameScore(
-        labels.file, errors[LineRole.LEFT_EDGE], errors[LineRole.RIGHT_EDGE], labels.tolerance
+        labels.file,
+        errors[LineRole.LEFT_EDGE],
+        errors[LineRole.RIGHT_EDGE],
+        labels.tolerance(allowed),
+        confidence,
     )
+
+
+def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLine]:
+    """Read the horizon of each labelled frame.
+
+    Args:
+        path: a file with the columns file, row_at_centre (px) and slope_deg (right end down
+            positive).
+        frames: the labelled frames.
+
+    Raises:
+        CornersError: a column, a frame or a number is missing.
+    """
+    columns = ('file', 'row_at_centre', 'slope_deg')
+    lines = {}
+    with path.open(newline='', encoding='utf-8') as file:
+        reader = csv.DictReader(file)
+        missing = [name for name in columns if name not in (reader.fieldnames or ())]
+        if missing:
+            raise CornersError(f'{path}: no column {", ".join(missing)}')
+        for number, row in enumerate(reader, 2):
+            try:
+                slope = math.radians(float(row['slope_deg'] or ''))
+                lines[row['file']] = HorizonLine(float(row['row_at_centre'] or ''), slope)
+            except ValueError as error:
+                raise CornersError(f'{path}, line {number}: {error}') from error
+    absent = [frame.file for frame in frames if frame.file not in lines]
+    if absent:
+        raise CornersError(f'{path}: no row of {absent[0]}')
+    return [lines[frame.file] for frame in frames]
 
 
 def _frame(path: Path, number: int, row: dict[str, str | None]) -> LabelledFrame:
@@ -198,8 +274,12 @@ def _frame(path: Path, number: int, row: dict[str, str | None]) -> LabelledFrame
     return LabelledFrame(row['file'] or '', *points)
 
 
-def _distance(line: NormalForm, point: Point) -> float:
-    return abs(point[0] * math.cos(line.theta) + point[1] * math.sin(line.theta) - line.rho)
+def _horizontal_error(line: NormalForm, point: Point) -> float:
+    """How far to the side of a point a line passes, px; infinite for a level line."""
+    cos = math.cos(line.theta)
+    if abs(cos) < 1e-6:
+        return math.inf
+    return abs((line.rho - point[1] * math.sin(line.theta)) / cos - point[0])
 
 
 def _share(values: Iterable[bool]) -> float:

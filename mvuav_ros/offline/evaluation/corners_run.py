@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -10,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import (
+    TOLERANCE,
     WARM_UP,
     CornersError,
     CornersScore,
     LabelledFrame,
+    Tolerance,
     score_frame,
 )
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult
@@ -29,17 +33,32 @@ _LABEL = (255, 255, 255)
 _PICTURE_WIDTH = 960
 
 
+@dataclass(frozen=True)
+class LabelledRun:
+    """Images of one flight with their labels.
+
+    Attributes:
+        folder: where the images lie.
+        frames: the labels, in order.
+        horizon: of each frame, as an attitude sensor would know it; None without one.
+        gray: the images are turned grey first.
+        allowed: how far edges may be from their labels.
+    """
+
+    folder: Path
+    frames: Sequence[LabelledFrame]
+    horizon: Sequence[HorizonLine] | None = None
+    gray: bool = False
+    allowed: Tolerance = TOLERANCE
+
+
 def run_detector(
-    labels: Path,
-    frames: Sequence[LabelledFrame],
-    parameters: RunwayDetectorParameters,
-    tick: Callable[[], None],
+    run: LabelledRun, parameters: RunwayDetectorParameters, tick: Callable[[], None]
 ) -> CornersScore:
-    """Process the images in order, which are frames of one flight.
+    """Process the images of a run in order.
 
     Args:
-        labels: the file of labels, beside which the images lie.
-        frames: its content.
+        run: the images and what is known of them.
         parameters: of the detector.
         tick: called after each frame.
 
@@ -47,18 +66,14 @@ def run_detector(
         CornersError: an image cannot be read.
     """
     scores = []
-    for frame, result in _results(labels, frames, parameters):
-        scores.append(score_frame(frame, result.lines))
+    for frame, result in _results(run, parameters):
+        scores.append(score_frame(frame, result.lines, run.allowed))
         tick()
     return CornersScore(tuple(scores))
 
 
 def write_images(
-    labels: Path,
-    frames: Sequence[LabelledFrame],
-    parameters: RunwayDetectorParameters,
-    score: CornersScore,
-    folder: Path,
+    run: LabelledRun, parameters: RunwayDetectorParameters, score: CornersScore, folder: Path
 ) -> list[Path]:
     """Draw overlays, with the labels in white, of the best, the median and the worst frame.
 
@@ -67,7 +82,7 @@ def write_images(
         there is, its worst frame as ``failure_CLASS.png``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    ranked = sorted(range(WARM_UP, len(frames)), key=lambda index: score.frames[index].error)
+    ranked = sorted(range(WARM_UP, len(run.frames)), key=lambda index: score.frames[index].error)
     if not ranked:
         return []
     wanted = {'best': ranked[0], 'median': ranked[len(ranked) // 2], 'worst': ranked[-1]}
@@ -75,7 +90,7 @@ def write_images(
         if failure := score.frames[index].failure:
             wanted[f'failure_{failure}'] = index
     written = []
-    for index, (frame, result) in enumerate(_results(labels, frames, parameters)):
+    for index, (frame, result) in enumerate(_results(run, parameters)):
         for name, at in wanted.items():
             if index != at:
                 continue
@@ -87,20 +102,22 @@ def write_images(
 
 
 def _results(
-    labels: Path, frames: Sequence[LabelledFrame], parameters: RunwayDetectorParameters
+    run: LabelledRun, parameters: RunwayDetectorParameters
 ) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
-    pipeline: RunwayDetector | ApproachDetector
-    if parameters.mode == 'approach':
-        pipeline = ApproachDetector(parameters)
-    else:
-        pipeline = RunwayDetector(parameters)
-    for index, frame in enumerate(frames):
-        path = labels.parent / frame.file
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    thesis, approach = RunwayDetector(parameters), ApproachDetector(parameters)
+    flag = cv2.IMREAD_GRAYSCALE if run.gray else cv2.IMREAD_COLOR
+    for index, frame in enumerate(run.frames):
+        path = run.folder / frame.file
+        image = cv2.imread(str(path), flag)
         if image is None:
             raise CornersError(f'{path}: no image that can be read')
         pixels: NDArray[np.uint8] = np.asarray(image, np.uint8)
-        yield frame, pipeline.process(pixels, round(index * 1e9 / FRAME_RATE))
+        stamp_ns = round(index * 1e9 / FRAME_RATE)
+        if parameters.mode == 'approach':
+            attitude = None if run.horizon is None else run.horizon[index]
+            yield frame, approach.process(pixels, stamp_ns, attitude)
+        else:
+            yield frame, thesis.process(pixels, stamp_ns)
 
 
 def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArray[np.uint8]:

@@ -170,7 +170,7 @@ class ReplayAhead:
         self._free.discard(entry.slot)
         slot = self._slots[entry.slot]
         if isinstance(frame, EncodedFrame):
-            entry.sizes = slot.read.put(frame.without_data(), frame.recorded.data)
+            entry.sizes = slot.read.put(frame.without_data(), bytes(frame.recorded.data))
         else:
             entry.sizes = slot.decoded.put(frame)
             entry.is_decoded = True

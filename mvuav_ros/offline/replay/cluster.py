@@ -12,8 +12,8 @@ from typing import Any
 
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
 from mvuav_ros.offline.replay.many import Event
-from mvuav_ros.offline.replay.memory import keep_freed_memory
 from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _POLL = 0.1

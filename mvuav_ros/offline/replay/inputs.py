@@ -35,8 +35,16 @@ class Input(Protocol):
     @property
     def warnings(self) -> list[str]: ...  # noqa: D102
 
-    def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
-        """Frames, with ``keep`` the messages to be copied, with ``camera`` their calibrations."""
+    def items(
+        self, keep: bool, camera: bool, attitude: bool = False
+    ) -> Generator[Item, None, None]:
+        """Frames, and what goes with them.
+
+        Args:
+            keep: the messages to be copied come as well.
+            camera: the frames have their calibrations.
+            attitude: the frames have the body's attitude.
+        """
         ...
 
     def close(self) -> None: ...  # noqa: D102
@@ -72,8 +80,10 @@ class _Bag:
     def warnings(self) -> list[str]:
         return self._bag.remarks
 
-    def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
-        return self._bag.items(self._selection, others=keep, camera=camera)
+    def items(
+        self, keep: bool, camera: bool, attitude: bool = False
+    ) -> Generator[Item, None, None]:
+        return self._bag.items(self._selection, others=keep, camera=camera, attitude=attitude)
 
     def close(self) -> None:
         self._bag.close()
@@ -91,7 +101,9 @@ class _Images:
     def errors(self) -> list[str]:
         return self._source.losses
 
-    def items(self, keep: bool, camera: bool) -> Generator[Item, None, None]:
+    def items(
+        self, keep: bool, camera: bool, attitude: bool = False
+    ) -> Generator[Item, None, None]:
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if keep and isinstance(frame, Frame):
                 yield _message(frame)

@@ -169,7 +169,9 @@ def run_job(
         progress(JobProgress(source.name, 0, source.count))
         with RecordingWriter(job.output, redo, {DESCRIPTION: description}) as writer:
             camera = any(processor.uses_camera_info for processor in processors)
-            items = gamma_corrected(source.items(settings.keep_inputs, camera), settings.gamma)
+            attitude = any(processor.awaits_attitude for processor in processors)
+            items = source.items(settings.keep_inputs, camera, attitude)
+            items = gamma_corrected(items, settings.gamma)
             with closing(items):
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)

@@ -30,7 +30,7 @@ class SharedBuffer:
         """
         arrays: list[pickle.PickleBuffer] = []
         description = pickle.dumps(value, 5, buffer_callback=arrays.append)
-        parts = [memoryview(part) for part in (description, *(a.raw() for a in arrays), data)]
+        parts: list[bytes | memoryview] = [description, *(array.raw() for array in arrays), data]
         sizes = tuple(len(part) for part in parts)
         memory = self._mapped(sum(sizes))
         position = 0

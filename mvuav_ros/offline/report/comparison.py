@@ -34,6 +34,7 @@ class Compared:
         low: lower end of the 95 % confidence interval of ours; NaN where it has none.
         high: its upper end.
         is_bound: the published number says only what theirs is below.
+        digits: after the point; the column's if None.
         tolerance: for a condition that is to be met: equal within it, worse otherwise.
     """
 
@@ -44,6 +45,7 @@ class Compared:
     high: float = math.nan
     is_bound: bool = False
     tolerance: float = math.nan
+    digits: int | None = None
 
     @classmethod
     def of(cls, interval: Interval, published: float, by: str = METHOD) -> Compared:
@@ -70,7 +72,8 @@ class Compared:
 
     def text(self, digits: int) -> str:
         """Value, interval if it has one, and verdict."""
-        value = Interval(self.value, self.low, self.high).text(digits)
+        shown = digits if self.digits is None else self.digits
+        value = Interval(self.value, self.low, self.high).text(shown)
         return f'{value} {self.verdict.value}'
 
 

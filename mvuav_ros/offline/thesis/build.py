@@ -27,7 +27,8 @@ from mvuav_ros.offline.thesis.plan import (
     thesis_detector,
     tracker,
 )
-from mvuav_ros.offline.thesis.roll_cells import roll_tasks
+from mvuav_ros.offline.thesis.predictions import path_tasks, predictions_section
+from mvuav_ros.offline.thesis.roll_cells import noise_tasks, roll_tasks
 from mvuav_ros.offline.thesis.runway import runway_section, runway_tasks
 from mvuav_ros.offline.thesis.times import times_section
 from mvuav_ros.offline.thesis.tracking import tracking_section
@@ -41,6 +42,7 @@ Chapter = Callable[[ExperimentRunner], tuple[Section, list[Claim]]]
 CHAPTERS: dict[str, Chapter] = {
     'times': times_section,
     'tracking': tracking_section,
+    'predictions': predictions_section,
     'vibration': vibration_section,
     'runway': runway_section,
     'beyond': beyond_section,
@@ -51,9 +53,10 @@ runs."""
 
 def steps_of(plan: Plan) -> int:
     """How often a runner's ``advance`` is called."""
-    flights = len(tracking_tasks(plan)) + len(roll_tasks(plan)) + len(runway_tasks(plan))
+    flights = len(tracking_tasks(plan)) + len(runway_tasks(plan))
+    flights += len(roll_tasks(plan)) + len(noise_tasks(plan))
     beyond = len(identity_tasks(plan)) + len(integrity_tasks(plan)) + len(pose_tasks(plan))
-    return 2 + flights + beyond
+    return 2 + flights + len(path_tasks(plan)) + beyond
 
 
 def build_report(

@@ -9,8 +9,8 @@ from typing import TypeVar
 from mvuav_ros.offline.evaluation import integrity_runs
 from mvuav_ros.offline.evaluation.identity_runs import SCENES
 from mvuav_ros.offline.evaluation.marker_runs import supported
-from mvuav_ros.offline.processes import all_of
 from mvuav_ros.offline.report.comparison import SHIPPED
+from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import PREDICTIONS, MarkerTrackerParameters
@@ -37,6 +37,7 @@ class Plan:
         jobs: processes.
         trial_seconds: length of each trial.
         trial_repeats: flights of each trial, which differ in their seeds.
+        prediction_flights: of each kind of motion and frame rate.
         passes: how often each timed flight is processed.
         repeats: flights per cell of Table 5.5.
         measurements: of roll on each of those.
@@ -52,8 +53,9 @@ class Plan:
     jobs: int = 2
     trial_seconds: float = known.TRIAL_SECONDS
     trial_repeats: int = 5
+    prediction_flights: int = 30
     passes: int = 3
-    repeats: int = 10
+    repeats: int = 5
     measurements: int = known.MEASUREMENTS
     runway_seconds: float = known.RUNWAY_SECONDS
     identity_scenes: int = len(SCENES)
@@ -69,6 +71,7 @@ class Plan:
             seed=seed,
             jobs=jobs,
             trial_repeats=2,
+            prediction_flights=2,
             passes=1,
             repeats=2,
             measurements=20,

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
-from mvuav_ros.offline.evaluation.numbers import Array, Interval, pooled_rms
+from mvuav_ros.offline.evaluation.numbers import Interval, pooled_rms
 from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Table
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracker
-from mvuav_ros.offline.thesis.statements import growth_text, monotonic_text
+from mvuav_ros.offline.thesis.statements import growth_text, monotonic_text, noise_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
@@ -21,7 +21,12 @@ from mvuav_ros.simulation.shake import VIBRATIONS
 THESIS = "the thesis's program"
 """Appendix A; beside it the tracker as shipped."""
 MEASUREMENTS_PER_SECOND = 1.0
+NOISES = (0.75, 1.5, 3.0)
+"""Standard deviation of a pixel, grey levels; 1.5 is the simulator's usual one."""
 _DIGITS = 4
+
+
+_PROGRAMS = {THESIS: tracker(mode='detect'), SHIPPED: MarkerTrackerParameters()}
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ def roll_tasks(plan: Plan) -> list[MarkerTask]:
                 frames=plan.measurements,
                 seed=plan.seed_of(1 + repeat),
             ),
-            {THESIS: tracker(mode='detect'), SHIPPED: MarkerTrackerParameters()},
+            _PROGRAMS,
         )
         for roll in known.ROLLS_DEG
         for shake in range(len(VIBRATIONS))
@@ -80,18 +85,19 @@ def roll_tasks(plan: Plan) -> list[MarkerTask]:
 
 
 def _cell(roll_deg: float, vibration: int, flown: Sequence[FlownMarkers]) -> RollCell:
-    def about_mean(rolls: Callable[[FlownMarkers], Array]) -> Interval:
-        degrees = [np.degrees(rolls(flight)) for flight in flown]
-        return pooled_rms([values - np.nanmean(values) for values in degrees])
-
-    programs = (THESIS, SHIPPED)
     return RollCell(
         roll_deg,
         vibration,
-        {name: about_mean(lambda f, name=name: f.runs[name].roll) for name in programs},  # type: ignore[misc]
-        about_mean(lambda f: f.roll),
-        {n: pooled_rms([np.degrees(f.roll_error(n)) for f in flown]) for n in programs},
+        {name: _about_mean(flown, name) for name in _PROGRAMS},
+        _about_mean(flown),
+        {n: pooled_rms([np.degrees(f.roll_error(n)) for f in flown]) for n in _PROGRAMS},
     )
+
+
+def _about_mean(flown: Sequence[FlownMarkers], name: str = '') -> Interval:
+    """RMS of the roll by a program about the mean of each flight, degrees; no name: the truth."""
+    rolls = [np.degrees(f.runs[name].roll if name else f.roll) for f in flown]
+    return pooled_rms([values - np.nanmean(values) for values in rolls])
 
 
 def roll_tables(cells: Sequence[RollCell], plan: Plan) -> list[Table]:
@@ -171,6 +177,66 @@ def first_growth(cells: Sequence[RollCell], name: str) -> list[tuple[float, floa
     """Errors without motion and at vibration 1, for each roll."""
     by_place = {(cell.roll_deg, cell.vibration): cell.errors[name].value for cell in cells}
     return [(by_place[roll, 0], by_place[roll, 1]) for roll in known.ROLLS_DEG]
+
+
+def noise_tasks(plan: Plan) -> list[MarkerTask]:
+    """Flights without motion before cameras of other noise than the simulator's usual one."""
+    return [
+        MarkerTask(
+            TankerSettings(
+                motion='still',
+                roll_deg=roll,
+                fps=MEASUREMENTS_PER_SECOND,
+                frames=plan.measurements,
+                seed=plan.seed_of(1 + repeat),
+                noise=noise,
+            ),
+            _PROGRAMS,
+        )
+        for noise in NOISES
+        for roll in known.ROLLS_DEG
+        for repeat in range(noise_repeats(plan))
+    ]
+
+
+def noise_repeats(plan: Plan) -> int:
+    """Flights of each cell of the table of noise."""
+    return min(plan.repeats, 2)
+
+
+def noise_table(runner: ExperimentRunner) -> Table:
+    """Table 5.5's first row against the noise of the camera, which the thesis does not tell."""
+    flown = runner.all_of(fly_markers, noise_tasks(runner.plan))
+    repeats = noise_repeats(runner.plan)
+    rows: list[tuple[Cell, ...]] = []
+    for number, noise in enumerate(NOISES):
+        first = number * len(known.ROLLS_DEG) * repeats
+        for name in _PROGRAMS:
+            cells = [
+                _about_mean(flown[first + roll * repeats : first + (roll + 1) * repeats], name)
+                for roll in range(len(known.ROLLS_DEG))
+            ]
+            rows.append((f'{noise:g}', name, *(cell.value for cell in cells)))
+    printed = [
+        known.cell('table_5_5', known.CONDITIONS[0], known.roll_name(roll))
+        for roll in known.ROLLS_DEG
+    ]
+    rows.append(('not known', 'thesis', *(cell.text for cell in printed)))
+    return Table(
+        'table_5_5_noise',
+        'Table 5.5 without motion, by the noise of the camera',
+        (
+            Column('noise of a pixel [grey levels]'),
+            Column('by'),
+            *(Column(known.roll_name(roll), '°', 5) for roll in known.ROLLS_DEG),
+        ),
+        tuple(rows),
+        (
+            'Without motion the RMS of roll is the noise of the pixels at the edges of the lights. '
+            'That of the camera in the thesis is not told; the tables above assume 1.5 grey '
+            f'levels. {noise_text(rows)}',
+        ),
+    )
 
 
 def roll_claims(cells: Sequence[RollCell]) -> list[Claim]:

@@ -62,7 +62,7 @@ def _time(path: Path, parameters: RunwayDetectorParameters, passes: int) -> Runw
     watch = Stopwatch()
     frames: Sequence[Pixels] = ()
     for _ in range(passes):
-        read, reading = read_avi(path)
+        read, reading = read_avi(path, known.RUNWAY_FPS)
         frames = [frame.image.bgr() for frame in read]
         for number, seconds in enumerate(reading):
             watch.note(READING, number, seconds)

@@ -69,7 +69,7 @@ def time_programs(plan: Plan) -> dict[str, ProgramTimes]:
 def _time(name: str, path: Path, passes: int) -> ProgramTimes:
     times = ProgramTimes()
     for _ in range(passes):
-        frames, reading = read_avi(path)
+        frames, reading = read_avi(path, known.TRIAL_FPS)
         times.executions = {}
         for number, seconds in enumerate(reading):
             times.watch.note(READING, number, seconds)

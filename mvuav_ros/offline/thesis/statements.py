@@ -45,6 +45,38 @@ def winners_text(trials: Sequence[Trial]) -> str:
     return f'Here velocity only is smaller than full estimation for {", ".join(parts)}.'
 
 
+def ratio_text(thesis: Sequence[Sequence[float]], ours: Sequence[Sequence[float]]) -> str:
+    """Where full estimation over velocity only is smaller here than in the thesis."""
+    pairs = [pair for a, b in zip(thesis, ours, strict=True) for pair in zip(a, b, strict=True)]
+    smaller = sum(o < t for t, o in pairs)
+    larger = sum(o > t for t, o in pairs)
+    return (
+        f'The ratio is smaller here than in the thesis in {smaller} of {len(pairs)} cells, larger '
+        f'in {larger}.'
+    )
+
+
+def bound_text(
+    velocity: Sequence[Sequence[float]], accelerations: Sequence[Sequence[float]]
+) -> str:
+    """For how many markers of each trial the motion is faster than that of the thesis can be.
+
+    Args:
+        velocity: the thesis's RMS of prediction by velocity only, by trial and marker, px.
+        accelerations: of our motion, RMS, px per frame squared.
+    """
+    above = [
+        f'{sum(a > v for v, a in zip(printed, ours, strict=True))} of {len(ours)} in trial {trial}'
+        for trial, (printed, ours) in enumerate(zip(velocity, accelerations, strict=True), 1)
+    ]
+    return (
+        'Velocity only goes wrong by at least the acceleration, so that each of its cells in the '
+        'thesis is the most that the acceleration of that marker can have been there. Here it is '
+        f'more than that for {", ".join(above)}: there a worse cell is the motion, and no method '
+        'of the thesis could be equal.'
+    )
+
+
 def beats_text(rows: Sequence[tuple[Cell, ...]], runs: Sequence[str]) -> str:
     """Which method is best on how many flights; the last cell of a row names its best."""
     count = {words(name): sum(row[-1] == words(name) for row in rows) for name in runs}
@@ -84,6 +116,18 @@ def growth_text(errors: Sequence[tuple[float, float]], name: str) -> str:
         f'From no motion to vibration 1 the error of {name} changes by factors of '
         f'{min(factors):.2f} to {max(factors):.2f}.'
     )
+
+
+def noise_text(rows: Sequence[tuple[Cell, ...]]) -> str:
+    """At which noise each program is below the thesis, which is the last row, by column."""
+    *ours, thesis = rows
+    printed = [float(str(cell)) for cell in thesis[2:]]
+    below = [
+        f'{row[1]} at {row[0]} in '
+        f'{sum(_as_float(c) < p for c, p in zip(row[2:], printed, strict=True))}'
+        for row in ours
+    ]
+    return f'Below the thesis, of {len(printed)} columns: {", ".join(below)}.'
 
 
 def monotonic_text(rows: Sequence[Sequence[float]], who: str) -> str:

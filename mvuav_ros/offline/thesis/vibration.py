@@ -11,7 +11,7 @@ from mvuav_ros.offline.report.comparison import Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import ExperimentRunner
-from mvuav_ros.offline.thesis.roll_cells import fly_cells, roll_claims, roll_tables
+from mvuav_ros.offline.thesis.roll_cells import fly_cells, noise_table, roll_claims, roll_tables
 from mvuav_ros.offline.thesis.vibration_figures import roll_figure, spectrum_figure
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 
@@ -86,6 +86,7 @@ def vibration_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
             table_5_4(measured),
             spectrum_figure(measured),
             *roll_tables(cells, runner.plan),
+            noise_table(runner),
             roll_figure(cells),
         ),
     )

@@ -23,15 +23,25 @@ def spectrum_figure(measured: Sequence[Measured]) -> Figure:
     with drawing(9.6, 6.0) as canvas:
         panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
         for axes, condition in zip(panels.flat, measured, strict=True):
-            for color, name, curve in zip(COLORS, _AXIS_NAMES, condition.spectra, strict=False):
-                # Without motion there is nothing but zeros, which a logarithm cannot show.
-                density = np.maximum(curve.density[1:], _FLOOR)
-                axes.semilogy(curve.frequency[1:], density, color=color, lw=0.9, label=name)
+            axes.set_yscale('log')
+            for number, name, curve in zip((1, 2, 0), _AXIS_NAMES, condition.spectra, strict=True):
+                # The three swing with the same frequencies: the strongest is drawn below.
+                axes.plot(
+                    curve.frequency[1:],
+                    np.maximum(curve.density[1:], _FLOOR),
+                    color=COLORS[number],
+                    lw=(3.0, 1.6, 0.8)[number],
+                    zorder=2 + number,
+                    label=name,
+                )
+            if not condition.listed_hz:
+                axes.text(0.5, 0.5, 'nothing moves', transform=axes.transAxes, ha='center')
             roll = condition.spectra[-1]
             tops = [4.0 * float(np.interp(hz, *roll)) for hz in condition.listed_hz]
             axes.plot(condition.listed_hz, tops, 'v', color=COLORS[6], ms=5, label='Table 5.4')
             label(axes, condition.name)
         panels.flat[0].set_ylim(bottom=_FLOOR)
+        panels.flat[0].set_xlim(0, _SHOWN_HZ)
         for axes in panels[-1]:
             axes.set_xlabel('frequency [Hz]')
         for axes in panels[:, 0]:
@@ -49,7 +59,9 @@ def spectrum_figure(measured: Sequence[Measured]) -> Figure:
     )
 
 
-_FLOOR = 1e-10
+_FLOOR = 1e-8
+_SHOWN_HZ = 75.0
+"""Table 5.4 ends at 66.58 Hz."""
 
 
 def roll_figure(cells: Sequence[RollCell]) -> Figure:

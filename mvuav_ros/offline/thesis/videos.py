@@ -12,7 +12,6 @@ from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import Plan
 from mvuav_ros.offline.thesis.trials import trial_settings
 from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.recordings.sources.video import VideoFile
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS, RunwaySettings
 from mvuav_ros.simulation.tanker import TankerFlight
@@ -56,16 +55,20 @@ def write_avi(path: Path, images: Iterable[Pixels], fps: float) -> None:
         writer.release()
 
 
-def read_avi(path: Path) -> tuple[list[Frame], list[float]]:
-    """Every frame of a video, and the time that it took, s."""
+def read_avi(path: Path, fps: float) -> tuple[list[Frame], list[float]]:
+    """Every frame of a video, and the time that reading each took, s.
+
+    With OpenCV, which wrote it: so that the report needs no other library for videos.
+    """
     frames: list[Frame] = []
     taken: list[float] = []
-    source = VideoFile(path).frames()
+    capture = cv2.VideoCapture(str(path))
     while True:
         start = time.perf_counter()
-        frame = next(source, None)
-        if frame is None:
+        ok, pixels = capture.read()
+        if not ok:
+            capture.release()
             return frames, taken
-        if isinstance(frame, Frame):
-            taken.append(time.perf_counter() - start)
-            frames.append(frame)
+        taken.append(time.perf_counter() - start)
+        stamp_ns = round(len(frames) * 1e9 / fps)
+        frames.append(Frame(stamp_ns, 'camera', Image(pixels, 'bgr8')))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
 
-COLORS = ('#3d8fd6', '#e0752d', '#17a07a', '#c77bab', '#c99700', '#5bb8e8', '#8a6fc0', '#a3793f')
+_CHART = Path(__file__).parent.with_name('static') / 'chart.json'
 
 
 def box(classes: str = '', tag: str = 'div') -> ui.element:
@@ -124,57 +126,17 @@ class Sheet:
                 label.set_text(words)
 
 
-def axes(
-    title: str, unit: str, *, seconds: bool = False, categories: list[str] | None = None
-) -> Any:
-    """An empty ECharts chart that can be read on light and dark, and saved as an image."""
-    grey, line = '#7d8998', 'rgba(133, 146, 161, .28)'
-    label = {'color': grey, 'fontSize': 11}
-    rule = {'lineStyle': {'color': line}}
-    x: dict[str, Any] = {
-        'axisLabel': label,
-        'axisLine': {**rule, 'onZero': False},
-        'splitLine': {'show': False},
-    }
-    if seconds:
-        x |= {'type': 'value', 'min': -30, 'max': 0, 'interval': 10}
-        x['axisLabel'] = {**label, 'formatter': '{value} s'}
+def axes(title: str, unit: str, categories: Sequence[str] | None = None) -> Any:
+    """An ECharts chart without curves, over categories, or over the last seconds without them.
+
+    It can be read on light and dark and saved as an image. Its tooltips are rich text, not HTML:
+    names in them come from bags and files.
+    """
+    options = json.loads(_CHART.read_text())
+    options['title']['text'] = f'{title} [{unit}]' if unit else title
+    if categories is None:
+        options['xAxis'] |= {'type': 'value', 'min': -30, 'max': 0, 'interval': 10}
+        options['xAxis']['axisLabel']['formatter'] = '{value} s'
     else:
-        x |= {'type': 'category', 'data': categories or []}
-        x['axisLabel'] = {**label, 'hideOverlap': True}
-    name = f'{title} [{unit}]' if unit else title
-    return {
-        'animation': False,
-        'aria': {'enabled': True},
-        'color': list(COLORS),
-        'title': {
-            'text': name,
-            'left': 12,
-            'top': 10,
-            'textStyle': {'color': grey, 'fontSize': 12, 'fontWeight': 600},
-        },
-        'toolbox': {'right': 10, 'top': 6, 'feature': {'saveAsImage': {'title': 'PNG'}}},
-        'grid': {'left': 56, 'right': 16, 'top': 40, 'bottom': 48},
-        'legend': {
-            'bottom': 6,
-            'type': 'scroll',
-            'textStyle': label,
-            'itemWidth': 10,
-            'icon': 'roundRect',
-            'itemHeight': 10,
-            'pageTextStyle': label,
-        },
-        # Rich text, not HTML: names in it come from bags and files.
-        'tooltip': {'trigger': 'axis', 'renderMode': 'richText', 'confine': True},
-        'xAxis': x,
-        'yAxis': {
-            'type': 'value',
-            'scale': True,
-            'axisLine': {'show': False},
-            'axisTick': {'show': False},
-            'axisLabel': label,
-            'splitLine': rule,
-            'splitNumber': 4,
-        },
-        'series': [],
-    }
+        options['xAxis']['data'] = list(categories)
+    return options

@@ -96,7 +96,7 @@ class Parameters:
             text('new')
         controls = sorted(node.controls, key=lambda control: _rank(control.stage))
         for stage, group in groupby(controls, key=lambda control: control.stage):
-            self._stages[stage] = text(stage, 'stage', tag='h3')
+            self._stages[stage] = text(stage, 'stage', tag='h2')
             for control in group:
                 value = node.values.get(control.name)
                 self._rows[control.name] = ParameterRow(

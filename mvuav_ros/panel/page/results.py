@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
@@ -40,7 +38,6 @@ _TIMES = {
     'latency_p95_ms': 'whole, p95 [ms]',
     'latency_p99_ms': 'whole, p99 [ms]',
 }
-_LINE = re.compile(r'line (\d{1,4})\b.*')
 _POSE = {
     'marker_tracker': 'Pose of the tanker before the camera',
     'runway_detector': 'Guidance: the camera before the runway',
@@ -90,12 +87,12 @@ class Results:
                 with box('line titled'):
                     text('Statistics since the last reset', 'title grow', tag='h2')
                     button('Reset', self._reset, 'restart_alt')
-                heads = ('', 'frames', *_COUNTS.values(), *_MEANS.values())
+                heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
                 self._statistics = Sheet('Statistics of the lines', heads)
         with box('charts'):
             for chart, (title, unit) in CURVES[node.kind].items():
                 with box('card'):
-                    made = ui.echart(axes(title, unit, seconds=True)).classes('chart')
+                    made = ui.echart(axes(title, unit)).classes('chart')
                     made.props['data-curves'] = chart
                     made.props['data-node'] = node.name
         with box('charts'):
@@ -131,9 +128,8 @@ def _statistics_rows(statistics: dict[str, dict[str, str]]) -> list[list[str]]:
     keys = ('frames', *_COUNTS)
     rows = [['all lines', *(foreign.fixed(total.get(key), 0) for key in keys), *[''] * len(_MEANS)]]
     for name, values in statistics.items():
-        number = _LINE.fullmatch(name)
-        if number is not None:
+        if name.startswith('line '):
             counts = [foreign.fixed(values.get(key), 0) for key in ('found', *_COUNTS)]
             means = [foreign.fixed(values.get(key), 2) for key in _MEANS]
-            rows.append([f'line {int(number[1]) + 1}', *counts, *means])
+            rows.append([foreign.from_one(name), *counts, *means])
     return rows

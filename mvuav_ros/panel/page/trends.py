@@ -10,6 +10,7 @@ from nicegui import ui
 
 from mvuav_ros.offline.evaluation.metric import metric_groups
 from mvuav_ros.offline.report.writing import csv_text
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, tell, text
 from mvuav_ros.panel.runs import SavedRun, run_table, varied
@@ -49,7 +50,8 @@ class Trends:
         )
         columns = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
         chosen = [column for column in self._numbers.value or [] if column in columns]
-        self._numbers.set_options(columns, value=chosen or self._usual())
+        shown = {column: foreign.from_one(column) for column in columns}
+        self._numbers.set_options(shown, value=chosen or self._usual())
         self._csv.set_enabled(bool(runs))
         self._draw()
 
@@ -91,7 +93,7 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
     """A chart with a line for each column, over the runs in order of the parameter's value."""
     if over != _OVER_NAMES:
         runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
-    options = axes(*_title(columns), categories=[_place(run, over) for run in runs])
+    options = axes(*_title(columns), [_place(run, over) for run in runs])
     options['series'] = [
         {
             'name': _plain(column),
@@ -107,7 +109,7 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
 
 def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
     """A chart with a group of bars for each column."""
-    options = axes(*_title(columns), categories=[_plain(column) for column in columns])
+    options = axes(*_title(columns), [_plain(column) for column in columns])
     options['yAxis']['scale'] = False
     values = [_numbers(runs, column) for column in columns]
     options['series'] = [
@@ -140,7 +142,7 @@ def _title(columns: Sequence[str]) -> tuple[str, str]:
 
 
 def _plain(column: str) -> str:
-    return column.split(' [')[0]
+    return foreign.from_one(column.split(' [')[0])
 
 
 def _numbers(runs: Sequence[SavedRun], column: str) -> list[float | None]:

@@ -40,7 +40,7 @@ class View:
             self._head = Head(self._page)
             with box('body'):
                 self._tabs(part)
-                with box('views', 'main') as main:
+                with box('views') as main:
                     self._images = Images(self._page, self._set_parameter)
                     self._results = Results(self._page)
                     self._parameters = Parameters(self._page)

@@ -65,7 +65,7 @@
       }
     }
     const words = canvas.closest('.tile')?.querySelector('.rate');
-    if (words) words.textContent = header.words;
+    if (words && words.textContent !== header.words) words.textContent = header.words;
     canvas.dataset.frames = Number(canvas.dataset.frames || 0) + 1;
     canvas.parentElement.dataset.fresh = 'true';
     drawnAt.set(canvas, performance.now());
@@ -187,7 +187,7 @@
   document.addEventListener('DOMContentLoaded', () => {
     connect();
     setInterval(() => { look(); spread(); }, 1000);
-    new MutationObserver(placeAll).observe(document.body,
-      { subtree: true, childList: true, attributes: true, attributeFilter: ['data-index', 'data-values', 'max'] });
+    new MutationObserver((changes) => { for (const change of changes) place(change.target); })
+      .observe(document.body, { subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values'] });
   });
 })();

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from mvuav_ros.processing.messages.points import PointLayout
-from mvuav_ros.recordings.serialization.cdr import CdrWriter, without_encapsulation
+from mvuav_ros.recordings.serialization.cdr import CdrWriter
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CameraModel
@@ -135,7 +135,7 @@ def _nothing_more() -> bytes:
     writer.octets(b'')
     mesh_use_embedded_materials = False
     writer.numbers('B', mesh_use_embedded_materials)
-    return without_encapsulation(writer.message())
+    return writer.fields()
 
 
 _NO_TEXTURE_TEXT_AND_MESH = _nothing_more()

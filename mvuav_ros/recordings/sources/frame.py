@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 
@@ -23,12 +24,14 @@ class Frame:
 
     Attributes:
         camera: the calibration, usable or not, that holds for it; None where there is none.
+        attitude: of the body that carries the camera, at that time; None where it is not known.
     """
 
     stamp_ns: int
     frame_id: str
     image: Image
     camera: CameraModel | None = None
+    attitude: Attitude | None = None
 
 
 @dataclass(frozen=True)

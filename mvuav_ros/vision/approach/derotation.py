@@ -93,3 +93,23 @@ def turn_edge(
     across, down = cos * slope + sin, cos - sin * slope
     turned = across / down
     return x + turned * (row - y), turned
+
+
+def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
+    """Strips, (n, 6) as in `strip_search`, of one derotation described on another one."""
+    turned = strips.copy()
+    for strip in turned:
+        x, y, left, right, far, near = (float(value) for value in strip)
+        edges = [turn_edge(x + s * near, s, y + near, old, new) for s in (left, right)]
+        (first, left), (second, right) = edges
+        if right - left > 0.02:
+            depth = (second - first) / (right - left)
+            strip[:] = (
+                first - left * depth,
+                y + near - depth,
+                left,
+                right,
+                depth * far / near,
+                depth,
+            )
+    return turned

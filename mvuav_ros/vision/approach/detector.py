@@ -7,15 +7,18 @@ import math
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.attitude import (
+    Attitude,
+    HorizonLine,
+    horizon_from,
+    mount_matrix,
+)
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.features import WorkingImage, shrink
+from mvuav_ros.vision.approach.finders import Finder, FollowedTrack, Found, make_finder
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
 from mvuav_ros.vision.approach.lines import LineCorrection, Segment
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.targets import TARGETS
-from mvuav_ros.vision.approach.track import Track
-from mvuav_ros.vision.approach.tracker import Tracker
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.results import LineRole
@@ -23,8 +26,6 @@ from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
 _SMALLEST = 48
 """Px, of the frame's shorter side."""
-_AFRESH = 10
-"""Frames between two looks for the horizon at any slope."""
 _NOWHERE: Point = (math.nan, math.nan)
 
 
@@ -41,10 +42,16 @@ class ApproachDetector:
         >>> result = ApproachDetector().process(sky, stamp_ns=0)
         >>> result.status, [line.found for line in result.lines]
         ('no runway: no horizon', [False, False, False, False, False])
+
+    Attributes:
+        attitude_problem: why the newest frame's attitude was not used; empty if it was or there is
+            none.
     """
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         self._parameters = parameters or RunwayDetectorParameters()
+        self._mount = mount_matrix(self._parameters.camera_mount_rpy_deg)
+        self.attitude_problem = ''
         self._correction = LineCorrection(self._parameters)
         self._statistics = RunwayStatistics()
         self._camera: CameraModel | None = None
@@ -55,6 +62,7 @@ class ApproachDetector:
         if parameters.target != self._parameters.target:
             self.reset()
         self._parameters = parameters
+        self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
         self._correction.configure(parameters)
 
     def set_camera(self, camera: CameraModel) -> None:
@@ -64,11 +72,9 @@ class ApproachDetector:
     def reset(self) -> None:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
-        self._finder: HorizonFinder | None = None
-        self._tracker: Tracker | None = None
-        self._horizon: Horizon | None = None
-        self._shown: Track | None = None
-        self._frames = 0
+        self._finder: Finder | None = None
+        self._had_attitude = False
+        self._shown: FollowedTrack | None = None
         self._correction.reset()
 
     def reset_statistics(self) -> None:
@@ -79,7 +85,12 @@ class ApproachDetector:
         """Statistics of the frames since construction or `reset_statistics`."""
         return self._statistics.summary()
 
-    def process(self, image: Pixels, stamp_ns: int) -> ApproachResult:
+    def process(
+        self,
+        image: Pixels,
+        stamp_ns: int,
+        attitude: Attitude | HorizonLine | None = None,
+    ) -> ApproachResult:
         """Find the shape in the next frame.
 
         A frame of another size than the last one starts afresh.
@@ -88,6 +99,7 @@ class ApproachDetector:
             image: (height, width) or (height, width, 3), blue first, uint8 or uint16; any size,
                 also none. It is neither changed nor copied.
             stamp_ns: its time, ns; handed through.
+            attitude: of the body at that time, or where the horizon is on the frame, if known.
         """
         height, width = image.shape[:2]
         if self._size != (height, width):
@@ -96,61 +108,84 @@ class ApproachDetector:
         if min(height, width) < _SMALLEST:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, None, status)
-        working = shrink(image)
-        level, horizon_row = self._level(working)
-        tracker = self._tracker_for(working)
-        track = tracker.step(image, working.pixels, level, horizon_row)
-        if track is not self._shown:
+        if self._finder is None:
+            self._finder = make_finder(self._parameters.target)
+        found = self._finder.step(image, self._horizon_of(attitude))
+        if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._correction.reset()
-            self._shown = track
-        horizon = None if horizon_row is None else _across(level, horizon_row)
-        if track is None:
-            status = f'no {self._parameters.target}'
-            if horizon_row is None and tracker.target.uses_horizon:
-                status += ': no horizon'
-            return self._absent(image, stamp_ns, horizon, status)
-        return self._present(image, stamp_ns, track, level, horizon)
+            self._shown = found.track
+        if found.track is None or self._doubtful(found):
+            return self._absent(image, stamp_ns, found, self._why_absent(found))
+        return self._present(image, stamp_ns, found.track, found)
 
-    def _level(self, working: WorkingImage) -> tuple[Derotation, float | None]:
-        height, width = working.pixels.shape[:2]
-        if not TARGETS[self._parameters.target].uses_horizon:
-            return Derotation(width, height, working.factor, 0.0), None
-        if self._finder is None:
-            self._finder = HorizonFinder(height, width)
-        near = None if self._frames % _AFRESH == 0 else self._horizon
-        self._frames += 1
-        horizon = self._finder.find(working.pixels, near)
-        self._horizon = horizon if horizon.trusted else None
-        level = Derotation(width, height, working.factor, horizon.slope if horizon.trusted else 0.0)
-        return level, level.row_of(horizon.row) if horizon.trusted else None
+    def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
+        """Where attitude says that the horizon is; None where the image must say it."""
+        self.attitude_problem = ''
+        source = self._parameters.horizon_source
+        if source == 'image':
+            return None
+        if attitude is None:
+            if source == 'imu' or self._had_attitude:
+                self.attitude_problem = "no attitude for this image: the horizon is the image's"
+            return None
+        self._had_attitude = True
+        if isinstance(attitude, HorizonLine):
+            return attitude
+        camera = self._checked_camera()
+        if camera is None:
+            self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
+            return None
+        horizon = horizon_from(attitude, camera, self._mount)
+        if horizon is None:
+            self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
+        return horizon
 
-    def _tracker_for(self, working: WorkingImage) -> Tracker:
-        if self._tracker is None:
-            height, width = working.pixels.shape[:2]
-            self._tracker = Tracker(TARGETS[self._parameters.target], height, width)
-        return self._tracker
+    def _doubtful(self, found: Found) -> bool:
+        """Only a runway's confidence is a probability."""
+        runway = self._parameters.target == 'runway'
+        return runway and found.confidence < self._parameters.min_confidence
+
+    def _why_absent(self, found: Found) -> str:
+        status = f'no {self._parameters.target}'
+        if found.track is not None:
+            return f'{status}: the likeliest has confidence {found.confidence:.2f}'
+        if found.horizon_row is None and TARGETS[self._parameters.target].uses_horizon:
+            status += ': no horizon'
+        return status
 
     def _absent(
-        self, image: Pixels, stamp_ns: int, horizon: tuple[Point, Point] | None, status: str
+        self, image: Pixels, stamp_ns: int, found: Found | None, status: str
     ) -> ApproachResult:
         height, width = image.shape[:2]
+        horizon = None if found is None else _across(found)
+        confidence = 0.0 if found is None else found.confidence
         lines = self._correction.rows({}, {}, 0.0, (width, height))
         self._statistics.add(lines)
-        guidance = None if self._usable_camera(image) is None else Guidance()
+        guidance = None if self._usable_camera() is None else Guidance()
         return ApproachResult(
-            stamp_ns, width, height, lines, _NOWHERE, horizon, None, 0.0, guidance, status, image
+            stamp_ns,
+            width,
+            height,
+            lines,
+            _NOWHERE,
+            horizon,
+            None,
+            confidence,
+            guidance,
+            status,
+            image,
         )
 
     def _present(
         self,
         image: Pixels,
         stamp_ns: int,
-        track: Track,
-        level: Derotation,
-        horizon: tuple[Point, Point] | None,
+        track: FollowedTrack,
+        found: Found,
     ) -> ApproachResult:
         height, width = image.shape[:2]
+        level = found.level
         x, y, left, right = (float(v) for v in track.shape.as_array())
         near_left, near_right, far_right, far_left, near_middle, far_middle = (
             _point(level, x + slope * depth, y + depth)
@@ -177,7 +212,7 @@ class ApproachDetector:
             left_points, right_points = track.points
             votes[LineRole.LEFT_EDGE] = float(np.count_nonzero(left_points.weights))
             votes[LineRole.RIGHT_EDGE] = float(np.count_nonzero(right_points.weights))
-        confidence = track.confidence
+        confidence = found.confidence
         lines = self._correction.rows(segments, votes, confidence, (width, height))
         self._statistics.add(lines)
         return ApproachResult(
@@ -186,7 +221,7 @@ class ApproachDetector:
             height,
             lines,
             _point(level, x, y),
-            horizon,
+            _across(found),
             (near_left, near_right, far_right, far_left),
             confidence,
             self._guidance(image, track, level),
@@ -194,17 +229,21 @@ class ApproachDetector:
             image,
         )
 
-    def _usable_camera(self, image: Pixels) -> CameraModel | None:
-        if self._camera is None or not self._parameters.runway_width > 0:
+    def _usable_camera(self) -> CameraModel | None:
+        return self._checked_camera() if self._parameters.runway_width > 0 else None
+
+    def _checked_camera(self) -> CameraModel | None:
+        """The calibration, if it is of frames of this size."""
+        if self._camera is None or self._size is None:
             return None
         try:
-            self._camera.check(image.shape[1], image.shape[0])
+            self._camera.check(self._size[1], self._size[0])
         except CalibrationError:
             return None
         return self._camera
 
-    def _guidance(self, image: Pixels, track: Track, level: Derotation) -> Guidance | None:
-        camera = self._usable_camera(image)
+    def _guidance(self, image: Pixels, track: FollowedTrack, level: Derotation) -> Guidance | None:
+        camera = self._usable_camera()
         if camera is None:
             return None
         if track.points is None:
@@ -222,8 +261,11 @@ def _point(level: Derotation, x: float, y: float) -> Point:
     return float(on_x), float(on_y)
 
 
-def _across(level: Derotation, row: float) -> tuple[Point, Point]:
-    """Where a level row crosses the sides of the frame."""
+def _across(found: Found) -> tuple[Point, Point] | None:
+    """Where the horizon crosses the sides of the frame, if it is known."""
+    level, row = found.level, found.horizon_row
+    if row is None:
+        return None
     (x1, y1), (x2, y2) = _point(level, 0.0, row), _point(level, 1.0, row)
     down = (y2 - y1) / (x2 - x1)
     right = level.width * level.factor - 1.0

@@ -62,6 +62,71 @@ def find_edges(
         look: of the target.
         colours: with which ``contrast`` was measured.
     """
+    sampled = sample_edges(image, level, shape, span)
+    direction, size = _direction(contrast, look)
+
+    def steps_of(smoothing: int) -> NDArray[Any]:
+        features = features_of(sampled.pixels, colours, smoothing)
+        profile = direction[0] * features[0] + direction[1] * features[1]
+        return np.clip(sampled.steps(profile), 0.0, size)
+
+    # Noise of colour hides the line, smoothing it moves the steps: each for what it leaves alone.
+    return sampled.fit(steps_of(1), steps_of(_COLOUR_SMOOTHING), size)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSamples:
+    """The frame's pixels across both edges.
+
+    Attributes:
+        pixels: (2 count, places) or (2 count, places, 3): rows of the left, then of the right edge.
+        expected: (2, count) columns of the edges, px of the levelled working image.
+        rows: (count,) likewise.
+        across: (places,) px from the expected column.
+        inside: (2, count, places) is on the frame.
+        base: samples over which a step is measured, even.
+    """
+
+    pixels: NDArray[Any]
+    expected: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    across: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+    base: int
+
+    @property
+    def _middle(self) -> slice:
+        return slice(self.base // 2, -(self.base // 2))
+
+    def steps(self, profile: NDArray[Any]) -> NDArray[Any]:
+        """(2, count, places - base) rise of a profile of the pixels towards the strip's inside."""
+        step = profile[:, self.base :] - profile[:, : -self.base]
+        step = step.reshape(2, self.rows.size, -1)
+        step[1] *= -1
+        return np.where(self.inside[:, :, self._middle], step, 0.0)
+
+    def fit(
+        self, clear: NDArray[Any], smooth: NDArray[Any], size: float
+    ) -> tuple[EdgePoints, EdgePoints]:
+        """Points of both edges.
+
+        Args:
+            clear: (2, count, places - base) steps from 0 to ``size``, for the points.
+            smooth: likewise, for the line along which they are looked for.
+            size: of a whole step.
+        """
+        across = self.across[self._middle]
+        left, right = (
+            _fit(clear[side], smooth[side], across, self.expected[side], self.rows, size, self.base)
+            for side in (0, 1)
+        )
+        return left, right
+
+
+def sample_edges(
+    image: NDArray[Any], level: Derotation, shape: NDArray[np.float64], span: tuple[float, float]
+) -> EdgeSamples:
+    """Take the pixels across both edges of a strip from the frame; see `find_edges`."""
     x, y, *slopes = (float(v) for v in shape)
     far, near = span
     count = int(np.clip((near - far) * level.factor, 6, _MOST_ROWS))
@@ -81,31 +146,10 @@ def find_edges(
         cv2.CV_16SC2,
     )
     pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    direction, size = _direction(contrast, look)
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = int(np.clip((slopes[1] - slopes[0]) * near / _WIDTHS_PER_STEP, 2, 4) / _SAMPLE)
-    margin = base // 2
-    base = 2 * margin
     inside = (on_x > 0) & (on_x < image.shape[1] - 1) & (on_y > 0) & (on_y < image.shape[0] - 1)
-    inside = inside[:, :, margin:-margin]
-
-    def steps_of(smoothing: int) -> NDArray[Any]:
-        features = features_of(pixels, colours, smoothing)
-        profile = direction[0] * features[0] + direction[1] * features[1]
-        step = profile[:, base:] - profile[:, :-base]
-        step = step.reshape(2, count, -1)
-        step[1] *= -1
-        return np.where(inside, np.clip(step, 0.0, size), 0.0)
-
-    # Noise of colour hides the line, smoothing it moves the steps: each for what it leaves alone.
-    clear, smooth = steps_of(1), steps_of(_COLOUR_SMOOTHING)
-    left, right = (
-        _fit(
-            clear[side], smooth[side], across[margin:-margin], expected[side], y + depth, size, base
-        )
-        for side in (0, 1)
-    )
-    return left, right
+    return EdgeSamples(pixels, expected, y + depth, across, inside, 2 * (base // 2))
 
 
 def _direction(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
 from mvuav_ros.vision.approach.edges import EdgePoints
 
 # Px of the working image: of one edge point, and of the vanishing point from the horizon.
@@ -65,6 +66,12 @@ class Shape:
             + _UPWARDS**2 * np.outer(upwards, upwards)
             + np.diag([0.04, change, 0.04, change])
         )
+
+    def turn(self, old: Derotation, new: Derotation) -> None:
+        """Describe the same edges on another derotation."""
+        for first in (0, 2):
+            place, slope = (float(value) for value in self.state[first : first + 2])
+            self.state[first : first + 2] = turn_edge(place, slope, self.reference, old, new)
 
     def move_reference(self, row: float) -> None:
         """Describe the same edges at another row."""

@@ -95,9 +95,9 @@ class Blobs:
             weighted: or binary.
 
         Returns:
-            (n, 4): x and y (px), area (px), spread.
+            (n, 3): x and y (px), area (px).
         """
-        measured = np.empty((len(self), 4))
+        measured = np.empty((len(self), 3))
         x, y, width, height, area = self._stats.T.astype(np.intp)
         right, bottom = self._size[0] - 1, self._size[1] - 1
         windows = np.stack(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
-from mvuav_ros.vision.markers.grouping import GroupingError, bright_pixels, group_pixels
+from mvuav_ros.vision.markers.grouping import GroupingError, group_mask
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
 from mvuav_ros.vision.markers.many_centroids import measure_windows
 from mvuav_ros.vision.markers.results import (
@@ -23,6 +24,8 @@ from mvuav_ros.vision.markers.results import (
 )
 from mvuav_ros.vision.point_operations import Pixels, threshold
 
+Array = NDArray[np.float64]
+
 DARK_EDGE = 4.0
 """px around a light that belong to its window."""
 DOUBTFUL_AREA = 0.5
@@ -35,31 +38,43 @@ def find_clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Clu
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
+    return [Cluster(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
+
+
+def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
+    """The same as an array, (n, 3): x and y (px), area (px).
+
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
+    """
     gray = image.gray()
     if parameters.by_components:
-        measured = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
-        clusters = [Cluster(x, y, int(area)) for x, y, area, _ in measured.tolist()]
-        return sorted(clusters, key=lambda cluster: (cluster.x, cluster.y))
-    bright = bright_pixels(threshold(gray, parameters.threshold))
-    clusters = group_pixels(*bright, parameters.grouping_distance)
-    clusters = [c for c in clusters if area_fits(c.area, parameters)]
-    return weigh(gray, clusters, parameters.threshold) if parameters.weighted else clusters
+        lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
+        return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
+    clusters = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
+    lights = np.array(clusters, np.float64).reshape(-1, 3)
+    area = lights[:, 2]
+    fitting = area >= parameters.min_area
+    if parameters.max_area:
+        fitting &= area <= parameters.max_area
+    lights = lights[fitting]
+    return weigh(gray, lights, parameters.threshold) if parameters.weighted else lights
 
 
-def weigh(gray: Pixels, clusters: list[Cluster], level: float) -> list[Cluster]:
-    """The same clusters at their places by intensity.
+def weigh(gray: Pixels, lights: Array, level: float) -> Array:
+    """The same lights at their places by intensity.
 
-    A cluster with other lights around it keeps its binary centroid, and so do all of them where
-    they are too many to be looked at one by one.
+    A light with others around it keeps its binary centroid, and so do all of them where they
+    are too many to be looked at one by one.
 
     Args:
         gray: (height, width).
-        clusters: of the frame.
+        lights: (n, 3): x and y (px), area (px).
         level: threshold, fraction of full scale.
     """
-    if not 0 < len(clusters) <= MAX_BLOBS:
-        return clusters
-    x, y, area = np.array(clusters).T
+    if not 0 < len(lights) <= MAX_BLOBS:
+        return lights
+    x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
     height, width = gray.shape
     windows = np.stack(
@@ -72,10 +87,7 @@ def weigh(gray: Pixels, clusters: list[Cluster], level: float) -> list[Cluster]:
         axis=-1,
     )
     measured = measure_windows(gray, windows.astype(np.intp), level, weighted=True)
-    return [
-        Cluster(x, y, cluster.area) if area == cluster.area else cluster
-        for cluster, (x, y, area, _) in zip(clusters, measured.tolist(), strict=True)
-    ]
+    return np.where((measured[:, 2] == area)[:, None], measured, lights)
 
 
 def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:

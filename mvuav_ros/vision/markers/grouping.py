@@ -32,10 +32,7 @@ def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         GroupingError: more than 5 % of the frame is bright.
     """
     height = mask.shape[0]
-    count = cv2.countNonZero(mask)
-    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
-        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
-    if count == 0:
+    if not _count_bright(mask):
         return np.empty(0, np.int32), np.empty(0, np.int32)
     points = cv2.findNonZero(mask).reshape(-1, 2)
     x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
@@ -62,33 +59,48 @@ def group_pixels(
     Raises:
         GroupingError: there are more than `MAX_CLUSTERS`.
     """
-    clusters: list[Cluster] = []
     if len(x) == 0:
-        return clusters
+        return []
+    mask = np.zeros((int(y.max()) + 1, int(x[-1]) + 1), np.uint8)
+    mask[y, x] = 255
+    return _group(mask, grouping_distance)
+
+
+def group_mask(mask: Mask, grouping_distance: int) -> list[Cluster]:
+    """The same of all of a mask's bright pixels.
+
+    Raises:
+        GroupingError: more than 5 % of the frame is bright, or there are more than
+            `MAX_CLUSTERS`.
+    """
+    return _group(mask, grouping_distance) if _count_bright(mask) else []
+
+
+def _count_bright(mask: Mask) -> int:
+    count = cv2.countNonZero(mask)
+    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
+    return count
+
+
+def _group(mask: Mask, grouping_distance: int) -> list[Cluster]:
+    clusters: list[Cluster] = []
+    height = mask.shape[0]
     # Column after column, as the scan goes: the search for the next seed is one over bytes.
-    height = int(y.max()) + 1
-    first = int(x[0])
-    bright = bytearray((int(x[-1]) - first + 1) * height)
+    bright = bytearray(cv2.transpose(mask))
     left = np.frombuffer(bright, np.uint8).reshape(-1, height)
-    left[x - first, y] = 1
-    seed = bright.find(1)
+    seed = bright.find(255)
     while seed >= 0:
         if len(clusters) == MAX_CLUSTERS:
             raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
         column, row = divmod(seed, height)
         top = max(row - grouping_distance, 0)
         group = left[column : column + grouping_distance + 1, top : row + grouping_distance + 1]
-        points = cv2.findNonZero(group).reshape(-1, 1, 2)
-        area = len(points)
-        down, across = cv2.sumElems(points)[:2]
+        pixels = cv2.findNonZero(group).reshape(-1, 1, 2)
+        area = len(pixels)
+        down, across = cv2.sumElems(pixels)[:2]
         # The sums are whole numbers, so that the means are exactly those of the pixels.
-        clusters.append(
-            Cluster(
-                ((first + column) * area + across) / area,
-                (top * area + down) / area,
-                area,
-            )
-        )
+        clusters.append(Cluster((column * area + across) / area, (top * area + down) / area, area))
         group.fill(0)
-        seed = bright.find(1, seed)
+        seed = bright.find(255, seed)
     return clusters

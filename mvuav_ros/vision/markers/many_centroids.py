@@ -25,14 +25,14 @@ def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: boo
         weighted: or binary.
 
     Returns:
-        (n, 4): x and y (px; NaN where nothing is bright), area (px), spread.
+        (n, 3): x and y (px; NaN where nothing is bright), area (px).
     """
     limit = level * full_scale(gray)
     owner, column, row, values = _look_into(gray, windows)
     bright = values > limit
     weights = np.maximum(values - int(FLOOR * limit), 0.0) if weighted else bright.astype(float)
     area: Array = np.bincount(owner, bright, len(windows)).astype(np.float64)
-    measured = _places(_moments(owner, column, row, weights, len(windows)), area)
+    measured = _places(owner, column, row, weights, area)
     x0, x1, y0, y1 = windows.T
     measured[:, 0] += 0.5 * (x0 + x1)
     measured[:, 1] += 0.5 * (y0 + y1)
@@ -57,21 +57,14 @@ def measure_pixels(
         weighted: or binary.
 
     Returns:
-        (count, 4): x and y (px), area (px), spread.
+        (count, 3): x and y (px), area (px).
     """
     y, x = np.divmod(pixels, gray.shape[1])
     weights = np.ones(len(pixels))
     if weighted:
         weights = gray[y, x] - FLOOR * level * full_scale(gray)
     area = np.bincount(owner, minlength=count).astype(float)
-    # About each light's middle: squares of whole coordinates would cost digits.
-    middle_x, middle_y = np.bincount(owner, x, count) / area, np.bincount(owner, y, count) / area
-    measured = _places(
-        _moments(owner, x - middle_x[owner], y - middle_y[owner], weights, count), area
-    )
-    measured[:, 0] += middle_x
-    measured[:, 1] += middle_y
-    return measured
+    return _places(owner, x.astype(np.float64), y.astype(np.float64), weights, area)
 
 
 def _look_into(gray: Pixels, windows: Integers) -> tuple[Integers, Array, Array, Array]:
@@ -96,23 +89,20 @@ def _look_into(gray: Pixels, windows: Integers) -> tuple[Integers, Array, Array,
     return owner, column - middle_x, row - middle_y, values.astype(np.float64)
 
 
-def _moments(owner: Integers, x: Array, y: Array, weights: Array, count: int) -> Array:
-    """(4, count): the sums of 1, x, y and x² + y², weighted."""
-    terms = (weights, weights * x, weights * y, weights * (x * x + y * y))
-    return np.stack([np.bincount(owner, term, count) for term in terms])
-
-
-def _places(moments: Array, area: Array) -> Array:
-    mass = np.where(moments[0] > 0.0, moments[0], 1.0)
-    x, y = moments[1] / mass, moments[2] / mass
-    spread = 2 * math.pi * (moments[3] / mass - x * x - y * y) / np.maximum(area, 1)
-    return np.stack((x, y, area, spread), axis=-1)
+def _places(owner: Integers, x: Array, y: Array, weights: Array, area: Array) -> Array:
+    """(n, 3): every light's weighted mean place (px) and its area (px)."""
+    count = len(area)
+    mass = np.bincount(owner, weights, count)
+    mass[mass == 0.0] = 1.0
+    mean_x = np.bincount(owner, weights * x, count) / mass
+    mean_y = np.bincount(owner, weights * y, count) / mass
+    return np.stack((mean_x, mean_y, area), axis=-1)
 
 
 def _pulls(gray: Pixels, measured: Array, mass: Array) -> Array:
     """How far the background pulls each light, (n, 2) px; see `CentroidMeter`."""
     pulls = np.zeros((len(measured), 2))
-    x, y, area, _ = measured.T
+    x, y, area = measured.T
     radii = np.round(np.sqrt(area / math.pi)).astype(np.intp)
     columns = np.floor(np.nan_to_num(x) + 0.5).astype(np.intp)
     rows = np.floor(np.nan_to_num(y) + 0.5).astype(np.intp)

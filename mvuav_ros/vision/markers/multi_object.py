@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import find_clusters
+from mvuav_ros.vision.markers.detection import find_lights
 from mvuav_ros.vision.markers.gated_assignment import (
     IMPOSSIBLE,
     assign,
@@ -45,6 +45,7 @@ class MultiObjectTuning:
         confirmed: sightings from which a light is more than a speck.
         most_tentative: specks out of sight that are kept; with all of the following, so that
             noise in every frame costs little more than in one.
+        most_voters: lights that are asked whether all have jumped.
         most: lights that are kept.
     """
 
@@ -57,6 +58,7 @@ class MultiObjectTuning:
     size_memory: float = 0.8
     confirmed: int = 3
     most_tentative: int = 50
+    most_voters: int = 40
     most: int = 400
 
 
@@ -92,7 +94,7 @@ class MultiObjectTracker:
         predicted = np.array(self._motion.predict(time, parameters.prediction)).reshape(-1, 2)
         status = ''
         try:
-            found = np.array(find_clusters(image, parameters), np.float64).reshape(-1, 3)
+            found = find_lights(image, parameters)
             if len(found) > TUNING.most:
                 raise GroupingError(f'{len(found)} lights above the threshold')
         except GroupingError as error:
@@ -100,7 +102,7 @@ class MultiObjectTracker:
             found = np.empty((0, 3))
         given = self._give(predicted, found, parameters.search_radius)
         self._update(time, given, found)
-        given = self._forget(time - parameters.lost_timeout, given)
+        given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
         new = np.setdiff1d(np.arange(len(found)), given)
         self._add(time, found[new])
         return self._result(np.concatenate((given, new)), found, status)
@@ -111,21 +113,30 @@ class MultiObjectTracker:
             return np.full(len(predicted), -1)
         seen = found[:, :2]
         apart, number = choices(predicted, seen, TUNING.widest)
+        voters = self._voters()
         longest, same = 3 * TUNING.widest, TUNING.same_jump
-        shift = common_shift(predicted, seen, apart[:, 0], longest, same)
+        shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
         if shift is not None:
             apart, number = choices(predicted + shift, seen, TUNING.widest)
         deviations = self._motion.deviations()
-        reach = np.maximum(search_radius, TUNING.gate * deviations)
-        # A light that is alone far and wide may jump further than one among others.
-        alone = np.minimum(nearest_other(predicted)[:, None], nearest_other(seen)[number])
-        reach = np.minimum(np.maximum(reach[:, None], TUNING.alone * alone), TUNING.widest)
+        reach = np.maximum(search_radius, TUNING.gate * deviations)[:, None]
+        if (apart[:, 0] > reach[:, 0]).any():
+            # A light that is alone far and wide may jump further than one among others.
+            alone = np.minimum(nearest_other(predicted)[:, None], nearest_other(seen)[number])
+            reach = np.maximum(reach, TUNING.alone * alone)
+        reach = np.minimum(reach, TUNING.widest)
         cost = (apart / np.maximum(deviations, 1.0)[:, None]) ** 2
         offset = TUNING.size_offset
         usual, size = np.log(self._areas + offset), np.log(found[:, 2] + offset)
         cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
         cost[apart > reach] = IMPOSSIBLE
         return assign(cost, number)
+
+    def _voters(self) -> Integers:
+        """The lights that can tell a jump of all: well known, and seen in the last frame."""
+        known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
+        voters = np.flatnonzero(known)
+        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.most_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
@@ -138,13 +149,13 @@ class MultiObjectTracker:
         change = found[given[visible], 2] - self._areas[visible]
         self._areas[visible] += (1 - TUNING.size_memory) * change
 
-    def _forget(self, earliest: float, given: Integers) -> Integers:
+    def _forget(self, earliest: float, given: Integers, most_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
         hidden = given < 0
         kept = ~hidden | (self._last_seen >= earliest)
         tentative = self._sightings < TUNING.confirmed
         _thin_out(kept, hidden & tentative, self._sightings, TUNING.most_tentative)
-        _thin_out(kept, hidden, self._sightings, TUNING.most - int((~hidden).sum()))
+        _thin_out(kept, hidden, self._sightings, most_hidden)
         if not kept.all():
             self._motion.keep(kept)
             self._ids, self._areas = self._ids[kept], self._areas[kept]

@@ -31,14 +31,14 @@ class PredictionTuning:
 
     Attributes:
         prior: of each prediction's weight, the thesis's methods first, then the Kalman filter
-            without and with the prediction of vibration. A marker that stands still is rare.
+            without and with the prediction of vibration. Markers that stand still are rarer.
         first_deviation: px, assumed of a prediction before anything is known of the motion.
         least_deviation: px, of a prediction.
         level_memory: per frame, of the squared errors of a marker's predictions.
         young: frames in which the vibration is learnt from every frame, later from every other.
     """
 
-    prior: tuple[float, ...] = (0.2, 1.0, 1.0, 1.0, 1.0, 1.0)
+    prior: tuple[float, ...] = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
     first_deviation: float = 3.0
     least_deviation: float = 0.3
     level_memory: float = 0.9

@@ -12,7 +12,9 @@ from mvuav_ros.offline.evaluation.corners import (
     CornersScore,
     FrameScore,
     LabelledFrame,
+    Tolerance,
     read_corners,
+    read_horizon,
     score_frame,
 )
 from mvuav_ros.vision.approach.derotation import line_through
@@ -39,13 +41,13 @@ def edges(frame, left=0.0, right=0.0):
 
 
 def test_the_tolerance_is_3_px_or_5_percent_of_the_near_width():
-    assert NARROW.tolerance == 3.0
-    assert WIDE.tolerance == pytest.approx(10.0)
+    assert NARROW.tolerance() == 3.0
+    assert WIDE.tolerance() == pytest.approx(10.0)
+    assert WIDE.tolerance(Tolerance(4.0, 0.08)) == pytest.approx(16.0)
 
 
 @pytest.mark.parametrize(('aside', 'found'), [(0.0, True), (2.9, True), (3.2, False)])
 def test_a_line_must_pass_near_both_corners(aside, found):
-    # The left edge's normal is 0.98 of a column: 3.2 columns are 3.14 px.
     assert score_frame(NARROW, edges(NARROW, left=aside)).found is found
     assert score_frame(NARROW, edges(NARROW, right=-aside)).found is found
 
@@ -89,6 +91,32 @@ def test_every_failure_has_a_class(left, right, failure):
     assert CornersScore((frame,) * 26).failures == ({failure: 2} if failure else {})
 
 
+def test_wrong_is_what_is_reported_and_not_found():
+    missing = FrameScore('x', math.inf, 1.0, 3.0)
+    wrong, good = FrameScore('x', 9.0, 1.0, 3.0, 0.7), FrameScore('x', 1.0, 1.0, 3.0, 0.9)
+    score = CornersScore((missing,) * 24 + (missing, wrong, good, good))
+    assert (score.reported, score.wrong, score.both) == (0.75, 0.25, 0.5)
+    assert score.first_report == 26
+    assert CornersScore((missing,)).first_report is None
+    assert score.figures()['frames'][25]['confidence'] == 0.7
+
+
+def test_the_horizon_of_each_frame_is_read(tmp_path):
+    path = tmp_path / 'horizon.csv'
+    path.write_text('file,row_at_centre,slope_deg\nb.jpg,80,0\na.jpg,75.5,-2\n')
+    (line,) = read_horizon(path, [NARROW])
+    assert (line.row, math.degrees(line.slope)) == (75.5, pytest.approx(-2.0))
+    path.write_text('file,row_at_centre,slope_deg\nb.jpg,80,0\n')
+    with pytest.raises(CornersError, match=r'no row of a\.jpg'):
+        read_horizon(path, [NARROW])
+    path.write_text('file,row_at_centre\na.jpg,80\n')
+    with pytest.raises(CornersError, match='no column slope_deg'):
+        read_horizon(path, [NARROW])
+    path.write_text('file,row_at_centre,slope_deg\na.jpg,80,x\n')
+    with pytest.raises(CornersError, match='line 2'):
+        read_horizon(path, [NARROW])
+
+
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
@@ -126,6 +154,8 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     printed = capsys.readouterr().out
     assert 'frames counted 6' in printed
     assert 'both edges found 0.0 %' in printed
+    assert 'both edges reported and wrong 0.0 %' in printed
+    assert 'first report in frame none' in printed
     assert 'failures missing 6' in printed
     names = sorted(path.stem for path in folder.iterdir())
     assert names == ['best', 'failure_missing', 'median', 'worst']

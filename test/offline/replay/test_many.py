@@ -165,7 +165,8 @@ def test_a_process_that_dies_costs_its_own_recording_only(tmp_path: Path) -> Non
     long = write_flight(tmp_path / 'long.mcap', 6000)
     short = write_flight(tmp_path / 'short.mcap', 20)
     out = tmp_path / 'out'
-    command = [*COMMAND, 'replay', str(long), str(short), '-o', str(out), *NODE]
+    jobs = ('--jobs', '1')
+    command = [*COMMAND, 'replay', str(long), str(short), '-o', str(out), *NODE, *jobs]
     with subprocess.Popen(
         command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -75,7 +75,7 @@ def test_verdicts(cell, verdict):
 def test_the_summary_counts_the_cells_and_begins_with_the_worst():
     cells = (0.5, 1.0, 1.5, 3.0)
     rows = (
-        *(('r', f'{v:g}', Compared(v, 1.0)) for v in cells),
+        *(('r', f'row {v:g}', Compared(v, 1.0)) for v in cells),
         ('r', 's', Compared(2.0, 1.0, SHIPPED)),
     )
     columns = (Column('a'), Column('b'), Column('c'))
@@ -88,6 +88,8 @@ def test_the_summary_counts_the_cells_and_begins_with_the_worst():
     assert 'of 1 cells beside the thesis 0 better, 0 equal, 1 worse' in page
     worst = worst_first([c for c in report.comparisons() if c.compared.by != SHIPPED])
     assert [c.compared.value for c in worst] == [3.0, 1.5]
-    assert page.index('Table 9, r, 3, c: 3 against 1') < page.index('Table 9, r, 1.5, c: 1.5')
+    assert page.index('Table 9, r, row 3, c: 3 against 1') < page.index(
+        'Table 9, r, row 1.5, c: 1.5'
+    )
     assert page.index('>bad<') < page.index('>?<') < page.index('>good<')
     assert report.tables()[0].records()[0]['c'] == 0.5

@@ -23,6 +23,7 @@ TABLES = {
     'table_5_3_truth_found',
     'table_5_3_truth_predicted',
     'table_5_5_truth',
+    'table_5_5_noise',
     'figures_5_1_to_5_3',
     'figure_4_30',
     'runway_flags',
@@ -194,6 +195,23 @@ def test_what_is_said_of_table_5_3(tables, said):
     for kind, count in above.items():
         found = re.search(rf'above 1 px: {kind.lower()} .*? (\d+) of 20 above; the worst', said)
         assert found is not None and int(found.group(1)) == count
+    ratios = tables['table_5_3_ratio'].rows
+    printed, ours = ([row[2:] for row in ratios if row[1] == by] for by in ('thesis', 'here'))
+    larger = int(np.sum(np.array(ours) > np.array(printed)))
+    assert f'of 20 cells, larger in {larger}.' in said
+    faster = re.search(r'Here it is more than that for ([^:]*):', said)
+    assert faster is not None
+    for number, told in enumerate(re.findall(r'(\d) of 5 in trial', faster.group(1)), 1):
+        moved = next(
+            row[2:]
+            for row in ratios
+            if row[0].startswith(f'Trial {number}') and row[1].startswith('acceleration')
+        )
+        printed_cells = [
+            known.cell('table_5_3', f'Trial {number}, Velocity Only', name).value
+            for name in known.MARKERS
+        ]
+        assert int(told) == sum(a > v for a, v in zip(moved, printed_cells, strict=True))
     # Of the thesis's own numbers.
     assert 'velocity only is smaller in 14 of 20 cells, full estimation in 5, 1 equal' in said
 
@@ -227,6 +245,10 @@ def test_what_is_said_of_the_roll(tables, said):
         rows = [[float(cell) for cell in values(table, c, by)[0]] for c in known.CONDITIONS]
         growing = sum((np.diff(column) > 0).all() for column in np.array(rows).T)
         assert f'{words}: grows with the vibration in {growing} of 3 columns' in said
+    *ours, thesis = tables['table_5_5_noise'].rows
+    for noise, by, *cells in ours:
+        below = sum(c < float(p) for c, p in zip(cells, thesis[2:], strict=True))
+        assert f'{by} at {noise} in {below}' in said
     for by in ("the thesis's program", 'as shipped'):
         calm, shaken = (
             [float(text.split()[0]) for text in values(tables['table_5_5_truth'], c, by)[0]]

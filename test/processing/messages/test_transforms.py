@@ -168,6 +168,21 @@ def test_the_tankers_markers_land_on_their_pixels():
     assert checked > 20
 
 
+def test_an_autopilot_gets_its_message_complete_or_not_at_all():
+    """By the definition that robot_localization and MAVROS's vision_pose/pose_cov are built on."""
+    said = [*fly(MarkerTrackerProcessor(), TANKER), *fly(approach(), RUNWAY)]
+    poses = [outputs['vision_pose'] for outputs in said if 'vision_pose' in outputs]
+    assert 10 < len(poses) < len(said)
+    for data in poses:
+        pose = TYPES.deserialize_cdr(data, 'geometry_msgs/msg/PoseWithCovarianceStamped').pose
+        orientation = numbers(pose.pose.orientation)
+        assert np.isfinite([*numbers(pose.pose.position), *orientation]).all()
+        assert math.hypot(*orientation) == pytest.approx(1.0)
+        covariance = pose.covariance.reshape(6, 6)
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        assert covariance.max() < 1e6
+
+
 def test_the_covariance_follows_the_change_of_frame():
     """Against samples of the pose that are turned round one by one."""
     chance = np.random.default_rng(5)

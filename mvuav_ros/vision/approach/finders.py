@@ -1,0 +1,170 @@
+"""From a frame to the track of the target in it: the horizon first, then what lies below it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.attitude import HorizonLine
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.evidence import shrink_levels
+from mvuav_ros.vision.approach.features import shrink
+from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
+from mvuav_ros.vision.approach.runway_tracker import RunwayTracker, SearchRange
+from mvuav_ros.vision.approach.shape import Shape
+from mvuav_ros.vision.approach.targets import TARGETS
+from mvuav_ros.vision.approach.tracker import Tracker
+from mvuav_ros.vision.approach.tuning import TUNING
+from mvuav_ros.vision.image import Pixels
+
+_AFRESH = 10
+"""Frames between two looks for the horizon at any slope."""
+_NEAR_HORIZON = 10.0
+"""Px of the working image between the runway's vanishing point and a horizon seen in the image, up
+to which the two are taken for the same."""
+_WHOLE = (0.03, 0.65)
+"""Share of the height in which vanishing points are looked for without a horizon."""
+
+
+class FollowedTrack(Protocol):
+    """What a result needs of a track."""
+
+    shape: Shape
+    far: float
+    near: float
+    near_seen: float
+    open_end: bool
+    points: tuple[EdgePoints, EdgePoints] | None
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a frame shows.
+
+    Attributes:
+        track: of the target, if there is one.
+        confidence: of the track.
+        level: the frame's derotation.
+        horizon_row: on the levelled working image, if it is known.
+    """
+
+    track: FollowedTrack | None
+    confidence: float
+    level: Derotation
+    horizon_row: float | None
+
+
+class Finder(Protocol):
+    """Finds a target in one frame after the other."""
+
+    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+        ...
+
+
+def make_finder(target: str) -> Finder:
+    """The finder of a target by its name."""
+    return RunwayFinder() if target == 'runway' else StripFinder(target)
+
+
+class _ImageHorizon:
+    """The horizon as the image shows it, followed from frame to frame."""
+
+    def __init__(self) -> None:
+        self._finder: HorizonFinder | None = None
+        self._last: Horizon | None = None
+        self._frames = 0
+
+    def find(self, pixels: NDArray[np.uint8]) -> Horizon | None:
+        """In a working image, (height, width, 3) uint8; None without one."""
+        if self._finder is None:
+            self._finder = HorizonFinder(*pixels.shape[:2])
+        near = None if self._frames % _AFRESH == 0 else self._last
+        self._frames += 1
+        horizon = self._finder.find(pixels, near)
+        self._last = horizon if horizon.trusted else None
+        return self._last
+
+
+class RunwayFinder:
+    """Finds a runway, with or without attitude."""
+
+    def __init__(self) -> None:
+        self._tracker = RunwayTracker()
+        self._horizon = _ImageHorizon()
+
+    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
+        """See `Finder`."""
+        pixels, factor = shrink_levels(image)
+        height, width = pixels.shape[:2]
+        if attitude is not None:
+            row = (attitude.row + 0.5) / factor - 0.5
+            level = Derotation(width, height, factor, attitude.slope)
+            row = level.row_of(row)
+            reach = TUNING.attitude_reach
+            ranges = [SearchRange(level.slope, row - reach, row + reach)]
+            known: tuple[float, float] | None = (row, TUNING.attitude_sigma)
+        else:
+            level, ranges, seen = self._from_image(pixels, factor)
+            row, known = seen, self._agreed(seen)
+        track = self._tracker.step(
+            image, pixels, level, ranges, known, attitude=attitude is not None
+        )
+        return Found(track, self._tracker.confidence, level, row)
+
+    def _from_image(
+        self, pixels: NDArray[Any], factor: int
+    ) -> tuple[Derotation, list[SearchRange], float | None]:
+        """Derotation, hypotheses, and the row of the horizon if one is seen."""
+        height, width = pixels.shape[:2]
+        levels = np.clip(pixels, 0, 255).astype(np.uint8)
+        colour = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
+        horizon = self._horizon.find(np.asarray(colour, np.uint8))
+        whole = SearchRange(0.0, _WHOLE[0] * height, _WHOLE[1] * height)
+        if horizon is None:
+            return Derotation(width, height, factor, 0.0), [whole], None
+        level = Derotation(width, height, factor, horizon.slope)
+        row = level.row_of(horizon.row)
+        above, below = TUNING.horizon_reach
+        near = SearchRange(level.slope, row - above, row + below)
+        return level, [near, whole], row
+
+    def _agreed(self, row: float | None) -> tuple[float, float] | None:
+        """The seen horizon where the runway's edges meet at it; a cloud's edge is none."""
+        best = self._tracker.best
+        if row is None or best is None:
+            return None
+        apart = abs(best.shape.vanishing_point[1] - row)
+        return (row, TUNING.image_horizon_sigma) if apart < _NEAR_HORIZON else None
+
+
+class StripFinder:
+    """Finds the lane of a road, or a pipeline."""
+
+    def __init__(self, target: str) -> None:
+        self._target = TARGETS[target]
+        self._tracker: Tracker | None = None
+        self._horizon = _ImageHorizon()
+
+    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
+        """See `Finder`."""
+        working = shrink(image)
+        height, width = working.pixels.shape[:2]
+        slope, row = 0.0, math.nan
+        if self._target.uses_horizon:
+            if attitude is not None:
+                slope, row = attitude.slope, (attitude.row + 0.5) / working.factor - 0.5
+            elif (horizon := self._horizon.find(working.pixels)) is not None:
+                slope, row = horizon.slope, horizon.row
+        level = Derotation(width, height, working.factor, slope)
+        level_row = None if math.isnan(row) else level.row_of(row)
+        if self._tracker is None:
+            self._tracker = Tracker(self._target, height, width)
+        track = self._tracker.step(image, working.pixels, level, level_row)
+        return Found(track, 0.0 if track is None else track.confidence, level, level_row)

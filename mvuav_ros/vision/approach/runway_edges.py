@@ -1,0 +1,89 @@
+"""The runway's two edges on the frame itself: steps of brightness and colour, or painted lines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import EdgePoints, EdgeSamples, sample_edges
+from mvuav_ros.vision.approach.evidence import opponent_channels
+
+_LEAST_CONTRAST = 1.5
+"""Grey levels: less contrast of the surface gives no direction."""
+_PAINT_BEFORE_STEPS = 1.0
+"""Paint must be that much more evident than steps, in textures, before edges are looked for in it:
+a runway's edge is the pavement's, where that can be seen."""
+_MEMORY = 0.2
+
+
+class EdgeLook:
+    """What the step across a runway's edges is like, learnt from frame to frame."""
+
+    def __init__(self) -> None:
+        self._contrast = np.zeros(3)
+        self._paint = 0.0
+        self._known = False
+
+    def find(
+        self,
+        image: NDArray[Any],
+        level: Derotation,
+        shape: NDArray[np.float64],
+        span: tuple[float, float],
+        paint_lead: float,
+    ) -> tuple[EdgePoints, EdgePoints]:
+        """Measure both edges, and learn what they look like.
+
+        Args:
+            image: the frame, (height, width) or (height, width, 3), blue first.
+            level: of the frame.
+            shape: (4,) vanishing point and slopes, px of the levelled working image.
+            span: rows from the vanishing point to the far and to the near end.
+            paint_lead: by how much paint is more evident than steps, in textures.
+        """
+        samples = sample_edges(image, level, shape, span)
+        levels = samples.pixels / 256.0 if image.dtype == np.uint16 else samples.pixels
+        channels = opponent_channels(np.asarray(levels))
+        steps = np.stack([samples.steps(channel) for channel in channels])
+        self._learn(steps, samples, channels[0])
+        if paint_lead > _PAINT_BEFORE_STEPS:
+            ridge = _ridges(samples, channels[0])
+            size = max(self._paint, _LEAST_CONTRAST)
+            lines = np.clip(ridge, 0.0, size)
+            return samples.fit(lines, lines, size)
+        size = float(np.linalg.norm(self._contrast[: len(channels)]))
+        direction = self._contrast[: len(channels)] / max(size, 1e-6)
+        along = np.tensordot(direction, steps, axes=1)
+        size = max(size, _LEAST_CONTRAST)
+        along = np.clip(along, 0.0, size)
+        return samples.fit(along, along, size)
+
+    def _learn(self, steps: NDArray[Any], samples: EdgeSamples, brightness: NDArray[Any]) -> None:
+        """Take the strongest step that both edges have in common near where they are expected."""
+        middle = steps.shape[3] // 2
+        near = slice(max(0, middle - 3), middle + 4)
+        average = steps.mean(axis=2)[:, :, near]
+        left, right = average[:, 0], average[:, 1]
+        size_left, size_right = (np.linalg.norm(each, axis=0) for each in (left, right))
+        # Each edge where it is steepest; the contrast is what the two agree in.
+        one, other = left[:, size_left.argmax()], right[:, size_right.argmax()]
+        common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
+        contrast = np.zeros(3)
+        contrast[: common.size] = common
+        paint = float(_ridges(samples, brightness).mean(axis=1)[:, near].max())
+        share = _MEMORY if self._known else 1.0
+        self._contrast += share * (contrast - self._contrast)
+        self._paint += share * (paint - self._paint)
+        self._known = True
+
+
+def _ridges(samples: EdgeSamples, brightness: NDArray[Any]) -> NDArray[Any]:
+    """(2, count, places - base) how much brighter a place is than both sides, grey levels."""
+    half = samples.base // 2
+    sides = np.maximum(brightness[:, : -2 * half], brightness[:, 2 * half :])
+    ridge = np.maximum(brightness[:, half:-half] - sides, 0.0)
+    ridge = ridge.reshape(2, samples.rows.size, -1)
+    return np.where(samples.inside[:, :, half : samples.inside.shape[2] - half], ridge, 0.0)

@@ -1,0 +1,250 @@
+"""Several possible runways followed at a time, until it is clear which is the one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.appearance import Scene
+from mvuav_ros.vision.approach.candidates import (
+    LEVELS,
+    Candidates,
+    LevelledImage,
+    find_candidates,
+)
+from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
+from mvuav_ros.vision.approach.probability import evidence_weights
+from mvuav_ros.vision.approach.runway_track import RunwayTrack
+from mvuav_ros.vision.approach.strip_search import fan_jobs
+from mvuav_ros.vision.approach.tuning import TUNING
+
+_MOST_TRACKS = 3
+_CHUNK = 8
+"""Rows of vanishing points searched in one frame."""
+_OFTEN, _SELDOM = 2, 8
+"""Frames from one share of the search to the next without and with a runway."""
+_HALF_AGREEMENT = 0.15
+"""Agreement of the strips at which the mean of the right runway is within tolerance in every second
+frame: runs 3 and 5."""
+_SPARSE, _LEAST_CHANGE = 8, 0.5
+"""Px between those compared, and grey levels of their mean change, in an image that moves."""
+_SCENE_FRAMES = 8
+"""For which the image as a whole is taken to stay alike."""
+_HOPELESS = -5.0
+_LEAST_START = -3.0
+"""Log odds below which a candidate is not followed."""
+_SWITCH = 0.7
+"""Log odds by which another track must be better than the one shown."""
+_MOST_TAKEN, _FAR_BELOW = 24, 6.0
+"""Candidates of one search that are followed, and how far below the best their log odds may be."""
+
+
+@dataclass(frozen=True)
+class SearchRange:
+    """Where vanishing points are looked for.
+
+    Attributes:
+        slope: rad, by which the image is levelled for the search.
+        first: row of the levelled working image.
+        last: likewise.
+    """
+
+    slope: float
+    first: float
+    last: float
+
+
+class _View(NamedTuple):
+    """A frame as the tracks see it; see `RunwayTracker.step`."""
+
+    image: NDArray[Any]
+    pixels: NDArray[Any]
+    working: LevelledImage
+    level: Derotation
+    horizon: tuple[float, float] | None
+
+
+class RunwayTracker:
+    """Finds and follows the runway on the levelled working images of one size."""
+
+    def __init__(self) -> None:
+        self.tracks: list[RunwayTrack] = []
+        self.best: RunwayTrack | None = None
+        self._level: Derotation | None = None
+        self._attitude = False
+        self._scene: Scene | None = None
+        self._last: NDArray[np.float32] | None = None
+        self._frame = 0
+        self._job = 0
+
+    def step(
+        self,
+        image: NDArray[Any],
+        pixels: NDArray[Any],
+        level: Derotation,
+        ranges: list[SearchRange],
+        horizon: tuple[float, float] | None,
+        *,
+        attitude: bool = False,
+    ) -> RunwayTrack | None:
+        """Take in the next frame.
+
+        Args:
+            image: the frame, (height, width) or (height, width, 3), blue first.
+            pixels: its working image.
+            level: of the frame.
+            ranges: hypotheses of where the horizon is; the first has the level's slope.
+            horizon: row of the vanishing point and its standard deviation, if known, px.
+            attitude: whether that comes from an attitude sensor.
+
+        Returns:
+            The likeliest track, if there is one.
+        """
+        if self._frame % _SCENE_FRAMES == 0:
+            self._scene = None
+        working = LevelledImage(level.turned(pixels), self._scene)
+        view = _View(image, pixels, working, level, horizon)
+        moved = self._has_moved(pixels)
+        for track in self.tracks:
+            if self._level is not None:
+                track.turn(self._level, level)
+            track.step(image, view.working, level, horizon)
+            track.moved += moved
+        self._level, self._attitude = level, attitude
+        self.tracks = [
+            track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
+        ]
+        self._merge()
+        certain = self.best is not None and self.best.log_odds > 0
+        if self._frame == 0:
+            for each in ranges:
+                self._start(self._everywhere(view, each), view)
+        elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
+            self._start(self._share(view, ranges), view)
+        self._frame += 1
+        self._scene = working.whole_scene
+        self._choose()
+        return self.best
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the best track is a runway, rather than another track or none."""
+        best = self.best
+        if best is None:
+            return 0.0
+        others = [track for track in self.tracks if track is not best]
+        against = sum(self._odds(track) for track in others)
+        for_it = self._odds(best)
+        sure = best.agreement / (best.agreement + _HALF_AGREEMENT)
+        return sure * for_it / (1.0 + for_it + against)
+
+    def _has_moved(self, pixels: NDArray[Any]) -> bool:
+        """Whether the image differs from the last one; a still says nothing new."""
+        some = pixels[::_SPARSE, ::_SPARSE].astype(np.float32)
+        last, self._last = self._last, some
+        if last is None or last.shape != some.shape:
+            return False
+        return float(np.abs(some - last).mean()) > _LEAST_CHANGE
+
+    def _odds(self, track: RunwayTrack) -> float:
+        """That a track is a runway, with what the frames together and attitude say."""
+        bonus = TUNING.attitude_log_odds if self._attitude else 0.0
+        bonus += TUNING.followed_log_odds * min(track.moved / TUNING.followed_frames, 1.0)
+        return math.exp(min(track.log_odds + bonus, 50.0))
+
+    def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
+        searched, turned = self._levelled(view, where)
+        return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
+
+    def _share(self, view: _View, ranges: list[SearchRange]) -> Candidates:
+        """The next few rows of vanishing points, on one level and at one depth."""
+        chunks = [
+            (where, pyramid, depth, rows)
+            for where in ranges
+            for pyramid in range(LEVELS)
+            for depth, rows in _chunks(where, pyramid)
+        ]
+        where, pyramid, depth, rows = chunks[self._job % len(chunks)]
+        self._job += 1
+        searched, turned = self._levelled(view, where)
+        found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
+        return _turned(searched.weigh(found, pyramid), turned, view.level)
+
+    def _levelled(self, view: _View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
+        level = view.level
+        if where.slope == level.slope:
+            return view.working, level
+        other = Derotation(level.width, level.height, level.factor, where.slope)
+        return LevelledImage(other.turned(view.pixels)), other
+
+    def _start(self, found: Candidates, view: _View) -> None:
+        """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
+        if not len(found.strips):
+            return
+        odds = evidence_weights().log_odds(found.features)
+        fresh: list[RunwayTrack] = []
+        for index in islice(np.argsort(-odds, kind='stable'), _MOST_TAKEN):
+            if odds[index] < max(_LEAST_START, float(odds.max()) - _FAR_BELOW):
+                break
+            self._take(found.strips[index], float(odds[index]), fresh)
+        for track in fresh:
+            track.step(view.image, view.working, view.level, view.horizon)
+
+    def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
+        for track in self.tracks:
+            if track.covers(strip):
+                track.add(strip)
+                return
+        track = RunwayTrack(strip, odds)
+        if self._room_for(track):
+            self.tracks.append(track)
+            fresh.append(track)
+
+    def _room_for(self, track: RunwayTrack) -> bool:
+        """Whether it may be followed, for which the worst one may have to go."""
+        if len(self.tracks) < _MOST_TRACKS:
+            return True
+        worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.log_odds)
+        if worst.log_odds > track.log_odds:
+            return False
+        self.tracks.remove(worst)
+        return True
+
+    def _merge(self) -> None:
+        """Of tracks that have become the same one keep the one shown, or the better."""
+        kept: list[RunwayTrack] = []
+        for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.log_odds)):
+            if not any(other.covers(track.strip()) for other in kept):
+                kept.append(track)
+        self.tracks = kept
+
+    def _choose(self) -> None:
+        if self.best not in self.tracks:
+            self.best = None
+        for track in self.tracks:
+            if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
+                self.best = track
+
+
+def _chunks(where: SearchRange, level: int) -> list[tuple[int, list[float]]]:
+    factor = 2**level
+    by_depth: dict[int, list[float]] = {}
+    for depth, row in fan_jobs(where.first / factor, where.last / factor, level):
+        by_depth.setdefault(depth, []).append(row)
+    return [
+        (depth, rows[first : first + _CHUNK])
+        for depth, rows in by_depth.items()
+        for first in range(0, len(rows), _CHUNK)
+    ]
+
+
+def _turned(found: Candidates, old: Derotation, new: Derotation) -> Candidates:
+    """Candidates of one derotation described on another one."""
+    if old.slope == new.slope:
+        return found
+    return Candidates(turn_strips(found.strips, old, new), found.features)

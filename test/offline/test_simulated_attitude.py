@@ -1,0 +1,60 @@
+"""From the simulator's attitude sensor through a bag to the detector."""
+
+import pytest
+
+from mvuav_ros.offline.simulate import truth_messages
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
+from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.vision.approach.attitude import horizon_from, mount_matrix
+
+FRAMES = 4
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('flight') / 'flight.mcap'
+    flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240})
+    camera = camera_model(flight.camera)
+    with RecordingWriter(path) as writer:
+        for frame in flight:
+            for topic, kind, data in truth_messages(frame, camera, 'camera', seed=1):
+                writer.write(topic, kind, frame.stamp_ns, data)
+    return path
+
+
+def test_frames_of_the_bag_have_the_attitude_that_was_written(bag):
+    source = BagImages(bag)
+    assert source.imu_topic == '/imu'
+    frames = list(source.items(camera=True, attitude=True))
+    flight = make_flight('runway', {'frames': FRAMES, 'width': 320, 'height': 240})
+    assert len(frames) == FRAMES
+    for index, frame in enumerate(frames):
+        horizon = horizon_from(frame.attitude, frame.camera, mount_matrix((0.0, 0.0, 0.0)))
+        # The vanishing point lies on the horizon, but for the sensor's bias: 10 px are 2 degrees.
+        assert abs(horizon.row - flight.truth(index).vanishing_point[1]) < 10
+
+
+def test_attitude_is_left_out_where_it_is_not_asked_for(bag):
+    assert all(frame.attitude is None for frame in BagImages(bag).items(camera=True))
+
+
+def test_the_node_says_that_attitude_was_lost(bag):
+    frames = list(BagImages(bag).items(camera=True, attitude=True))
+    processor = RunwayDetectorProcessor(RunwayDetectorParameters(mode='approach'))
+    processor.process(frames[0])
+    assert 'attitude' not in processor.status
+    without = next(iter(BagImages(bag).items(camera=True)))
+    lost = type(without)(frames[1].stamp_ns, without.frame_id, frames[1].image, frames[1].camera)
+    processor.process(lost)
+    assert 'no attitude' in processor.status
+
+
+def test_waiting_for_attitude_depends_on_the_mode():
+    assert not RunwayDetectorProcessor(RunwayDetectorParameters()).awaits_attitude
+    approach = RunwayDetectorParameters(mode='approach')
+    assert RunwayDetectorProcessor(approach).awaits_attitude
+    image = approach.changed({'horizon_source': 'image'})
+    assert not RunwayDetectorProcessor(image).awaits_attitude

@@ -1,0 +1,246 @@
+"""Fits the log odds of mode approach (mvuav_ros/vision/approach/probability.json) to footage.
+
+Not part of the package: it needs the footage, which is not given away, and takes minutes. Only
+the tuning half is used: the flights of run 3 and of run 5, the cockpit stills of every other
+video, two roads and the part of the UAV clip without a runway; in colour and in grey. Run 2, the
+other stills and the motorway are left for checks.
+
+    python tools/fit_approach.py ../shared/footage
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from mvuav_ros.vision.approach.appearance import FEATURES
+from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, find_candidates
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.evidence import shrink_levels
+
+OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
+QUANTILES = (0.1, 0.35, 0.65, 0.9)
+"""Of the right strips' features: where the slopes of the log odds change."""
+PENALTY = 40.0
+"""Of squared slopes; 20 fits the tuning half better and the stills left for checks no worse."""
+RUN_WEIGHT = 0.4
+"""Of an image of run 3, of which there are many, beside any other image."""
+
+
+class Example(NamedTuple):
+    """The candidates of one image.
+
+    Attributes:
+        features: (n, features).
+        right: (n,) whether each is the runway; those between right and wrong are left out.
+        weight: of the image.
+    """
+
+    features: NDArray[np.float64]
+    right: NDArray[np.bool_]
+    weight: float
+
+
+class Allowed(NamedTuple):
+    """Error of a right strip: px, and share of the near width."""
+
+    least: float
+    share: float
+
+
+def examples(footage: Path) -> Iterator[Example]:
+    """All images of the tuning half."""
+    yield from of_stills(footage / 'runway' / 'cockpit_stills')
+    run3, run5 = (footage / 'runway' / f'approach_run{number}' for number in (3, 5))
+    yield from of_run(run3, 10, Allowed(3.0, 0.05), RUN_WEIGHT)
+    yield from of_run(run5, 20, Allowed(4.0, 0.08), 1.0)
+    for clip, step in (
+        ('road/straight_rural_road_720p50.mp4', 30),
+        ('road/forest_road_white_edges.mp4', 30),
+        ('runway/uav_a4_over_threshold_640x480.mp4', 25),
+    ):
+        yield from of_clip(footage / clip, step)
+
+
+def both_kinds(image: NDArray[Any]) -> list[NDArray[Any]]:
+    """In colour and in grey."""
+    return [image, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))]
+
+
+def of_stills(folder: Path) -> Iterator[Example]:
+    """Stills of the videos whose number over two is even; right is an overlap of 0.3."""
+    boxes: dict[str, list[list[float]]] = {}
+    with (folder / 'boxes.csv').open(newline='') as file:
+        for row in csv.DictReader(file):
+            box = [float(row[name]) for name in ('x_min', 'y_min', 'x_max', 'y_max')]
+            boxes.setdefault(row['file'], []).append(box)
+    for name in sorted(boxes):
+        if int(name.split('-')[1]) // 2 % 2:
+            continue
+        for image in both_kinds(cv2.imread(str(folder / name))):
+            found, factor = whole(image)
+            corners = (corners_of(found.strips) + 0.5) * factor - 0.5
+            overlaps = np.max([overlap(corners, box) for box in boxes[name]], axis=0)
+            yield chosen(found, overlaps >= 0.3, (overlaps >= 0.3) | (overlaps < 0.1), 1.0)
+
+
+def of_run(folder: Path, step: int, allowed: Allowed, weight: float) -> Iterator[Example]:
+    """Frames of a labelled approach; right is an error within the tolerance."""
+    with (folder / 'corners.csv').open(newline='') as file:
+        labels = list(csv.DictReader(file))
+    with (folder / 'horizon.csv').open(newline='') as file:
+        horizons = list(csv.DictReader(file))
+    for label, horizon in list(zip(labels, horizons, strict=True))[::step]:
+        slope, row = math.radians(float(horizon['slope_deg'])), float(horizon['row_at_centre'])
+        colour = cv2.imread(str(folder / label['file']))
+        gray_camera = folder.name == 'approach_run5'
+        for image in both_kinds(colour)[1 if gray_camera else 0 :]:
+            level = Derotation(image.shape[1], image.shape[0], 1, slope)
+            levelled = LevelledImage(level.turned(image))
+            middle = level.row_of(row)
+            found = find_candidates(levelled, middle - 20, middle + 50)
+            error = errors(found.strips, label, level, allowed)
+            yield chosen(found, error <= 1, (error <= 1) | (error > 1.4), weight)
+
+
+def of_clip(path: Path, step: int) -> Iterator[Example]:
+    """Frames without a runway, colour and grey by turns."""
+    clip = cv2.VideoCapture(str(path))
+    index = 0
+    while clip.grab():
+        if index % step == 0 and not ('uav' in path.name and 180 <= index < 450):
+            found, _ = whole(both_kinds(clip.retrieve()[1])[index // step % 2])
+            none = np.zeros(len(found.strips), bool)
+            yield chosen(found, none, ~none, 1.0)
+        index += 1
+
+
+def whole(image: NDArray[Any]) -> tuple[Candidates, int]:
+    """Candidates everywhere in an image, and px of the image per px of them."""
+    pixels, factor = shrink_levels(image)
+    height = pixels.shape[0]
+    return find_candidates(LevelledImage(pixels), 0.03 * height, 0.65 * height), factor
+
+
+def chosen(
+    found: Candidates, right: NDArray[np.bool_], clear: NDArray[np.bool_], weight: float
+) -> Example:
+    """Without the candidates that are neither right nor wrong."""
+    return Example(found.features[clear], right[clear], weight)
+
+
+def corners_of(strips: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4, 2) near left, near right, far right, far left."""
+    x, y, left, right, far, near = strips.T
+    ends = ((left, near), (right, near), (right, far), (left, far))
+    return np.stack([np.stack([x + s * d, y + d], axis=-1) for s, d in ends], axis=1)
+
+
+def overlap(corners: NDArray[np.float64], box: list[float]) -> NDArray[np.float64]:
+    """Intersection over union of the bounding boxes of n strips with a box."""
+    first, last = corners.min(axis=1), corners.max(axis=1)
+    inner = np.minimum(last, box[2:]) - np.maximum(first, box[:2])
+    shared = np.prod(np.maximum(inner, 0), axis=1)
+    area = (box[2] - box[0]) * (box[3] - box[1])
+    result: NDArray[np.float64] = shared / (np.prod(last - first, axis=1) + area - shared)
+    return result
+
+
+def errors(
+    strips: NDArray[np.float64], label: dict[str, str], level: Derotation, allowed: Allowed
+) -> NDArray[np.float64]:
+    """(n,) largest horizontal error at the four corners, in tolerances."""
+    worst = np.zeros(len(strips))
+    cos, sin = math.cos(level.slope), math.sin(level.slope)
+    for corner in ('near_left', 'far_left', 'near_right', 'far_right'):
+        dx = float(label[f'{corner}_x']) - level.centre[0]
+        dy = float(label[f'{corner}_y']) - level.centre[1]
+        x, y = level.centre[0] + cos * dx + sin * dy, level.centre[1] - sin * dx + cos * dy
+        slope = strips[:, 2 if 'left' in corner else 3]
+        worst = np.maximum(worst, np.abs(strips[:, 0] + slope * (y - strips[:, 1]) - x))
+    width = abs(float(label['near_right_x']) - float(label['near_left_x']))
+    return worst / max(allowed.least, allowed.share * width)
+
+
+def fit(images: list[Example]) -> dict[str, Any]:
+    """Maximise the probability that of each image's candidates a right one, or none, is chosen."""
+    features = np.concatenate([image.features for image in images])
+    mean, deviation = features.mean(axis=0), features.std(axis=0) + 1e-6
+
+    def scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.clip((values - mean) / deviation, -4, 4)
+
+    right = np.concatenate([image.features[image.right] for image in images])
+    knots = np.quantile(scaled(np.concatenate([right, features[::20]])), QUANTILES, axis=0)
+    values = scaled(features)
+    basis = np.concatenate([values, *(np.maximum(values - knot, 0) for knot in knots)], axis=1)
+    unit = basis.std(axis=0) + 1e-6
+    problem = Problem(basis / unit, images)
+    start = np.zeros(basis.shape[1] + 1)
+    start[0] = -3.0
+    solution = minimize(problem.loss, start, jac=True, method='L-BFGS-B', options={'maxiter': 300})
+    slopes = (solution.x[1:] / unit).reshape(len(QUANTILES) + 1, -1)
+    return {
+        'features': list(FEATURES),
+        **{
+            name: np.round(array, 5).tolist()
+            for name, array in (
+                ('mean', mean),
+                ('deviation', deviation),
+                ('knots', knots),
+                ('slopes', slopes),
+            )
+        },
+        'offset': round(float(solution.x[0]), 5),
+    }
+
+
+class Problem:
+    """The likelihood of a choice among each image's candidates and none."""
+
+    def __init__(self, basis: NDArray[np.float64], images: list[Example]) -> None:
+        counts = [len(image.features) for image in images]
+        self._basis = basis
+        self._first = np.cumsum([0, *counts[:-1]])
+        self._image = np.repeat(np.arange(len(images)), counts)
+        self._right = np.concatenate([image.right for image in images]).astype(float)
+        self._any = np.array([image.right.any() for image in images])
+        self._weight = np.array([image.weight for image in images])
+
+    def loss(self, slopes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Negative logarithm with the penalty, and its gradient; the offset comes first."""
+        odds = self._basis @ slopes[1:] + slopes[0]
+        most = np.maximum(np.maximum.reduceat(odds, self._first), 0.0)
+        chance, none = np.exp(odds - most[self._image]), np.exp(-most)
+        total = np.add.reduceat(chance, self._first) + none
+        good = np.where(self._any, np.add.reduceat(chance * self._right, self._first), none)
+        good = np.maximum(good, 1e-30)
+        penalty = 0.5 * PENALTY * float((slopes[1:] ** 2).sum())
+        value = float((self._weight * (np.log(total) - np.log(good))).sum()) + penalty
+        share = np.where(self._any[self._image], chance * self._right / good[self._image], 0.0)
+        by_odds = self._weight[self._image] * (chance / total[self._image] - share)
+        return value, np.concatenate(
+            [[by_odds.sum()], self._basis.T @ by_odds + PENALTY * slopes[1:]]
+        )
+
+
+def main() -> None:
+    """Fit and write."""
+    cv2.setNumThreads(1)
+    images = [image for image in examples(Path(sys.argv[1])) if len(image.features)]
+    OUTPUT.write_text(json.dumps(fit(images), indent=1) + '\n')
+    print(f'{OUTPUT}: fitted to {len(images)} images')
+
+
+if __name__ == '__main__':
+    main()
