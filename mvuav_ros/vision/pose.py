@@ -76,6 +76,7 @@ class PoseTuning:
     most_turn_error: float = math.radians(1.5)
 
 
+__all__ = ['FEWEST', 'Pose', 'PoseEstimator', 'PoseTuning']
 TUNING = PoseTuning()
 
 

@@ -46,11 +46,11 @@ _USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17
 """How far from its expected place a light is looked for, in units of the body's size."""
-_TRIED = 24
+_TRIED = 16
 _APART = 0.6
 """rad: two starts for one way of naming the lights are tilted at least this differently."""
 _WAYS_TRIED = 8
-_MOST_COMPARISONS = 700_000
+_MOST_COMPARISONS = 150_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def _variants(
         (*way[:marker], light, *way[marker + 1 :])
         for marker, light in np.argwhere(apart < _REACH * view.scale).tolist()
         if light not in way
-    ][:_TRIED]
+    ][: _TRIED // 2]
     if not ways:
         return []
     starts = np.repeat(view.parameters[None], len(ways), axis=0)
@@ -138,7 +138,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
     m, n = measured.shape[:2]
     seen = np.broadcast_to(np.arange(n), (m, n))
-    return fit(shape, prior, seen, measured, deviation, starts=starts, iterations=12)
+    return fit(shape, prior, seen, measured, deviation, starts=starts, iterations=8)
 
 
 Start = tuple[tuple[int, ...], Array]
@@ -188,7 +188,7 @@ def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> li
         parameters[X], parameters[Y] = shift[pair, look].real, shift[pair, look].imag
         _explain_by_place(shape, parameters)
         found.append((chosen, parameters))
-        if len(found) == _TRIED:
+        if len(found) == (_TRIED if count == looks.shape[1] else _TRIED // 2):
             break
     return found
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import lru_cache
-from itertools import combinations, islice, permutations, product
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.acquisition import (
     ANY_ROLL,
@@ -18,14 +16,11 @@ from mvuav_ros.vision.markers.acquisition import (
     Guess,
     guess_start,
 )
-from mvuav_ros.vision.markers.blobs import Blobs, may_be_light
+from mvuav_ros.vision.markers.blobs import Blob, Blobs, may_be_light
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.view import (
-    ROLL,
-    SCALE,
-    Array,
     Lens,
     ViewState,
     WeakPerspective,
@@ -33,7 +28,6 @@ from mvuav_ros.vision.markers.view import (
     Y,
     fit,
 )
-from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ROUND = 1.4
 """Spread of a spot that may be a light."""
@@ -54,13 +48,7 @@ GATE = 16.0
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
 MOST_WAYS = 1000
-MOST_REFITTED = 24
-MOST_PERMUTED = 7
-MOST_OF_THREE = 24
-MOST_BENT = 0.15
-MOST_MEASURED = 48
-MOST_PAIRS = 300
-MOST_COST = 24.0
+MOST_MEASURED = 24
 STRANGE = 3
 """Frames without a name after which a light is a stranger."""
 STRANGER_STEP = 8.0
@@ -75,10 +63,27 @@ class Lights:
         measured: where the image shows them.
     """
 
-    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter, lens: Lens) -> None:
+    def __init__(
+        self,
+        blobs: Blobs,
+        cut: Cut,
+        meter: CentroidMeter,
+        lens: Lens,
+        around: Sequence[float] = (),
+    ) -> None:
+        """Measure the lights of a frame.
+
+        Args:
+            blobs: of the frame.
+            cut: gives its intensity.
+            meter: how they are measured.
+            lens: of the camera.
+            around: x and y of places in turn, px: of very many lights the nearest to them are
+                measured; the largest, which tell what is small, if there are none.
+        """
         boxes = [box for box in blobs.boxes if may_be_light(box)]
-        # The largest tell what is small; of hundreds of specks no more is needed.
-        boxes = sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+        if len(boxes) > MOST_MEASURED:
+            boxes = _most_useful(boxes, around)
         measured = [blobs.measure(box, cut, meter) for box in boxes]
         self.spots = straightened(lens, measured)
         self.measured = dict(zip(self.spots, measured, strict=True))
@@ -109,6 +114,15 @@ class Lights:
             return spots
         least = LEAST_SHARE * spots[count - 1].area
         return [spot for spot in spots if spot.area >= least]
+
+
+def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
+    if not len(around):
+        return sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+    middles = np.array([(box.x0 + box.x1, box.y0 + box.y1) for box in boxes]) / 2
+    apart = middles[:, None] - np.reshape(around, (-1, 2))
+    nearest = np.abs(apart).max(axis=2).min(axis=1)
+    return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MOST_MEASURED]]
 
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
@@ -315,156 +329,6 @@ def _ways(
         if number not in taken:
             for cost, way in _ways(rest, taken | {number}):
                 yield cost + own, {marker: number, **way}
-
-
-def reacquire(
-    views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
-) -> dict[int, Detection]:
-    """Find a body again of which nothing is in sight where it was expected.
-
-    Every pair of spots is tried as every pair of markers, within what the time since the loss
-    allows of roll, size and place. A marker is named where every way that is about as probable
-    as the best names it so.
-
-    Args:
-        views: of the frame.
-        spots: px without distortion.
-        fits: leaves out what cannot be.
-        fewest: markers that must be found.
-    """
-    ways = _similar_ways(views, spots, fits, fewest)
-    ways = list(
-        {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
-    )
-    everything = len(views.shape.points)
-    weighed = [
-        (view.cost + NOTHING * (everything - len(way)), dict(way))
-        for way, view in _refitted(views, ways, spots)
-        if view.cost <= MOST_COST
-    ]
-    if not weighed:
-        return {}
-    least = min(cost for cost, _ in weighed)
-    probable = [way for cost, way in weighed if cost < least + DOUBT]
-    first = min(weighed, key=lambda pair: pair[0])[1]
-    agreed = {m: i for m, i in first.items() if all(way.get(m) == i for way in probable)}
-    return {m: spots[i] for m, i in agreed.items()} if len(agreed) >= fewest else {}
-
-
-Way = tuple[tuple[int, int], ...]
-"""Markers and the lights that they may be."""
-
-
-def _refitted(
-    views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
-) -> list[tuple[Way, ViewState]]:
-    """Ways of naming lights, each with the view that follows."""
-    fitted: list[tuple[Way, ViewState]] = []
-    for number in sorted({len(way) for way in ways}):
-        same = [way for way in ways if len(way) == number][:MOST_REFITTED]
-        seen = np.array([[marker for marker, _ in way] for way in same], np.intp)
-        places = np.array([[(spots[i].x, spots[i].y) for _, i in way] for way in same])
-        fits = views.fit(seen, places)
-        fitted += [(way, fits.view(index)) for index, way in enumerate(same)]
-    return fitted
-
-
-def _completed(
-    views: ViewFilter, way: Way, view: ViewState, spots: Sequence[Detection], fits: Fits
-) -> Way:
-    """A way with the lights that lie where its view has the other markers."""
-    places, deviations = views.places(view)
-    named = dict(way)
-    for marker in range(len(places)):
-        if marker in named:
-            continue
-        apart = [
-            (math.hypot(spot.x - places[marker, 0], spot.y - places[marker, 1]), number)
-            for number, spot in enumerate(spots)
-            if number not in named.values() and fits(marker, spot)
-        ]
-        if apart and min(apart)[0] < 4.0 * math.hypot(deviations[marker], views.deviation):
-            named[marker] = min(apart)[1]
-    return tuple(sorted(named.items()))
-
-
-def _similar_ways(
-    views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
-) -> list[Way]:
-    """Ways of naming spots in which the body has only been turned, grown and moved."""
-    prior = views.view
-    places = views.places()[0]
-    flat = places[:, 0] + 1j * places[:, 1]
-    seen = np.array([complex(spot.x, spot.y) for spot in spots])
-    if len(seen) < 2:
-        return []
-    if len(seen) >= 3 and 3 <= len(flat) <= MOST_PERMUTED:
-        ways = _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
-        if fewest > 2 or ways:
-            return [w for w in ways if all(fits(marker, spots[light]) for marker, light in w)]
-    reach = max(6.0, 0.15 * prior.scale)
-    allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
-    a, b = np.triu_indices(len(flat), 1)
-    i, j = (index.ravel() for index in np.indices((len(seen), len(seen))))
-    i, j = i[i != j], j[i != j]
-    turn = (seen[j] - seen[i])[None, :] / (flat[b] - flat[a])[:, None]
-    shift = seen[i][None, :] - turn * flat[a][:, None]
-    moved = turn * flat.mean() + shift - flat.mean()
-    possible = np.abs(np.log(np.maximum(np.abs(turn), 1e-9))) < allowed[SCALE] + 0.15
-    possible &= np.abs(np.angle(turn)) < min(allowed[ROLL], math.pi) + 0.1
-    possible &= np.abs(moved) < math.hypot(allowed[X], allowed[Y]) + reach
-    pair, seen_pair = np.nonzero(possible)
-    tried: dict[Way, float] = {}
-    for t, s in zip(turn[pair, seen_pair][:MOST_PAIRS], shift[pair, seen_pair], strict=False):
-        way = _nearest(t * flat + s, seen, reach, spots, fits)
-        if len(way) >= fewest:
-            tried[way] = -len(way)
-    return sorted(tried, key=lambda way: tried[way])
-
-
-def _ways_of_three(
-    flat: NDArray[np.complex128], seen: NDArray[np.complex128], deviations: Array
-) -> list[Way]:
-    """All likely ways of naming three lights, by the turn, growth and distortion that they take."""
-    ways, chosen = _threes(len(flat), min(len(seen), MOST_PERMUTED))
-    markers = flat[ways] - flat[ways].mean(axis=1, keepdims=True)
-    lights = seen[chosen] - seen[chosen].mean(axis=1, keepdims=True)
-    turn = (markers.conj() * lights).sum(axis=1) / (np.abs(markers) ** 2).sum(axis=1)
-    bent = np.abs(lights - turn[:, None] * markers) ** 2
-    bent = bent.sum(axis=1) / (np.abs(turn[:, None] * markers) ** 2).sum(axis=1)
-    cost = (np.log(np.maximum(np.abs(turn), 1e-9)) / (deviations[SCALE] + 0.1)) ** 2
-    cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MOST_BENT**2
-    best = [int(index) for index in np.argsort(cost)[:MOST_OF_THREE] if cost[index] < GATE]
-    return [
-        tuple(sorted(zip(ways[index].tolist(), chosen[index].tolist(), strict=True)))
-        for index in best
-    ]
-
-
-@lru_cache(maxsize=32)
-def _threes(markers: int, lights: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Three markers in any order, and three lights for them, (w, 3) each."""
-    pairs = product(permutations(range(markers), 3), combinations(range(lights), 3))
-    ways, chosen = zip(*pairs, strict=True)
-    return np.array(ways), np.array(chosen)
-
-
-def _nearest(
-    places: np.ndarray[tuple[int], np.dtype[np.complex128]],
-    seen: np.ndarray[tuple[int], np.dtype[np.complex128]],
-    reach: float,
-    spots: Sequence[Detection],
-    fits: Fits,
-) -> Way:
-    apart = np.abs(places[:, None] - seen)
-    way = []
-    taken: set[int] = set()
-    for marker in np.argsort(apart.min(axis=1)).tolist():
-        number = int(apart[marker].argmin())
-        if apart[marker, number] <= reach and number not in taken and fits(marker, spots[number]):
-            taken.add(number)
-            way.append((marker, number))
-    return tuple(sorted(way))
 
 
 def places_of(found: Mapping[int, Detection]) -> dict[int, tuple[float, float]]:

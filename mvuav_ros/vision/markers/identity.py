@@ -25,6 +25,7 @@ from mvuav_ros.vision.markers.assignment import (
     places_of,
     straightened,
 )
+from mvuav_ros.vision.markers.attempts import Attempts
 from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
@@ -67,8 +68,6 @@ PATIENCE = 5
 EXACT = 4.0
 """Deviations of a marker from its rig's place (root mean square) at which a body that was known
 before is another one."""
-LONGEST_REST = 8
-"""Frames between two attempts to name lights that could not be named, at most."""
 _FAR_OFF = 1e6
 
 Detections = list[Detection | None]
@@ -84,58 +83,19 @@ class _Frame:
     meter: CentroidMeter
     cut: Cut
 
-    def lights(self, lens: Lens) -> Lights:
+    def lights(self, lens: Lens, around: Sequence[float] = ()) -> Lights:
         """The lights of the whole frame.
+
+        Args:
+            lens: of the camera.
+            around: x and y of places in turn, px: of very many lights the nearest to them are
+                measured; the largest if there are none.
 
         Raises:
             GroupingError: it is too bright or too noisy to hold markers.
         """
-        return Lights(Blobs(self.image.gray(), self.parameters), self.cut, self.meter, lens)
-
-
-@dataclass
-class _Attempts:
-    """When to name a whole body: the more often that failed, the less often it is tried.
-
-    Attributes:
-        count: markers of the body.
-        agreed: frames in a row that named the body alike.
-        last: places of its markers in the last one.
-    """
-
-    count: int
-    agreed: int = 0
-    last: tuple[Detection, ...] = ()
-    _failures: int = 0
-    _rest: int = 0
-    _lights: int = 0
-
-    def due(self, lights: int) -> bool:
-        """Whether to try in this frame.
-
-        Args:
-            lights: in it; another number than before may be what was waited for.
-        """
-        if lights != self._lights:
-            complete = self._lights < self.count <= lights
-            self._lights, self._rest = lights, 0 if complete else min(self._rest, 1)
-        self._rest -= 1
-        return self._rest < 0
-
-    def fail(self) -> None:
-        """No way of naming the lights stood out."""
-        self.agreed, self.last = 0, ()
-        self._rest = min(self._failures, LONGEST_REST)
-        self._failures = 2 * self._failures + 1 if self._failures < LONGEST_REST else LONGEST_REST
-
-    def succeed(self, named: Named) -> bool:
-        """Take a way of naming them; whether it is that of the last attempt."""
-        assert named.view is not None
-        reach = 0.5 * named.view.scale
-        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.spots, strict=False))
-        self.agreed = self.agreed + 1 if alike and self.last else 1
-        self.last, self._failures, self._rest = named.spots, 0, 0
-        return alike
+        blobs = Blobs(self.image.gray(), self.parameters)
+        return Lights(blobs, self.cut, self.meter, lens, around)
 
 
 @dataclass
@@ -182,7 +142,7 @@ class IdentityTracker:
         self._views: ViewFilter | None = None
         self._clutter = Clutter()
         self._markers: list[_Known] = []
-        self._attempts = _Attempts(self._count)
+        self._attempts = Attempts(self._count)
         self._doubts = 0
         self._tick = 0
 
@@ -261,12 +221,13 @@ class IdentityTracker:
         for marker in consensus.dropped:
             self._filter.forget(marker)
         in_image = dict(zip(found.values(), seen.values(), strict=True))
-        for index, marker in enumerate(self._markers):
-            if not (index in seen or (marker.returning and not marker.unseen)):
-                marker.contested = PROBATION
+        for index, known in enumerate(self._markers):
+            if not (index in seen or (known.returning and not known.unseen)):
+                known.contested = PROBATION
                 views.contested.add(index)
         search = Search(views, self._looks, self._motion(predicted), consensus, found)
-        status = self._search(frame, search, in_image)
+        around = predicted if consensus.kept else ()
+        status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - self._newest > GIVEN_UP:
             self._start_again()
             return self._nothing('no marker in view')
@@ -274,7 +235,8 @@ class IdentityTracker:
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = _window(x, y, radius, self._size)
-        spots = [in_image.get(search.found.get(index)) for index in range(self._count)]
+        named = {index: in_image[spot] for index, spot in search.found.items()}
+        spots = [named.get(index) for index in range(self._count)]
         self._remember(frame.time, spots, expected)
         spots = [None if index in search.suspects else spot for index, spot in enumerate(spots)]
         return self._result(frame, spots, predicted, windows, expected, status)
@@ -331,19 +293,26 @@ class IdentityTracker:
         cut_x = x - reach < x0 > 0 or x + reach > x1 < right
         return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)
 
-    def _search(self, frame: _Frame, search: Search, in_image: dict[Detection, Detection]) -> str:
+    def _search(
+        self,
+        frame: _Frame,
+        search: Search,
+        in_image: dict[Detection, Detection],
+        around: Sequence[float],
+    ) -> str:
         """Name the lights of the whole frame, some markers being known already.
 
         Args:
             frame: where.
             search: takes the names.
             in_image: every light where the image shows it; is added to.
+            around: where the markers should be (see `_Frame.lights`).
 
         Returns:
             What is wrong with the frame, or nothing.
         """
         try:
-            lights = frame.lights(self._lens)
+            lights = frame.lights(self._lens, around)
         except GroupingError as error:
             return str(error)
         fewest = 2 if frame.time - self._newest < YOUNG else 3
@@ -384,7 +353,7 @@ class IdentityTracker:
             marker.returning = RETURNING
             marker.contested = 0
             self._filter.forget(index)
-        self._attempts = _Attempts(self._count)
+        self._attempts = Attempts(self._count)
         self._doubts = 0
 
     def _motion(self, predicted: list[float]) -> Motion:

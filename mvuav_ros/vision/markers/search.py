@@ -18,10 +18,10 @@ from mvuav_ros.vision.markers.assignment import (
     Named,
     assign,
     places_of,
-    reacquire,
 )
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.joining import offset_in
+from mvuav_ros.vision.markers.reacquisition import reacquire
 from mvuav_ros.vision.markers.view import COUNT
 from mvuav_ros.vision.markers.view_filter import Consensus, ViewFilter
 

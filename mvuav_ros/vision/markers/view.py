@@ -26,6 +26,8 @@ _POSSIBLE = (
 )
 """What parameters can become when nothing has been seen for long."""
 _SHARED = [ROLL, SCALE, PITCH, YAW, FOCAL]
+SETTLED = 5e-3
+"""rad, and logarithms: after a step this small the next one would be a thousandth of it."""
 KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
 
@@ -278,7 +280,7 @@ def fit(
         longest = np.abs(step[:, _SHARED]).max(axis=1)
         parameters = parameters + step * np.minimum(1.0, 0.5 / np.maximum(longest, 1e-9))[:, None]
         parameters = np.clip(parameters, *_POSSIBLE)
-        if longest.max() < 1e-3:
+        if longest.max() < SETTLED:
             break
     residual, jacobian = _residual(shape, parameters, seen, measured, offsets, rows)
     away = parameters - mean
