@@ -134,7 +134,8 @@ class VisionNode(Node):
     def _configure(self, parameters: ParameterSet) -> None:
         with self._lock:
             self._processor.configure(parameters)
-        threads = int(parameters.as_dict()['opencv_threads'])
+        threads = parameters.as_dict()['opencv_threads']
+        assert isinstance(threads, int)
         # OpenCV takes a negative number for its own choice.
         cv2.setNumThreads(threads if threads > 0 else -1)
 

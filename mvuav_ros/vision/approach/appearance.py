@@ -342,8 +342,9 @@ def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
         start = (x[:, None] + left[:, None] * depth)[:, :, None]
         width = np.maximum((right - left)[:, None] * depth, 1)[:, :, None]
         rows = np.rint(y[:, None] + depth).astype(np.intp)[:, :, None]
-        result: Numbers = image.means(rows, start + begin * width, start + end * width)[0]
-        return result.mean(axis=2)
+        means = image.means(rows, start + begin * width, start + end * width)[0]
+        result: Numbers = means.mean(axis=2)
+        return result
 
     rows = np.rint(y + near).astype(np.intp)
     texture = _texture(image, rows, x + (left + right) / 2 * near)

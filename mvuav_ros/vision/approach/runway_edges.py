@@ -34,6 +34,8 @@ class EdgeLook:
         shape: NDArray[np.float64],
         span: tuple[float, float],
         paint_lead: float,
+        *,
+        wide: bool = False,
     ) -> tuple[EdgePoints, EdgePoints]:
         """Measure both edges, and learn what they look like.
 
@@ -43,12 +45,13 @@ class EdgeLook:
             shape: (4,) vanishing point and slopes, px of the levelled working image.
             span: rows from the vanishing point to the far and to the near end.
             paint_lead: by how much paint is more evident than steps, in textures.
+            wide: the runway's edges may be farther from the shape's than its lines are apart.
         """
         samples = sample_edges(image, level, shape, span)
         levels = samples.pixels / 256.0 if image.dtype == np.uint16 else samples.pixels
         channels = opponent_channels(np.asarray(levels))
         steps = np.stack([samples.steps(channel) for channel in channels])
-        self._learn(steps, samples, channels[0])
+        self._learn(steps, samples, channels[0], wide)
         if paint_lead > _PAINT_BEFORE_STEPS:
             ridge = _ridges(samples, channels[0])
             size = max(self._paint, _LEAST_CONTRAST)
@@ -61,10 +64,17 @@ class EdgeLook:
         along = np.clip(along, 0.0, size)
         return samples.fit(along, along, size)
 
-    def _learn(self, steps: NDArray[Any], samples: EdgeSamples, brightness: NDArray[Any]) -> None:
+    def _learn(
+        self,
+        steps: NDArray[Any],
+        samples: EdgeSamples,
+        brightness: NDArray[Any],
+        wide: bool,
+    ) -> None:
         """Take the strongest step that both edges have in common near where they are expected."""
         middle = steps.shape[3] // 2
-        near = slice(max(0, middle - 3), middle + 4)
+        reach = middle if wide else min(3, middle)
+        near = slice(middle - reach, middle + reach + 1)
         average = steps.mean(axis=2)[:, :, near]
         left, right = average[:, 0], average[:, 1]
         size_left, size_right = (np.linalg.norm(each, axis=0) for each in (left, right))
