@@ -328,7 +328,8 @@ def _greyness(inside: Numbers, before: Numbers, after: Numbers) -> Numbers:
     if len(inside) == 1:
         return np.zeros(inside.shape[1])
     colours = [np.hypot(each[1], each[2]).mean(axis=1) for each in (inside, before, after)]
-    return np.clip(np.minimum(colours[1], colours[2]) - colours[0], -30, 30) / 10
+    less: Numbers = np.minimum(colours[1], colours[2]) - colours[0]
+    return np.clip(less, -30, 30) / 10
 
 
 def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:

@@ -91,7 +91,7 @@ class EdgeSamples:
     pixels: NDArray[Any]
     expected: NDArray[np.floating[Any]]
     rows: NDArray[np.floating[Any]]
-    across: NDArray[np.float64]
+    across: NDArray[np.floating[Any]]
     inside: NDArray[np.bool_]
     base: int
 
