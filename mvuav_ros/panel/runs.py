@@ -134,7 +134,7 @@ def run_table(runs: Sequence[SavedRun]) -> Table:
                 run.source,
                 run.version,
                 *(numbers.get(column) for column in metrics),
-                *(run.parameters.get(name) for name in parameters),
+                *(_cell(run.parameters.get(name)) for name in parameters),
             )
         )
     heads = ('run', 'node', 'input', 'version', *metrics, *parameters)
@@ -150,3 +150,10 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 bags.setdefault(name, path)
     return bags
+
+
+def _cell(value: object) -> str | float | int | None:
+    """A parameter's value in a table; several numbers are one text."""
+    if isinstance(value, tuple | list):
+        return ' '.join(str(number) for number in value)
+    return value if isinstance(value, str | float | int) else None

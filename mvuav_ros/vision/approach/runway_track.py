@@ -159,7 +159,9 @@ class RunwayTrack:
         mean = _columns(strip[None], rows)[0]
         points = _points_along(mean, rows, np.zeros((2, 2)))
         if self._clear:
-            exact = self._look.find(image, level, strip[:4], (self.far, self.near), self._lead)
+            span = self.far, self.near
+            wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
+            exact = self._look.find(image, level, strip[:4], span, self._lead, wide=wide)
             if all(map(_agrees, exact, points)):
                 points = exact
                 self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
