@@ -51,6 +51,8 @@ _AGREE = 2.0
 _WIDE, _LEAST_SUPPORT = 18.0, 0.25
 """Px of the near end from which a runway's lines are so far apart that its edges are those with the
 clearest steps, and their support, 0 to 1, from which that holds. The simulator's flights."""
+_SHARP_SUPPORT, _SHARP_AGREEMENT = 0.75, 0.3
+"""Support of wide edges from which they count as agreed on, and that agreement at least."""
 _POINTS = 12
 _SURE_AGE = 10
 _PAINT = FEATURES.index('paint')
@@ -236,6 +238,8 @@ class RunwayTrack:
             agree = all(map(_agrees, exact, points))
             if agree or (wide and min(edge.support for edge in exact) > _LEAST_SUPPORT):
                 points, self._clear = exact, True
+                if min(edge.support for edge in exact) > _SHARP_SUPPORT:
+                    self.agreement = max(self.agreement, _SHARP_AGREEMENT)
         shape = self.shape
         shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
         row, sigma = horizon if horizon is not None else (None, 1.0)
