@@ -1,68 +1,81 @@
-# The two commands are `make demo` and `make test`; each builds .venv when it is missing.
-# `make demo PANEL=1` plays the sample bags again and again, with the tuning panel.
+# The two commands are `make demo` and `make test`; each builds what it needs of .venv.
 PYTHON ?= python3
 BIN := .venv/bin
-SOURCES := $(shell find mvuav_ros executables config launch bags resource -type f 2>/dev/null) \
-	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt
+SOURCES := $(shell find mvuav_ros executables config launch bags resource sros2 -type f \
+		-not -name '*.pyc' 2>/dev/null) \
+	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py
+TOOLS := ros,panel,dask,test,dev
 
-.PHONY: demo test test-robot lint bench report bags docs clean .venv
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-fast test-all test-rest test-footage test-robot lint bench report \
+	bags docs clean .venv
 
-demo: .venv
+help:  ## This list.
+	@grep -hE '^[a-z.-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 16
+
+demo: $(if $(PANEL),.venv/.panel,.venv/.ros)  ## Real nodes play the sample bags (PANEL=1: with the tuning panel).
 	$(BIN)/mvuav demo $(if $(PANEL),--panel,-o out)
 
-# First what needs no ROS graph, on all cores; then the live nodes, two tests at a time, each in
-# a domain of its own, as they mostly wait; then what has a browser or a whole demo in it.
-test: lint
-	$(BIN)/python -m pytest -n auto --dist worksteal --ignore test/nodes --ignore test/cli/demo --ignore test/panel
-	$(BIN)/python -m pytest -n 2 --dist worksteal test/nodes
-	$(BIN)/python -m pytest test/cli/demo test/panel
+test: .venv/.tools  ## Lint, types and all tests but the longest: one summary at the end.
+	@$(BIN)/python tools/run_tests.py test
 
-lint: .venv
+test-fast: .venv/.tools  ## Lint, types, and the quick tests without a ROS graph.
+	@$(BIN)/python tools/run_tests.py fast
+
+test-rest: .venv/.tools  ## The longest tests, every Python of this machine, a robot's libraries.
+	@$(BIN)/python tools/run_tests.py rest
+
+test-all: .venv/.tools  ## test and test-rest.
+	@$(BIN)/python tools/run_tests.py all
+
+test-footage: .venv/.tools  ## Real footage that is not ours to give away: FOOTAGE=FOLDER.
+	@MVUAV_FOOTAGE=$(abspath $(FOOTAGE)) $(BIN)/python tools/run_tests.py footage
+
+test-robot: .venv/.tools  ## The library and nodes with the libraries of apt's ROS 2 Jazzy.
+	@$(BIN)/python tools/run_tests.py robot
+
+lint: .venv/.tools  ## ruff, mypy and import-linter.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
-bench: .venv
+bench: .venv/.tools  ## How fast it is, beside what any implementation needs.
 	$(BIN)/mvuav bench
 
-# The thesis's tables and figures on synthetic flights, as one page.
-report: .venv
+report: .venv/.ros  ## The thesis's tables and figures on synthetic flights, as one page in out/.
 	$(BIN)/mvuav evaluate thesis -o out/thesis --force
 
-# The same tests, but for the longest, against the oldest libraries that a robot has: apt's of
-# Ubuntu 24.04.
-test-robot: .venv-robot/installed
-	.venv-robot/bin/python -m pytest -n auto --dist worksteal \
-		test/vision test/processing test/parameters test/recordings \
-		--ignore test/vision/approach/test_simulated_flights.py
-
-# The sample bags: synthetic flights, the same on every machine, with their truth.
-bags: .venv
+# Synthetic flights, the same on every machine, with their truth.
+bags: .venv/.ros  ## Make the sample bags again.
 	$(BIN)/mvuav simulate tanker -o bags/tanker.mcap --force --frames 180 --fps 15 \
 		--background sky --failures 'left_stabilizer@8-8.3' --noise 0 --detail 0.3
 	$(BIN)/mvuav simulate runway -o bags/runway.mcap --force --size 320x240 --frames 150 --fps 15 \
 		--motion low_pass --start-distance -20 --speed 25 --camera-pitch-deg 20 \
 		--camera-rate 10 --gain-steps 0.1 --noise 0 --detail 0
 
-# config/*.yaml and docs/parameters.md follow from the parameter dataclasses.
-docs: .venv
+docs: .venv/.ros  ## config/default.yaml and docs/parameters.md from the parameter dataclasses.
 	$(BIN)/python tools/make_parameter_files.py
 
-.venv: .venv/installed
+.venv: .venv/.ros  ## Just the virtual environment, with mvuav and the nodes in .venv/bin.
 
-.venv/installed: $(SOURCES)
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' \
-		|| { echo 'needs Python 3.11 to 3.13; name one with PYTHON=...'; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -c requirements/tested.txt \
-		'.[ros,panel,dask,test,dev]'
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall .
-	touch $@
+.venv/.ros: $(SOURCES)
+	@$(call install,ros)
 
-.venv-robot/installed: requirements/robot.txt
-	$(PYTHON) -m venv --clear .venv-robot
-	.venv-robot/bin/pip install --quiet --disable-pip-version-check -r requirements/robot.txt
-	touch $@
+.venv/.panel: $(SOURCES)
+	@$(call install,ros$(comma)panel)
 
-clean:
-	rm -rf .venv .venv-robot build install log out
+.venv/.tools: $(SOURCES)
+	@$(call install,$(TOOLS))
+
+comma := ,
+# What was installed with more extras is brought up to date as well.
+define install
+$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' \
+	|| { echo 'needs Python 3.11 to 3.13; name one with PYTHON=...'; exit 1; }
+$(PYTHON) tools/install.py .venv $(1)
+touch $@
+endef
+
+clean:  ## Remove everything that was built.
+	rm -rf .venv .venv-* build install log out

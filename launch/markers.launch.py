@@ -1,7 +1,7 @@
 """A source of images and marker_tracker: ros2 launch mvuav_ros markers.launch.py source:=0."""
 
-from mvuav_ros.nodes.launching import launch_flight
+from mvuav_ros.nodes.launching import launch_vision
 
 
 def generate_launch_description():
-    return launch_flight(__file__, 'video_source', 'marker_tracker')
+    return launch_vision(__file__, detectors='markers')

@@ -1,16 +1,66 @@
 """Machine vision for UAVs on ROS 2: a tanker's marker lights, a runway's lines.
 
-The layers, innermost first; imports only ever point inward:
+The vision library's public face; nothing here needs ROS. Importing the package is cheap: each
+name is loaded when it is first used.
 
-``parameters``  what the user can set: one frozen dataclass per node (standard library only)
-``vision``      NumPy and OpenCV in, plain dataclasses out (no ROS)
-``recording``   bags in and out (rosbags, mcap; no ROS)
-``sources``     cameras, videos, image folders and bags as one stream of frames (no ROS)
-``messages``    vision results to ROS messages (message classes, no rclpy)
-``processing``  one frame in, the messages of one node out; live nodes and replay share it
-``nodes``       the rclpy nodes
-``panel``       the tuning panel's node and page
-``cli``         the ``mvuav`` command
+Example:
+    >>> import numpy as np
+    >>> from mvuav_ros import Image, MarkerTracker
+    >>> tracker = MarkerTracker()
+    >>> result = tracker.process(Image(np.zeros((480, 640), np.uint8), 'mono8'), stamp_ns=0)
+    >>> [marker.state.name for marker in result.markers]
+    ['LOST', 'LOST', 'LOST', 'LOST', 'LOST']
 """
 
-__version__ = '0.1.0'
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mvuav_ros.parameters.nodes import load_parameters
+    from mvuav_ros.vision.approach.detector import ApproachDetector
+    from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.vision.image import Image
+    from mvuav_ros.vision.markers.tracker import MarkerTracker
+    from mvuav_ros.vision.pose import PoseEstimator
+    from mvuav_ros.vision.rig import MarkerRig
+    from mvuav_ros.vision.runway.detector import RunwayDetector
+
+__version__ = '0.2.0'
+"""The one source: setup.py reads it, and a test holds package.xml and CHANGELOG.md to it."""
+
+__all__ = [
+    'ApproachDetector',
+    'CameraModel',
+    'Image',
+    'MarkerRig',
+    'MarkerTracker',
+    'PoseEstimator',
+    'RunwayDetector',
+    '__version__',
+    'load_parameters',
+]
+
+_MODULES = {
+    'ApproachDetector': 'vision.approach.detector',
+    'CameraModel': 'vision.camera',
+    'Image': 'vision.image',
+    'MarkerRig': 'vision.rig',
+    'MarkerTracker': 'vision.markers.tracker',
+    'PoseEstimator': 'vision.pose',
+    'RunwayDetector': 'vision.runway.detector',
+    'load_parameters': 'parameters.nodes',
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

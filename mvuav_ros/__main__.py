@@ -9,6 +9,8 @@ import sys
 from importlib import import_module
 from types import FrameType
 
+from mvuav_ros.missing_module import explain_missing_module
+
 NODES = {
     'marker_tracker': 'mvuav_ros.nodes.marker_tracker',
     'runway_detector': 'mvuav_ros.nodes.runway_detector',
@@ -58,17 +60,16 @@ def mvuav() -> None:
 
 
 def _run(name: str) -> None:
-    status = 0 if name in NODES else 128 + signal.SIGINT
+    def leave(number: int, _frame: FrameType | None) -> None:
+        os._exit(0 if name in NODES else 128 + number)
 
-    def leave(_number: int, _frame: FrameType | None) -> None:
-        os._exit(status)
-
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, leave) for number in numbers]
-    run = import_module(EXECUTABLES[name]).main
-    if name not in NODES:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+    # Until the executable has its own handlers.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, leave)
+    try:
+        run = import_module(EXECUTABLES[name]).main
+    except ModuleNotFoundError as error:
+        sys.exit(f'{name}: {explain_missing_module(name, error)}')
     run()
 
 

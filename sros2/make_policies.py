@@ -20,7 +20,14 @@ EVERY_NODE_ANSWERS = (
     '~/set_parameters',
     '~/set_parameters_atomically',
 )
-PANEL_CURVES = {'marker_tracker': ('markers', 'rpy'), 'runway_detector': ('line_params',)}
+MANAGED_NODE_ANSWERS = (
+    '~/change_state',
+    '~/get_available_states',
+    '~/get_available_transitions',
+    '~/get_state',
+    '~/get_transition_graph',
+)
+MANAGED_NODE_PUBLISHES = ('diagnostics', '~/transition_event')
 PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_parameters')
 
 
@@ -33,9 +40,9 @@ def detector_policy(processor: type[Processor]) -> str:
     services = ['reset', 'enable', *processor.triggers]
     return policy(
         processor.name,
-        publish=['diagnostics', *(f'~/{topic}' for topic in results)],
+        publish=[*MANAGED_NODE_PUBLISHES, 'tf', *(f'~/{topic}' for topic in results)],
         subscribe=inputs,
-        reply=[f'~/{service}' for service in services],
+        reply=[*MANAGED_NODE_ANSWERS, *(f'~/{service}' for service in services)],
     )
 
 
@@ -43,19 +50,20 @@ def source_policy() -> str:
     """Images out."""
     return policy(
         'video_source',
-        publish=['diagnostics', 'image_raw', 'image_raw/compressed', 'camera_info'],
+        publish=[*MANAGED_NODE_PUBLISHES, 'image_raw', 'image_raw/compressed', 'camera_info'],
         subscribe=['clock'],
-        reply=['~/pause', '~/restart'],
+        reply=[*MANAGED_NODE_ANSWERS, '~/pause', '~/restart'],
     )
 
 
 def panel_policy() -> str:
-    """Results, images and diagnostics in; parameters set."""
+    """Results, images and diagnostics in, to be shown and recorded; parameters set."""
     subscribe = ['diagnostics', 'parameter_events', 'image_raw', 'image_raw/compressed', 'clock']
+    subscribe.append('camera_info')
     request = []
     for name, processor in PROCESSORS.items():
         # The panel asks every node for its statistics, whether it has any or not.
-        shown = {*PANEL_CURVES[name], *processor.debug_topics, 'statistics'}
+        shown = {*processor.topics, *processor.debug_topics, 'statistics'}
         subscribe += [f'{name}/{topic}' for topic in shown]
         request += [f'{name}/{service}' for service in (*PANEL_ASKS, *processor.triggers)]
     return policy('tuning_panel', publish=[], subscribe=subscribe, reply=[], request=request)

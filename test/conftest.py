@@ -16,8 +16,3 @@ def _shared(name: str) -> Path:
 @pytest.fixture(scope='session')
 def footage() -> Path:
     return _shared('footage')
-
-
-@pytest.fixture(scope='session')
-def reference() -> Path:
-    return _shared('reference')

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, Value
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.parameters.declaration import ParameterSpec, Value
+from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 
 ROOT = Path(__file__).resolve().parent.parent
-NODES: dict[str, type[ParameterSet]] = {
-    'marker_tracker': MarkerTrackerParameters,
-    'runway_detector': RunwayDetectorParameters,
-    'video_source': VideoSourceParameters,
-}
+NODES = {name: NODE_PARAMETERS[name] for name in sorted(NODE_PARAMETERS)}
 GENERATED = 'made by tools/make_parameter_files.py (make docs) from mvuav_ros/parameters'
 
 

@@ -13,10 +13,15 @@ import mvuav_ros
 from mvuav_ros.cli.commands.bench import bench
 from mvuav_ros.cli.commands.demo import demo
 from mvuav_ros.cli.commands.evaluate import evaluate
+from mvuav_ros.cli.commands.export import export
 from mvuav_ros.cli.commands.info import info
+from mvuav_ros.cli.commands.repair import repair
 from mvuav_ros.cli.commands.replay import replay
+from mvuav_ros.cli.commands.rig import rig
 from mvuav_ros.cli.commands.simulate import simulate
 from mvuav_ros.cli.commands.sweep import sweep
+from mvuav_ros.cli.typer_annotations import spell_unions_out
+from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
@@ -31,11 +36,14 @@ app = typer.Typer(
 )
 app.command()(replay)
 app.command()(info)
+app.command()(repair)
+app.command()(export)
 app.command()(bench)
 app.command()(demo)
 app.command()(sweep)
 app.add_typer(simulate, name='simulate')
 app.add_typer(evaluate, name='evaluate')
+app.add_typer(rig, name='rig')
 
 
 def _show_version(wanted: bool) -> None:
@@ -54,15 +62,23 @@ def _options(
     pass
 
 
+spell_unions_out(app)
+
+
 def main() -> NoReturn:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
-    signal.signal(signal.SIGTERM, _on_sigterm)
+    # Commands that leave files behind take the signals themselves, see `stop_on_signals`.
+    for number in SIGNALS:
+        signal.signal(number, _interrupt)
     try:
         status = app(prog_name='mvuav', standalone_mode=False)
+        if status == 128 + signal.SIGINT:
+            # What typer makes of a KeyboardInterrupt.
+            _fail('interrupted', status)
     except (ParameterError, RecordingError, SourceError) as error:
         _fail(str(error), 1)
-    except KeyboardInterrupt:
-        _fail('interrupted', 128 + signal.SIGINT)
+    except Interrupted as interruption:
+        _fail('interrupted', 128 + interruption.number)
     except OSError as error:
         _fail(str(error), 1)
     except Exception as error:
@@ -72,16 +88,23 @@ def main() -> NoReturn:
                 _fail('interrupted', 128 + signal.SIGINT)
             raise
         _fail(f'{error.format_message()} (see mvuav --help)', 2)
-    sys.exit(status if isinstance(status, int) else 0)
+    _leave(status if isinstance(status, int) else 0)
 
 
 def _fail(message: str, status: int) -> NoReturn:
     print('mvuav: ' + ' '.join(message.split()), file=sys.stderr)
+    _leave(status)
+
+
+def _leave(status: int) -> NoReturn:
+    # All is said and done: Ctrl-C from now on could only make a traceback.
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
 
 
-def _on_sigterm(_signal: int, _frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt
+def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt if number == signal.SIGINT else Interrupted(number)
 
 
 if __name__ == '__main__':

@@ -15,7 +15,7 @@ _LONGEST_REASON = 300
 
 
 class FrameTimes(NamedTuple):
-    """Where the time of one answered frame went, s.
+    """Where the time of one processed frame went, s.
 
     Attributes:
         transport: from the publisher to us; NaN if the middleware does not tell.
@@ -33,40 +33,47 @@ class FrameTimes(NamedTuple):
 
 
 class FrameStatistics:
-    """What came in, what went out, how long it took and what was refused, and why."""
+    """What came in, what went out, how long it took and what was rejected, and why."""
 
     def __init__(self) -> None:
         self._arrivals: deque[float] = deque()
-        self._answers: deque[tuple[float, FrameTimes]] = deque()
-        self._refusals: deque[float] = deque()
+        self._results: deque[tuple[float, FrameTimes]] = deque()
+        self._rejections: deque[float] = deque()
         self.received = 0
-        self.answered = 0
-        self.refused: Counter[str] = Counter()
+        self.processed = 0
+        self.rejected: Counter[str] = Counter()
         self.last_reason = ''
+        self.restart()
+
+    def restart(self) -> None:
+        """Images are expected from now on."""
+        self._arrivals.clear()
+        self._quiet_since = time.monotonic()
 
     def arrived(self) -> None:
         """Count a frame."""
         self.received += 1
-        self._arrivals.append(time.monotonic())
+        self._quiet_since = time.monotonic()
+        self._arrivals.append(self._quiet_since)
 
-    def answer(self, times: FrameTimes) -> None:
+    def processed_one(self, times: FrameTimes) -> None:
         """Count the results of a frame."""
-        self.answered += 1
-        self._answers.append((time.monotonic(), times))
+        self.processed += 1
+        self._results.append((time.monotonic(), times))
 
-    def refuse(self, kind: str, reason: str) -> None:
+    def reject(self, kind: str, reason: str) -> None:
         """Count a frame that got no result, by kind (``bad image``), and keep the reason."""
-        self.refused[kind] += 1
-        self._refusals.append(time.monotonic())
+        self.rejected[kind] += 1
+        self._rejections.append(time.monotonic())
         self.last_reason = reason[:_LONGEST_REASON]
 
     def problems(self) -> list[str]:
         """What was wrong with the frames of the last seconds, in words."""
         self._forget_old()
-        refused = len(self._refusals)
-        if not refused:
+        rejected = len(self._rejections)
+        if not rejected:
             return []
-        return [f'{refused} of {len(self._arrivals)} images refused: {self.last_reason}']
+        return [f'{rejected} of {len(self._arrivals)} images rejected: {self.last_reason}']
 
     @property
     def silent(self) -> bool:
@@ -74,10 +81,15 @@ class FrameStatistics:
         self._forget_old()
         return not self._arrivals
 
+    @property
+    def quiet_for(self) -> float:
+        """Seconds since the last frame, or since frames are expected."""
+        return time.monotonic() - self._quiet_since
+
     def values(self) -> dict[str, str]:
         """Key-values of a diagnostic status."""
         self._forget_old()
-        times = [times for _, times in self._answers]
+        times = [times for _, times in self._results]
         totals = _milliseconds(times, 'total')
         stages = {
             f'{stage}_p50_ms': _percentile(_milliseconds(times, stage), 50)
@@ -85,25 +97,25 @@ class FrameStatistics:
         }
         return {
             'input_rate_hz': f'{len(self._arrivals) / WINDOW:.1f}',
-            'output_rate_hz': f'{len(self._answers) / WINDOW:.1f}',
+            'output_rate_hz': f'{len(self._results) / WINDOW:.1f}',
             'latency_p50_ms': _percentile(totals, 50),
             'latency_p95_ms': _percentile(totals, 95),
             'latency_p99_ms': _percentile(totals, 99),
             **stages,
             'frames_received': str(self.received),
-            'frames_answered': str(self.answered),
-            'frames_refused': str(self.refused.total()),
-            **{f'refused_{kind.replace(" ", "_")}': str(n) for kind, n in self.refused.items()},
-            'last_refusal': self.last_reason,
+            'frames_processed': str(self.processed),
+            'frames_rejected': str(self.rejected.total()),
+            **{f'rejected_{kind.replace(" ", "_")}': str(n) for kind, n in self.rejected.items()},
+            'last_rejection': self.last_reason,
         }
 
     def _forget_old(self) -> None:
         oldest = time.monotonic() - WINDOW
-        for times in (self._arrivals, self._refusals):
+        for times in (self._arrivals, self._rejections):
             while times and times[0] < oldest:
                 times.popleft()
-        while self._answers and self._answers[0][0] < oldest:
-            self._answers.popleft()
+        while self._results and self._results[0][0] < oldest:
+            self._results.popleft()
 
 
 def _milliseconds(times: Sequence[FrameTimes], stage: str) -> list[float]:

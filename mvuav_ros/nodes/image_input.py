@@ -170,7 +170,7 @@ class ImageInput:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; images that come later are left."""
+        """End the thread, then the subscriptions; images that come later are left."""
         self._stopping.set()
         self._wake.trigger()
         if self._thread.is_alive():
@@ -179,6 +179,10 @@ class ImageInput:
             if event is not None:
                 event.destroy_when_not_in_use()
         self._lost = self._incompatible = None
+        for subscription in (self._subscription, self._infos):
+            if subscription is not None:
+                self._node.destroy_subscription(subscription)
+        self._wake.destroy()
 
     def poll(self) -> InputEvents:
         """What became of images so far; to be called now and then, from one thread."""

@@ -86,7 +86,7 @@ class InputMonitor:
         return problems
 
 
-def silence(topic: str, publishers: list[str], events: InputEvents) -> str:
+def explain_no_images(topic: str, publishers: list[str], events: InputEvents) -> str:
     """Why no images come at all.
 
     Args:

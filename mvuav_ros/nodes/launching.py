@@ -1,47 +1,117 @@
-"""What the launch files have in common; the only part that needs ROS's ``launch``."""
+"""What the launch files have in common; the only part that needs ROS's ``launch``.
+
+Every launch file takes the same arguments and differs in their defaults.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+
+DETECTORS = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
+_DESCRIPTIONS = {
+    'source': 'What video_source plays: see its parameter; none: a camera driver publishes',
+    'loop': 'Play a recording again and again',
+    'detectors': 'markers, runway, or both with a comma',
+    'one_process': 'Source and both detectors in one process, without copies (docs/transport.md)',
+    'image_topic': 'Topic of the images; camera_info is beside it',
+    'transport': 'raw or compressed: how detectors get images',
+    'namespace': 'Namespace of the nodes',
+    'params_file': "The nodes' parameters; thesis.yaml has the values of the thesis",
+    'use_sim_time': 'Take the time from /clock',
+    'respawn': 'Start a node again when it ends by itself',
+    'autostart': 'Configure and activate; false: a lifecycle manager does it',
+    'log_level': 'Of the nodes: debug, info, warn, error',
+}
+_DEFAULTS = {
+    'source': '0',
+    'loop': 'false',
+    'detectors': 'markers,runway',
+    'one_process': 'false',
+    'image_topic': 'image_raw',
+    'transport': 'raw',
+    'namespace': '',
+    'params_file': '',
+    'use_sim_time': 'false',
+    'respawn': 'false',
+    'autostart': 'true',
+    'log_level': 'info',
+}
+_CHOICES = {
+    **dict.fromkeys(('loop', 'one_process', 'use_sim_time', 'respawn', 'autostart')),
+    'transport': ['raw', 'compressed'],
+}
 
 
-def launch_flight(launch_file: str, source: str, *detectors: str) -> LaunchDescription:
-    """A source of images and the nodes that look at them.
+def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
+    """A source of images and the detectors that look at them.
 
     Args:
         launch_file: its own path; ``config`` lies beside its folder.
-        source: the executable that takes the arguments ``source`` and ``loop``.
-        detectors: the other executables.
+        defaults: of arguments, where they differ from those of ``vision.launch.py``.
     """
     config = Path(launch_file).resolve().parent.parent / 'config'
-    params_file = LaunchConfiguration('params_file')
-    settings: dict[str, Any] = {
-        'source': ParameterValue(LaunchConfiguration('source'), value_type=str),
-        'loop': ParameterValue(LaunchConfiguration('loop'), value_type=bool),
-    }
-    if len(detectors) > 1:
-        settings['wait_for_subscribers'] = len(detectors)
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('source', default_value='0', description='See video_source.'),
-            DeclareLaunchArgument('loop', default_value='false', description='Play it again.'),
+    values = {**_DEFAULTS, 'params_file': str(config / 'default.yaml'), **defaults}
+    arguments = []
+    for name, value in values.items():
+        kind = _CHOICES.get(name, ())
+        more = {} if kind == () else {'choices': kind or ['true', 'false', 'True', 'False']}
+        arguments.append(
             DeclareLaunchArgument(
-                'params_file',
-                default_value=str(config / 'default.yaml'),
-                description='Parameters of the nodes; thesis.yaml has the values of the thesis.',
-            ),
-            _node(source, [params_file, settings]),
-            *(_node(detector, [params_file]) for detector in detectors),
-        ]
-    )
+                name, default_value=value, description=_DESCRIPTIONS[name], **more
+            )
+        )
+    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
 
 
-def _node(executable: str, parameters: list[Any]) -> Node:
-    return Node(package='mvuav_ros', executable=executable, parameters=parameters, output='screen')
+def _nodes(context: LaunchContext) -> list[Node]:
+    given = {name: LaunchConfiguration(name).perform(context) for name in _DEFAULTS}
+    switches = {name for name, value in given.items() if value.lower() == 'true'}
+    params_file = Path(given['params_file']).expanduser()
+    if not params_file.is_file():
+        raise RuntimeError(f'params_file: {params_file} does not exist')
+    names = [name.strip() for name in given['detectors'].split(',') if name.strip()]
+    for name in names:
+        if name not in DETECTORS:
+            raise RuntimeError(f'detectors: {name!r} is none of {", ".join(DETECTORS)}')
+    shared = {name: name in switches for name in ('use_sim_time', 'autostart')}
+    seeing = {**shared, 'image_transport': given['transport']}
+    playing = {
+        **shared,
+        'source': given['source'],
+        'loop': 'loop' in switches,
+        'wait_for_subscribers': len(DETECTORS if 'one_process' in switches else names),
+    }
+
+    def node(executable: str, settings: dict[str, Any]) -> Node:
+        return Node(
+            package='mvuav_ros',
+            executable=executable,
+            namespace=given['namespace'],
+            parameters=[str(params_file), settings],
+            remappings=_remappings(given['image_topic']),
+            respawn='respawn' in switches,
+            respawn_delay=1.0,
+            output='screen',
+            ros_arguments=['--log-level', given['log_level']],
+        )
+
+    if 'one_process' in switches:
+        return [node('vision_process', playing)]
+    # ros2 launch does not take an empty value: '' reaches it as two quotes, or not at all.
+    none = given['source'].strip('\'"') in ('', 'none')
+    source = [] if none else [node('video_source', playing)]
+    return [*source, *(node(DETECTORS[name], seeing) for name in names)]
+
+
+def _remappings(image_topic: str) -> list[tuple[str, str]]:
+    """camera_info stays beside the images, as image_transport has it."""
+    if image_topic == 'image_raw':
+        return []
+    namespace, slash, _ = image_topic.rpartition('/')
+    return [('image_raw', image_topic), ('camera_info', f'{namespace}{slash}camera_info')]

@@ -11,12 +11,16 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rcl_interfaces.msg import (
+    Parameter as ParameterMessage,
+)
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec, Value
+from mvuav_ros.parameters.descriptor_text import write_description
 
 P = TypeVar('P', bound=ParameterSet)
 
@@ -25,25 +29,35 @@ class _SetInAnyOrder(ParameterService):
     """Answers ``set_parameters`` whatever the order of the values.
 
     rclpy sets the values of one request one by one. ``ros2 param load`` of other rows would fail
-    half-way where the new end lies before the old start, so refused values are tried again once
-    others have been accepted.
+    half-way where the new end lies before the old start, so rejected values are tried again once
+    others have been accepted. A value that is set already is no change, even where the parameter
+    is read-only: a dump holds dozens of those (``qos_overrides``).
     """
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
-        super()._set_parameters_callback(request, response)
-        refused = [i for i, result in enumerate(response.results) if not result.successful]
-        while 0 < len(refused) < len(request.parameters):
-            again = SetParameters.Request(parameters=[request.parameters[i] for i in refused])
+        unchanged = SetParametersResult(successful=True)
+        results = [unchanged] * len(request.parameters)
+        waiting = [i for i, each in enumerate(request.parameters) if not self._is_set(each)]
+        while waiting:
+            again = SetParameters.Request(parameters=[request.parameters[i] for i in waiting])
             answer = super()._set_parameters_callback(again, SetParameters.Response())
-            for index, result in zip(refused, answer.results, strict=True):
-                response.results[index] = result
-            left = [i for i in refused if not response.results[i].successful]
-            if left == refused:
+            for index, result in zip(waiting, answer.results, strict=True):
+                results[index] = result
+            rejected = [i for i in waiting if not results[i].successful]
+            if rejected == waiting:
                 break
-            refused = left
+            waiting = rejected
+        response.results = results
         return response
+
+    def _is_set(self, message: ParameterMessage) -> bool:
+        node = self._get_node()
+        if not node.has_parameter(message.name):
+            return False
+        current = node.get_parameter(message.name).to_parameter_msg()
+        return bool(current.value == message.value)
 
 
 class LiveParameters(Generic[P]):
@@ -132,13 +146,8 @@ def _for_ros(value: Value) -> Any:
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
-    words = [spec.description]
-    if spec.unit:
-        words.append(f'Unit: {spec.unit}.')
-    if spec.thesis:
-        words.append(f'Thesis: {spec.thesis}.')
     descriptor = ParameterDescriptor(
-        description=' '.join(words),
+        description=write_description(spec),
         read_only=spec.read_only,
         additional_constraints=spec.constraint,
     )

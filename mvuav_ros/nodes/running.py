@@ -14,13 +14,13 @@ import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
-from mvuav_ros.nodes.process_tuning import freeze_garbage, tune_process
+from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.processing.process_tuning import freeze_garbage, tune_process
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _LOG_INTERVAL = 5.0
@@ -62,16 +62,16 @@ class _StopRequest:
         self.made = True
 
 
-def run_node(make_node: Callable[[], Node], *, camera_images: bool = False) -> int:
+def run_node(make_node: Callable[[], ManagedNode], *, camera_images: bool = False) -> int:
     """Spin a node until SIGINT, SIGTERM or shutdown; see `run_nodes`."""
     return run_nodes(lambda: [make_node()], camera_images=camera_images)
 
 
-def run_nodes(make_nodes: Callable[[], Sequence[Node]], *, camera_images: bool) -> int:
+def run_nodes(make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images: bool) -> int:
     """Spin nodes in one process until SIGINT, SIGTERM or shutdown.
 
     Args:
-        make_nodes: makes them, after ``rclpy.init()``.
+        make_nodes: makes them, in the order in which they start, after ``rclpy.init()``.
         camera_images: one of them publishes a camera's images, see `prepare_transport`.
 
     Returns:
@@ -81,17 +81,19 @@ def run_nodes(make_nodes: Callable[[], Sequence[Node]], *, camera_images: bool) 
     stop = _StopRequest()
     tune_process()
     prepare_transport(camera_images=camera_images)
-    nodes: Sequence[Node] = ()
+    nodes: Sequence[ManagedNode] = ()
     try:
         stop.initialised()
         # rclpy's handlers shut the context down at once, even under a node in the making.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         nodes = make_nodes()
+        for node in nodes:
+            node.autostart()
         freeze_garbage()
         install_signal_handlers()
         if not stop.made:
             _spin(nodes)
-        if any(getattr(node, 'failed', False) for node in nodes):
+        if any(node.failed for node in nodes):
             return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
@@ -121,7 +123,7 @@ def run_nodes(make_nodes: Callable[[], Sequence[Node]], *, camera_images: bool) 
     return 0
 
 
-def _spin(nodes: Sequence[Node]) -> None:
+def _spin(nodes: Sequence[ManagedNode]) -> None:
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)

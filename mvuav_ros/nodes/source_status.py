@@ -15,12 +15,14 @@ class SourceStatus:
     """Rate, state and the last trouble of a source.
 
     Attributes:
-        state: ``waiting`` for subscribers, ``playing``, ``ended`` or ``retrying``.
+        state: ``waiting`` for subscribers, ``playing``, ``ended`` or ``retrying``; the lifecycle
+            state while the node is not active.
+        source: what it is, for people.
     """
 
     def __init__(self, source: str) -> None:
-        self.state = 'waiting'
-        self._source = source
+        self.state = 'unconfigured'
+        self.source = source
         self._count = self._troubles = 0
         self._times: deque[float] = deque()
         self._last_trouble = ''
@@ -52,7 +54,7 @@ class SourceStatus:
             level, message = DiagnosticStatus.WARN, self._last_trouble
         values = {
             'state': state,
-            'source': self._source,
+            'source': self.source,
             'rate_hz': f'{len(self._times) / WINDOW:.1f}',
             'frames_published': str(self._count),
             'image': self._format,

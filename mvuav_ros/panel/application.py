@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
-from nicegui import Client, core, ui
+from fastapi.responses import FileResponse, Response
+from jinja2 import BaseLoader, Environment
+from nicegui import Client, app, core, ui
+from nicegui.client import templates
 from starlette.staticfiles import StaticFiles
 
-from mvuav_ros.panel.guard import Guard
+from mvuav_ros.panel.guard import NONCE, Guard
 from mvuav_ros.panel.live_socket import LiveSocket
 from mvuav_ros.panel.page.context import Services
 from mvuav_ros.panel.page.view import View
@@ -19,6 +22,8 @@ from mvuav_ros.panel.ros_thread import RosThread
 
 _STATIC = Path(__file__).with_name('static')
 _RECONNECT_TIME = 30.0
+_TAB_MEMORY = 86_400.0
+"""Seconds for which a browser tab's node, edits and ticks are kept."""
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
     'rx="7" fill="#0b62b8"/><path d="M7 11h18M7 21h18" stroke="#fff" stroke-width="2.4"/>'
@@ -47,6 +52,11 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
     async def live(socket: WebSocket) -> None:
         await LiveSocket(socket, ros, services.system, services.feed).run()
 
+    @application.get('/report/{name}')
+    def report(name: str) -> Response:
+        path = services.runs.report(name)
+        return FileResponse(path) if path else Response('there is no such report', 404)
+
     application.mount('/panel', StaticFiles(directory=_STATIC))
     stamp = max(int(path.stat().st_mtime) for path in _STATIC.iterdir())
     ui.add_head_html(
@@ -55,9 +65,11 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
         shared=True,
     )
 
-    @ui.page('/')
-    def page(client: Client) -> None:
-        View(services, client)
+    @ui.page('/', language='en-US')
+    async def page(client: Client) -> None:
+        # What nodes say goes over the WebSocket only; the page's own HTML holds nothing of it.
+        await client.connected()
+        View(services, client, app.storage.tab)
 
     ui.run_with(
         application,
@@ -70,6 +82,27 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
         reconnect_timeout=_RECONNECT_TIME,
         show_welcome_message=False,
     )
+    app.storage.max_tab_storage_age = _TAB_MEMORY
+    _give_scripts_a_nonce(templates.env)
     # NiceGUI answers pages of every origin; the guard asks for ours, and so does this.
     core.sio.eio.cors_allowed_origins = None
     return Guard(application, token)
+
+
+class _WithNonce(BaseLoader):
+    """Puts the nonce into a template before any data are: data can never bring a script."""
+
+    def __init__(self, inner: BaseLoader) -> None:
+        self._inner = inner
+
+    def get_source(
+        self, environment: Environment, template: str
+    ) -> tuple[str, str | None, Callable[[], bool] | None]:
+        source, path, fresh = self._inner.get_source(environment, template)
+        return source.replace('<script', '<script nonce="{{ csp_nonce() }}"'), path, fresh
+
+
+def _give_scripts_a_nonce(environment: Environment) -> None:
+    if environment.loader is not None and not isinstance(environment.loader, _WithNonce):
+        environment.loader = _WithNonce(environment.loader)
+        environment.globals['csp_nonce'] = NONCE.get

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
-import re
+from bisect import bisect_left
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.parameters.descriptor_text import DescriptorText, default_text, read_description
 
 _CHOICES = 'one of '
-_DESCRIPTION = re.compile(r'(.*?)(?: Unit: (.*?)\.)?(?: Thesis: (.*)\.)?', re.DOTALL)
-_LARGEST_LINEAR = 400
+_LOGARITHMIC = 40
+"""A range whose ends have at least this ratio is spread logarithmically."""
+_MOST_STEPS = 500
 """Positions of a slider that a hand can still tell apart."""
-_DIGITS = 3
-_SAFE_TYPES = {
+_WIDEST = 1e15
+"""Ends of a range that is a range: beyond that any number is allowed."""
+_SHORT = 40
+_LARGEST_INTEGER = 2**63 - 1
+_TYPES = {
     ParameterType.PARAMETER_BOOL: bool,
     ParameterType.PARAMETER_INTEGER: int,
     ParameterType.PARAMETER_DOUBLE: float,
@@ -40,15 +47,13 @@ class Control:
     """A parameter's widget and its words.
 
     Attributes:
-        name: the parameter's.
+        name: the parameter's, as the node knows it.
         kind: of the widget.
         type: of the value; None of one that the panel only shows (a list).
-        description: without unit and thesis.
-        unit: empty where it has none.
-        thesis: the thesis's name or value of it.
+        text: what the descriptor's description says.
         constraint: the values allowed, in words.
-        minimum: of a slider, as the descriptor says.
-        maximum: the same.
+        minimum: the smallest value; NaN where the descriptor says none.
+        maximum: the largest value.
         choices: of a menu.
         odd: only odd numbers are allowed.
         read_only: it cannot be changed while the node runs.
@@ -57,12 +62,10 @@ class Control:
     name: str
     kind: Kind
     type: type | None
-    description: str = ''
-    unit: str = ''
-    thesis: str = ''
+    text: DescriptorText
     constraint: str = ''
-    minimum: float = 0.0
-    maximum: float = 0.0
+    minimum: float = math.nan
+    maximum: float = math.nan
     choices: tuple[str, ...] = ()
     odd: bool = False
     read_only: bool = False
@@ -75,127 +78,148 @@ class Control:
             'start_type_description_service',
         )
 
-    def parse(self, text: object) -> Value:
+    @property
+    def stage(self) -> str:
+        """Of the processing."""
+        return 'Every ROS node' if self.foreign else self.text.stage or 'Other'
+
+    @property
+    def label(self) -> str:
+        """The name for people."""
+        return foreign.words(self.name)
+
+    def counts(self, values: Mapping[str, Any]) -> bool:
+        """Whether it has an effect while the node's parameters have these values."""
+        return not self.text.counts or any(
+            all(str(values.get(name)) in wanted for name, wanted in condition.items())
+            for condition in self.text.counts
+        )
+
+    def parse(self, words: object) -> Value:
         """What a user typed, as a value to be sent to the node, which judges it.
 
         Raises:
-            ValueError: it is not even of the type.
+            ValueError: it cannot even be sent, with the reason.
         """
         if self.type is bool:
-            return bool(text)
+            return bool(words)
         if self.type is str:
-            return '' if text is None else str(text)
-        number = float(str(text).strip().replace(',', '.'))
-        if self.type is int:
-            if not math.isfinite(number) or number != int(number):
-                raise ValueError(f'{self.name} takes a whole number')
-            return int(number)
-        return number
+            return '' if words is None else str(words)
+        whole = self.type is int
+        try:
+            number = float(str(words).strip().replace(',', '.'))
+        except ValueError:
+            raise ValueError(f'takes {"a whole number" if whole else "a number"}') from None
+        if not math.isfinite(number):
+            raise ValueError(f'must be a finite number, not {number}')
+        if whole and (number != int(number) or abs(number) > _LARGEST_INTEGER):
+            raise ValueError(f'takes a whole number, not {number:g}')
+        return int(number) if whole else number
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Positions 0 to 1 of a slider and the values there.
+    """The values at the positions of a slider, in rising order."""
 
-    A range too wide for a hand is spread logarithmically from its lower end.
+    values: tuple[float, ...]
+
+    def position(self, value: float) -> int:
+        """The position whose value is nearest."""
+        right = min(bisect_left(self.values, value), len(self.values) - 1)
+        left = max(right - 1, 0)
+        nearer = value - self.values[left] < self.values[right] - value
+        return left if nearer else right
+
+
+def scale_of(control: Control, image_size: float = 0.0) -> Scale:
+    """A slider's scale over the range that is usual for its parameter.
+
+    Args:
+        control: a slider.
+        image_size: longer side of the node's images, px; 0: not known. Places and lengths in the
+            image end there.
     """
-
-    minimum: float
-    maximum: float
-    whole: bool
-    odd: bool = False
-
-    @property
-    def _span(self) -> float:
-        return max(self.maximum - self.minimum, 1e-12)
-
-    @property
-    def _logarithmic(self) -> bool:
-        return self._span > _LARGEST_LINEAR * (10 if self.whole else 1)
-
-    def value(self, position: float) -> float | int:
-        """The value at a position, rounded to what a hand can mean."""
-        position = min(max(position, 0.0), 1.0)
-        if self._logarithmic:
-            value = self.minimum + math.expm1(position * math.log1p(self._span))
-        else:
-            value = self.minimum + position * self._span
-        if self.whole:
-            return self._nearest(value)
-        digits = _DIGITS - math.ceil(math.log10(self._span))
-        if self._logarithmic and value > 0:
-            digits = _DIGITS - 1 - math.floor(math.log10(value))
-        return min(max(round(value, max(digits, 0)), self.minimum), self.maximum)
-
-    def position(self, value: float) -> float:
-        """Where a value lies."""
-        inside = min(max(value, self.minimum), self.maximum) - self.minimum
-        if self._logarithmic:
-            return math.log1p(inside) / math.log1p(self._span)
-        return inside / self._span
-
-    def _nearest(self, value: float) -> int:
-        if not self.odd:
-            return round(value)
-        return int(min(max(2 * math.floor(value / 2) + 1, self.minimum), self.maximum))
-
-    def within(self, size: float) -> Scale:
-        """The scale for positions and lengths in a image of that size, px."""
-        if size <= 0 or self.maximum <= size:
-            return self
-        return replace(self, maximum=max(size, self.minimum + 1))
+    low, high = control.text.usual or (control.minimum, control.maximum)
+    low, high = max(low, control.minimum), min(high, control.maximum)
+    if low >= high:
+        low, high = control.minimum, control.maximum
+    if control.text.unit == 'px' and image_size > 0 and control.text.usual:
+        high = min(high, max(image_size, low + 1))
+    whole = control.type is int
+    if low > 0 and high / low >= _LOGARITHMIC:
+        values = _two_digits(low, high, whole)
+    else:
+        step = _step((high - low) / _MOST_STEPS, whole)
+        count = math.floor((high - low) / step + 1e-9)
+        values = [round(low + step * index, 10) for index in range(count + 1)]
+    if control.odd:
+        values = sorted({2 * (int(value) // 2) + 1 for value in values} - {int(high) + 1})
+    return Scale(tuple(int(value) if whole else value for value in values))
 
 
-def scale_of(control: Control) -> Scale:
-    """A slider's scale over the whole range of its parameter."""
-    return Scale(control.minimum, control.maximum, control.type is int, control.odd)
+def _step(least: float, whole: bool) -> float:
+    """The next of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(least))
+    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= least * 0.999)
+    return max(step, 1.0) if whole else step
+
+
+def _two_digits(low: float, high: float, whole: bool) -> list[float]:
+    """All numbers of two digits, with any power of ten, from ``low`` to ``high``."""
+    values = {low, high}
+    for exponent in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
+        values |= {round(digits * 10.0 ** (exponent - 1), 10) for digits in range(10, 100)}
+    return sorted(v for v in values if low <= v <= high and (not whole or v == int(v)))
 
 
 def control_of(descriptor: ParameterDescriptor) -> Control:
     """The control that fits a descriptor; of other packages' nodes as well."""
-    words = _DESCRIPTION.fullmatch(descriptor.description)
-    description, unit, thesis = words.groups() if words else (descriptor.description, '', '')
-    constraint = str(descriptor.additional_constraints)
-    kind, more = _kind(descriptor, constraint)
+    text = read_description(foreign.words(descriptor.description, foreign.LONGEST_DESCRIPTION))
+    text = replace(
+        text,
+        unit=foreign.words(text.unit, _SHORT),
+        default=foreign.words(text.default, _SHORT),
+        stage=foreign.words(text.stage, _SHORT),
+        thesis=foreign.words(text.thesis),
+    )
+    constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
+    type_ = _TYPES.get(descriptor.type)
+    kind, choices, (low, high) = _kind(descriptor, type_, constraint)
     return Control(
         name=str(descriptor.name),
         kind=kind,
-        type=_SAFE_TYPES.get(descriptor.type),
-        description=description.strip(),
-        unit=unit or '',
-        thesis=thesis or '',
+        type=type_,
+        text=text,
         constraint=constraint,
+        minimum=low,
+        maximum=high,
+        choices=choices,
         odd=constraint.startswith('odd'),
-        read_only=bool(descriptor.read_only) or descriptor.type not in _SAFE_TYPES,
-        **more,
+        read_only=bool(descriptor.read_only) or type_ is None,
     )
 
 
-def _kind(descriptor: ParameterDescriptor, constraint: str) -> tuple[Kind, dict[str, Any]]:
-    if descriptor.type == ParameterType.PARAMETER_BOOL:
-        return Kind.SWITCH, {}
-    if descriptor.type == ParameterType.PARAMETER_STRING:
-        if constraint.startswith(_CHOICES):
-            return Kind.MENU, {'choices': tuple(constraint.removeprefix(_CHOICES).split(', '))}
-        return Kind.TEXT, {}
-    ranges = [*descriptor.integer_range, *descriptor.floating_point_range]
-    numeric = descriptor.type in (ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE)
-    if not numeric:
-        return Kind.TEXT, {}
-    if not ranges:
-        return Kind.NUMBER, {}
-    limits = {'minimum': float(ranges[0].from_value), 'maximum': float(ranges[0].to_value)}
-    return Kind.SLIDER, limits
+def _kind(
+    descriptor: ParameterDescriptor, type_: type | None, constraint: str
+) -> tuple[Kind, tuple[str, ...], tuple[float, float]]:
+    none = (math.nan, math.nan)
+    if type_ is bool:
+        return Kind.SWITCH, (), none
+    if type_ is str and constraint.startswith(_CHOICES):
+        return Kind.MENU, tuple(constraint.removeprefix(_CHOICES).split(', ')), none
+    if type_ not in (int, float):
+        return Kind.TEXT, (), none
+    for each in (*descriptor.integer_range, *descriptor.floating_point_range):
+        limits = float(each.from_value), float(each.to_value)
+        if -_WIDEST < limits[0] < limits[1] < _WIDEST:
+            return Kind.SLIDER, (), limits
+    return Kind.NUMBER, (), none
 
 
 def value_text(value: object) -> str:
     """A value as the panel writes it."""
     if value is None:
         return '-'
-    if isinstance(value, bool):
-        return 'on' if value else 'off'
-    if isinstance(value, float):
-        return f'{value:.6g}'
-    if isinstance(value, str):
-        return value or '(empty)'
-    return str(value)
+    if isinstance(value, (bool, int, float, str)):
+        return foreign.words(default_text(value))
+    return foreign.words(value)

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 from rclpy.node import Node
 
+from mvuav_ros.panel import foreign
+
 _RESULTS = {
     'markers': ('marker_tracker', 'sensor_msgs/msg/PointCloud2'),
     'line_params': ('runway_detector', 'sensor_msgs/msg/PointCloud2'),
 }
 """A node is known by the result that only its kind publishes."""
+_MOST_NODES = 20
 RAW, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 
 
@@ -33,12 +36,15 @@ class Found:
 
 def find_nodes(node: Node) -> dict[str, Found]:
     """Ask the ROS graph."""
-    found = {}
+    found: dict[str, Found] = {}
     for name, namespace in dict.fromkeys(node.get_node_names_and_namespaces()):
         full = f'{namespace.rstrip("/")}/{name}'
+        # Anybody on the network can announce anything; rcl then fails in its own way.
+        if not foreign.is_ros_name(full):
+            continue
         try:
             kind = _kind(node, name, namespace, full)
-            if kind:
+            if kind and len(found) < _MOST_NODES:
                 found[full] = _with_input(node, name, namespace, Found(full, kind))
         except Exception as error:
             # It went away meanwhile; rclpy has no public exception for that.
@@ -57,6 +63,6 @@ def _kind(node: Node, name: str, namespace: str, full: str) -> str:
 
 def _with_input(node: Node, name: str, namespace: str, found: Found) -> Found:
     for topic, types in node.get_subscriber_names_and_types_by_node(name, namespace):
-        if RAW in types or COMPRESSED in types:
+        if (RAW in types or COMPRESSED in types) and foreign.is_ros_name(topic):
             return Found(found.name, found.kind, topic, COMPRESSED in types)
     return found

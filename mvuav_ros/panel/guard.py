@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import ipaddress
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-COOKIE = 'tuning_panel_token'
+NONCE: ContextVar[str] = ContextVar('NONCE', default='')
+"""Of the request that is being answered; scripts written in its page bear it, others do not run."""
 _SAFE_METHODS = ('GET', 'HEAD')
 _POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+    "default-src 'self'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
-"""Vue compiles its templates in the page, hence inline and eval; other hosts are never asked."""
-_HEADERS = (
-    (b'content-security-policy', _POLICY.encode()),
-    (b'x-content-type-options', b'nosniff'),
-    (b'referrer-policy', b'no-referrer'),
-)
+"""Vue compiles its templates in the page, hence eval; other hosts are never asked."""
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -72,12 +70,15 @@ class Guard:
         """
         self.app = app
         self._token = token
+        # Browsers send a cookie to every port of a host: each panel's has a name of its own.
+        self.cookie = f'tuning_panel_{hashlib.sha256(token.encode()).hexdigest()[:12]}'
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """See ASGI."""
         if scope['type'] not in ('http', 'websocket'):
             await self.app(scope, receive, send)
             return
+        NONCE.set(secrets.token_urlsafe(16))
         headers = {name.decode('latin-1'): value for name, value in scope['headers']}
         headers = {name: value.decode('latin-1') for name, value in headers.items()}
         given = parse_qs(scope.get('query_string', b'').decode('latin-1')).get('token', [''])[0]
@@ -109,7 +110,7 @@ class Guard:
         changes = kind == 'websocket' or method not in _SAFE_METHODS
         if changes and (origin is None or not _same_origin(origin, host)):
             return Refusal(403, 'this comes from the page of another site')
-        if self._token and not self._knows(given) and not self._knows(_cookie_of(headers)):
+        if self._token and not self._knows(given) and not self._knows(self._kept(headers)):
             return Refusal(401, 'open the address with ?token= that the panel printed')
         return None
 
@@ -117,7 +118,14 @@ class Guard:
         return hmac.compare_digest(given.encode('latin-1', 'replace'), self._token.encode())
 
     def _cookie(self) -> bytes:
-        return f'{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/'.encode()
+        return f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'.encode()
+
+    def _kept(self, headers: MutableMapping[str, str]) -> str:
+        try:
+            cookies = SimpleCookie(headers.get('cookie', ''))
+        except CookieError:
+            return ''
+        return cookies[self.cookie].value if self.cookie in cookies else ''
 
 
 def _name_of(host: str) -> str:
@@ -135,18 +143,18 @@ def _same_origin(origin: str, host: str) -> bool:
     return parts.scheme in ('http', 'https') and parts.netloc.lower() == host.lower()
 
 
-def _cookie_of(headers: MutableMapping[str, str]) -> str:
-    try:
-        cookies = SimpleCookie(headers.get('cookie', ''))
-    except CookieError:
-        return ''
-    return cookies[COOKIE].value if COOKIE in cookies else ''
+def _headers() -> list[tuple[bytes, bytes]]:
+    return [
+        (b'content-security-policy', _POLICY.format(nonce=NONCE.get()).encode()),
+        (b'x-content-type-options', b'nosniff'),
+        (b'referrer-policy', b'no-referrer'),
+    ]
 
 
 def _with_headers(send: Send) -> Send:
     async def send_more(message: MutableMapping[str, Any]) -> None:
         if message['type'] == 'http.response.start':
-            message['headers'] = [*message.get('headers', ()), *_HEADERS]
+            message['headers'] = [*message.get('headers', ()), *_headers()]
         await send(message)
 
     return send_more
@@ -161,7 +169,7 @@ async def _refuse(kind: str, refusal: Refusal, receive: Receive, send: Send) -> 
 
 
 async def _answer(send: Send, status: int, body: bytes, more: list[tuple[bytes, bytes]]) -> None:
-    headers = [(b'content-type', b'text/plain; charset=utf-8'), *_HEADERS, *more]
+    headers = [(b'content-type', b'text/plain; charset=utf-8'), *_headers(), *more]
     headers.append((b'content-length', str(len(body)).encode()))
     await send({'type': 'http.response.start', 'status': status, 'headers': headers})
     await send({'type': 'http.response.body', 'body': body})

@@ -1,8 +1,10 @@
-"""RosImage topics as small JPEG images, subscribed only while somebody looks."""
+"""Image topics as small JPEG images, subscribed only while somebody looks."""
 
 from __future__ import annotations
 
+import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +18,11 @@ from sensor_msgs.msg import Image as RosImage
 from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
+from mvuav_ros.recordings.serialization.serialized_image import (
+    stamp_ns_in,
+    view_compressed_image,
+    view_image,
+)
 from mvuav_ros.vision.image import Image, ImageError
 
 HIGHEST_RATE = 10.0
@@ -24,6 +30,9 @@ HIGHEST_RATE = 10.0
 LARGEST_SIDE = 640
 """Of what is sent, px."""
 _QUALITY = 80
+_RATE_WINDOW = 2.0
+_OLDEST_LIVE = 10.0
+"""Seconds; a stamp from longer ago is a recording's."""
 
 TITLES = {
     'input': 'Input',
@@ -33,6 +42,8 @@ TITLES = {
     'debug/overlay': 'Overlay',
     'debug_image': 'Markers',
 }
+RESULT_OF_KIND = {'marker_tracker': 'debug_image', 'runway_detector': 'debug/overlay'}
+"""The image with the results drawn in."""
 _OF_KIND = {
     'marker_tracker': ('input', 'debug_image'),
     'runway_detector': (
@@ -47,7 +58,7 @@ _OF_KIND = {
 
 @dataclass(frozen=True)
 class Stream:
-    """A image that can be shown: a node's input or one of its debug images."""
+    """An image that can be shown: a node's input or one of its debug images."""
 
     node: str
     name: str
@@ -65,12 +76,21 @@ class Stream:
 
 @dataclass(frozen=True)
 class Shot:
-    """A image ready to be sent; width and height are those of the original."""
+    """An image ready to be sent.
 
-    number: int
+    Attributes:
+        width: of the original, px.
+        height: of the original, px.
+        jpeg: what is sent.
+        rate: of the topic, Hz.
+        age_ms: from the stamp until we had it; NaN where the stamp is not of now.
+    """
+
     width: int
     height: int
     jpeg: bytes
+    rate: float
+    age_ms: float
 
 
 def streams_of(node: LiveNode) -> list[Stream]:
@@ -97,18 +117,32 @@ def decode(data: bytes, compressed: bool) -> Image:
 
 
 def encode_jpeg(image: Image, largest: int = LARGEST_SIDE) -> bytes:
-    """A image as JPEG with sides of at most ``largest`` px."""
-    pixels = image.pixels if image.is_gray else image.bgr()
-    if pixels.dtype != np.uint8:
-        pixels = cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
+    """An image as JPEG with sides of at most ``largest`` px."""
+    pixels = _eight_bit(image)
     factor = largest / max(pixels.shape[:2])
     if factor < 1.0:
         size = (max(round(pixels.shape[1] * factor), 1), max(round(pixels.shape[0] * factor), 1))
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    done, jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return _encoded('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+
+
+def encode_png(image: Image) -> bytes:
+    """An image as PNG at its full size."""
+    return _encoded('.png', _eight_bit(image), [])
+
+
+def _eight_bit(image: Image) -> Any:
+    pixels = image.pixels if image.is_gray else image.bgr()
+    if pixels.dtype == np.uint8:
+        return pixels
+    return cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
+
+
+def _encoded(suffix: str, pixels: Any, options: list[int]) -> bytes:
+    done, data = cv2.imencode(suffix, pixels, options)
     if not done:
         raise ImageError('the image cannot be encoded')
-    return jpeg.tobytes()
+    return data.tobytes()
 
 
 Look = Callable[[str, Shot], None]
@@ -167,7 +201,8 @@ class _Tap:
     ) -> None:
         self.topic, self.compressed = topic, compressed
         self._ros, self._key, self._arrived = ros, key, arrived
-        self._due, self._number = 0.0, 0
+        self._due = 0.0
+        self._arrivals: deque[float] = deque(maxlen=200)
         self._data: bytes | None = None
         self._closed = False
         self._subscription: Any = None
@@ -198,6 +233,7 @@ class _Tap:
 
     def _on_image(self, data: bytes) -> None:
         now = time.monotonic()
+        self._arrivals.append(now)
         if self._closed or now < self._due:
             return
         # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
@@ -209,6 +245,17 @@ class _Tap:
             # The node itself says so in its diagnostics.
             return
         self._data = data
-        self._number += 1
-        shot = Shot(self._number, image.width, image.height, jpeg)
+        shot = Shot(image.width, image.height, jpeg, self._rate(now), _age_ms(data))
         self._ros.tell(self._arrived, self._key, shot)
+
+    def _rate(self, now: float) -> float:
+        while self._arrivals[0] < now - _RATE_WINDOW:
+            self._arrivals.popleft()
+        span = now - self._arrivals[0]
+        return (len(self._arrivals) - 1) / span if span > 0 else math.nan
+
+
+def _age_ms(data: bytes) -> float:
+    """From a message's stamp until now."""
+    age = time.time() - 1e-9 * stamp_ns_in(data)
+    return 1e3 * age if 0.0 <= age < _OLDEST_LIVE else math.nan

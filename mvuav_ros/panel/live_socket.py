@@ -11,14 +11,16 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.images import ImageFeed, Shot, Stream, source_of, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.panel.series import Point, SeriesFeed
+from mvuav_ros.panel.series import Listener, Point, SeriesFeed
+from mvuav_ros.panel.sketch import Sketch
 
 _CURVE_INTERVAL = 0.2
 """Seconds between two batches of points."""
-_MOST_STREAMS = 16
+MOST_STREAMS = 16
 _LONGEST_REQUEST = 10_000
 _UNANSWERED = 2
 """Images of one stream on their way; a slow link gets fewer images, not older ones."""
@@ -29,7 +31,7 @@ class LiveSocket:
 
     The page says what is on its screen: ``{"images": [key, …], "series": node}``, and tells of
     each image that it has drawn it: ``{"drawn": key}``. It gets images as binary messages
-    (uint32 length of a JSON header, the header, a JPEG) and curves as JSON.
+    (uint32 length of a JSON header, the header, a JPEG), curves and the newest pose as JSON.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class LiveSocket:
         self._series: SeriesFeed | None = None
         self._series_of = ''
         self._points: list[Point] = []
+        self._pose: Sketch | None = None
         self._something = asyncio.Event()
         self._sent_curves = 0.0
 
@@ -54,7 +57,8 @@ class LiveSocket:
                 text = await self._socket.receive_text()
                 if len(text) <= _LONGEST_REQUEST:
                     self._take(json.loads(text))
-        except (WebSocketDisconnect, ValueError, KeyError, TypeError, AttributeError):
+        except (WebSocketDisconnect, ValueError, TypeError, AttributeError, RecursionError):
+            # Gone, or no page of ours.
             pass
         finally:
             sender.cancel()
@@ -64,10 +68,11 @@ class LiveSocket:
     def _take(self, request: dict[str, Any]) -> None:
         if 'drawn' in request:
             key = str(request['drawn'])
-            self._under_way[key] = max(self._under_way.get(key, 0) - 1, 0)
-            self._something.set()
+            if self._under_way.get(key, 0) > 0:
+                self._under_way[key] -= 1
+                self._something.set()
         if 'images' in request:
-            self._look_at([str(key) for key in request['images']][:_MOST_STREAMS])
+            self._look_at([str(key) for key in request['images']])
         if 'series' in request:
             self._follow(str(request['series'] or ''))
 
@@ -77,7 +82,7 @@ class LiveSocket:
         for node in self._system.nodes.values():
             for stream in streams_of(node):
                 topic, compressed = source_of(stream, node)
-                if topic and stream.key in keys:
+                if topic and stream.key in keys and len(known) < MOST_STREAMS:
                     known[stream.key] = (stream, topic, compressed)
         for key in self._looking - known.keys():
             self._feed.look_away(key, self._arrived)
@@ -95,17 +100,26 @@ class LiveSocket:
         if self._series is not None:
             self._series.close()
         self._points.clear()
-        self._series_of = name
-        self._series = (
-            SeriesFeed(self._ros, name, node.kind, self._points_arrived) if node else None
-        )
+        self._pose = None
+        self._series_of, self._series = name, None
+        if node is not None:
+            listener = Listener(
+                self._point_arrived,
+                self._pose_arrived,
+                lambda: foreign.number(node.values.get('runway_width', 0.0)),
+            )
+            self._series = SeriesFeed(self._ros, name, node.kind, listener)
 
     def _arrived(self, key: str, shot: Shot) -> None:
         self._waiting[key] = shot
         self._something.set()
 
-    def _points_arrived(self, point: Point) -> None:
+    def _point_arrived(self, point: Point) -> None:
         self._points.append(point)
+        self._something.set()
+
+    def _pose_arrived(self, pose: Sketch) -> None:
+        self._pose = pose
         self._something.set()
 
     async def _send(self) -> None:
@@ -118,19 +132,23 @@ class LiveSocket:
                     self._under_way[key] = self._under_way.get(key, 0) + 1
                     await self._socket.send_bytes(_message(key, shot))
             now = time.monotonic()
-            if self._points and now - self._sent_curves >= _CURVE_INTERVAL:
+            if (self._points or self._pose) and now - self._sent_curves >= _CURVE_INTERVAL:
                 self._sent_curves = now
                 points, self._points = self._points, []
-                await self._socket.send_text(curves_message(self._series_of, points))
+                pose, self._pose = self._pose, None
+                await self._socket.send_text(results_message(self._series_of, points, pose))
 
 
 def _message(key: str, shot: Shot) -> bytes:
-    header = json.dumps({'key': key, 'width': shot.width, 'height': shot.height}).encode()
-    return struct.pack('<I', len(header)) + header + shot.jpeg
+    words = f'{shot.rate:.1f} Hz' if math.isfinite(shot.rate) else ''
+    words += f' · {shot.age_ms:.0f} ms' if math.isfinite(shot.age_ms) else ''
+    header = {'key': key, 'width': shot.width, 'height': shot.height, 'words': words}
+    text = json.dumps(header).encode()
+    return struct.pack('<I', len(text)) + text + shot.jpeg
 
 
-def curves_message(node: str, points: list[Point]) -> str:
-    """Points as JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …]}``.
+def results_message(node: str, points: list[Point], pose: Sketch | None) -> str:
+    """As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "pose": …}``.
 
     A value that is not known is null.
     """
@@ -145,4 +163,5 @@ def curves_message(node: str, points: list[Point]) -> str:
         ]
         for time_s, chart, values in points
     ]
-    return json.dumps({'series': node, 'points': rounded})
+    shown = {'numbers': pose.numbers, 'segments': pose.segments} if pose else None
+    return json.dumps({'series': node, 'points': rounded, 'pose': shown})

@@ -11,18 +11,21 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import Trigger
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import Control
 from mvuav_ros.panel.discovery import Found, find_nodes
-from mvuav_ros.panel.remote_parameters import RemoteParameters
+from mvuav_ros.panel.remote_parameters import RemoteParameters, value_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
 
 _SCAN_INTERVAL = 1.0
 _SILENCE = 4.0
 """Seconds without a sign of life; a killed node stays in the graph for much longer."""
+_SHORTEST = 0.2
+"""Seconds between two reports of a node; one that says more is not listened to all the time."""
+_LARGEST_SIDE = 100_000
 
 
 @dataclass
@@ -38,6 +41,8 @@ class LiveNode:
         message: the words of those.
         level: their level, 0 when all is well.
         statistics: its newest ``~/statistics``, values by status name.
+        heard: when its newest diagnostics came, s.
+        counted: when its newest statistics came, s.
     """
 
     found: Found
@@ -49,6 +54,7 @@ class LiveNode:
     level: int = 0
     statistics: dict[str, dict[str, str]] = field(default_factory=dict)
     heard: float = 0.0
+    counted: float = 0.0
 
     @property
     def name(self) -> str:
@@ -63,13 +69,19 @@ class LiveNode:
     @property
     def image_topic(self) -> str:
         """Where its images come from."""
-        return self.found.image_topic or self.status.get('image_topic', '')
+        said = self.status.get('image_topic', '')
+        return self.found.image_topic or (said if foreign.is_ros_name(said) else '')
 
     @property
     def image_size(self) -> int:
         """The longer side of its images, px; 0 while that is not known."""
-        sides = self.status.get('image', '').split(' ')[0].split('x')
-        return max((int(side) for side in sides if side.isdigit()), default=0)
+        sides = map(foreign.number, self.status.get('image', '').split(' ')[0].split('x'))
+        return max((int(side) for side in sides if 0 < side <= _LARGEST_SIDE), default=0)
+
+
+def same_value(left: object, right: object) -> bool:
+    """Whether two values are one; NaN is NaN here."""
+    return left == right or (left != left and right != right)
 
 
 Listener = Callable[[str, LiveNode], None]
@@ -242,30 +254,29 @@ class LiveSystem:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            node = self.nodes.get(status.name)
-            if node is not None:
-                node.heard = time.monotonic()
-                node.status = {pair.key: pair.value for pair in status.values}
-                node.message, node.level = status.message, status.level[0]
+            node, now = self.nodes.get(status.name), time.monotonic()
+            if node is not None and now - node.heard > _SHORTEST:
+                node.heard = now
+                node.status = foreign.key_values(status.values)
+                node.message, node.level = foreign.words(status.message), status.level[0]
                 self._tell('status', node)
 
     def _on_statistics(self, name: str, message: DiagnosticArray) -> None:
-        node = self.nodes.get(name)
-        if node is not None:
-            node.statistics = {
-                status.name: {pair.key: pair.value for pair in status.values}
-                for status in message.status
-            }
+        node, now = self.nodes.get(name), time.monotonic()
+        if node is not None and now - node.counted > _SHORTEST:
+            node.counted = now
+            node.statistics = foreign.statuses(message)
             self._tell('statistics', node)
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         node = self.nodes.get(event.node)
         if node is not None and node.controls:
-            changed = event.changed_parameters
-            self._take_values(node, {p.name: parameter_value_to_python(p.value) for p in changed})
+            known = {control.name for control in node.controls}
+            changed = [each for each in event.changed_parameters if each.name in known]
+            self._take_values(node, {each.name: value_of(each.value) for each in changed})
 
     def _take_values(self, node: LiveNode, values: Mapping[str, Any]) -> None:
         """The answer to a request and the event of the change tell the same."""
-        if any(node.values.get(name) != value for name, value in values.items()):
+        if any(not same_value(node.values.get(name), value) for name, value in values.items()):
             node.values.update(values)
             self._tell('values', node)

@@ -46,13 +46,13 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         default='127.0.0.1',
         help='address to serve on; any other than loopback asks visitors for a token',
     )
-    parser.add_argument('--port', type=int, default=PORT, help=f'TCP port ({PORT}); 0: a free one')
+    parser.add_argument('--port', type=_port, default=PORT, help='TCP port (%(default)s); 0: free')
     parser.add_argument(
         '--folder', type=Path, default=_data_folder(), help='for saved sets and runs (%(default)s)'
     )
     parser.add_argument(
         '--bags',
-        type=Path,
+        type=_existing,
         action='append',
         default=None,
         help='a recording or a folder of them, to choose from for runs; may be repeated '
@@ -61,6 +61,19 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parsed = parser.parse_args(words[: len(words) - len(ros)])
     parsed.ros = ros
     return parsed
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 0 <= int(text) <= 65_535:
+        raise argparse.ArgumentTypeError(f'{text!r} is no port: 0 to 65535')
+    return int(text)
+
+
+def _existing(text: str) -> Path:
+    path = Path(text).expanduser()
+    if not path.exists():
+        raise argparse.ArgumentTypeError(f'{text}: no such file or folder')
+    return path
 
 
 def _data_folder() -> Path:
@@ -88,7 +101,6 @@ def address(host: str, port: int, token: str) -> str:
 def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     import uvicorn
 
-    from mvuav_ros.nodes.process_tuning import tune_process
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
     from mvuav_ros.panel.images import ImageFeed
@@ -98,6 +110,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     from mvuav_ros.panel.ros_thread import RosThread
     from mvuav_ros.panel.runs import RunStore
     from mvuav_ros.panel.sets import SetStore
+    from mvuav_ros.processing.process_tuning import tune_process
 
     tune_process()
     ros = RosThread('tuning_panel', arguments.ros)
@@ -105,12 +118,14 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     folder: Path = arguments.folder.expanduser().resolve()
     with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:
         services = Services(
+            ros=ros,
             system=LiveSystem(ros),
             feed=ImageFeed(ros),
             sets=SetStore(folder / 'sets', built_in_sets()),
             runs=RunStore(folder / 'runs'),
-            bags=tuple(path.expanduser() for path in arguments.bags or sample_bags()),
+            bags=tuple(arguments.bags or sample_bags()),
             scratch=Path(scratch),
+            recordings=folder / 'recordings',
         )
         application = make_application(ros, services, token)
         port = listening.getsockname()[1]

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import mvuav_ros
+from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.observed import read_bag
 from mvuav_ros.offline.replay.job import ReplayOutcome
-from mvuav_ros.panel.runs import SavedRun
+from mvuav_ros.offline.report.writing import write_report
+from mvuav_ros.panel.runs import REPORT, SavedRun
 from mvuav_ros.parameters.declaration import Value
 
 
@@ -24,13 +26,18 @@ def measured_run(
 ) -> SavedRun:
     """The numbers of a replay that has ended.
 
+    A run with a name gets a report beside its results.
+
     Raises:
         RecordingError: the results or the recording cannot be read.
     """
     observed = read_bag(outcome.output)
     observed.truth = read_bag(Path(source)).truth
     observed.frames = outcome.frames
-    observed.refused = outcome.frames - outcome.answered
+    observed.rejected = outcome.frames - outcome.processed
+    if name:
+        described = {key: str(value) for key, value in parameters.items()}
+        write_report(bag_report(observed, described), outcome.output.parent / REPORT)
     metrics = [metric for metric in metrics_of(observed) if metric.name != 'time per frame']
     return SavedRun(
         name=name,
@@ -41,6 +48,6 @@ def measured_run(
         version=mvuav_ros.__version__,
         made=time.time(),
         frames=outcome.frames,
-        answered=outcome.answered,
+        answered=outcome.processed,
         settings=settings,
     )

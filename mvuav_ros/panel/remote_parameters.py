@@ -10,6 +10,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import Control, control_of
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.parameters.declaration import Value
@@ -22,6 +23,7 @@ _SERVICES = {
 }
 _MOST = 500
 """Parameters shown; more are no vision node's."""
+_LONGEST = foreign.LONGEST_NAME
 
 
 class RemoteParameters:
@@ -54,9 +56,10 @@ class RemoteParameters:
         listed: ListParametersResult = (
             await self._ask('list_parameters', ListParameters.Request())
         ).result
-        request = DescribeParameters.Request(names=list(listed.names)[:_MOST])
-        answer = await self._ask('describe_parameters', request)
-        return [control_of(descriptor) for descriptor in answer.descriptors]
+        names = [name for name in dict.fromkeys(listed.names) if 0 < len(name) <= _LONGEST][:_MOST]
+        answer = await self._ask('describe_parameters', DescribeParameters.Request(names=names))
+        controls = {each.name: control_of(each) for each in answer.descriptors}
+        return [controls[name] for name in names if name in controls]
 
     async def get(self, names: list[str]) -> dict[str, Any]:
         """Current values.
@@ -65,7 +68,7 @@ class RemoteParameters:
             NoAnswerError: the node does not answer.
         """
         answer = await self._ask('get_parameters', GetParameters.Request(names=names))
-        values = [parameter_value_to_python(value) for value in answer.values]
+        values = [value_of(value) for value in answer.values]
         return dict(zip(names, values, strict=False))
 
     async def set(self, values: Mapping[str, Value]) -> dict[str, str]:
@@ -77,8 +80,11 @@ class RemoteParameters:
         Raises:
             NoAnswerError: the node does not answer.
         """
-        parameters = [Parameter(name, value=value) for name, value in values.items()]
-        request = SetParameters.Request(parameters=[p.to_parameter_msg() for p in parameters])
+        try:
+            messages = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        except (AssertionError, OverflowError, TypeError, ValueError) as error:
+            return dict.fromkeys(values, f'cannot be sent: {foreign.words(error)}')
+        request = SetParameters.Request(parameters=messages)
         answer = await self._ask('set_parameters', request)
         return {
             name: _plain(name, result.reason)
@@ -90,5 +96,13 @@ class RemoteParameters:
         return await self._ros.request(self._clients[service], request)
 
 
+def value_of(message: Any) -> Any:
+    """A rcl_interfaces/ParameterValue; None where its type is none that there is."""
+    try:
+        return foreign.parameter_value(parameter_value_to_python(message))
+    except RuntimeError:
+        return None
+
+
 def _plain(name: str, reason: str) -> str:
-    return reason.removeprefix(f'{name}: ') or 'refused without a reason'
+    return foreign.words(reason.removeprefix(f'{name}: ')) or 'refused without a reason'

@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable
-from multiprocessing.connection import Connection
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import cv2
-
-from mvuav_ros.offline.replay.interruptions import interrupt_on_signals
-from mvuav_ros.offline.replay.job import (
-    JobProgress,
-    ReplayJob,
-    ReplayOutcome,
-    ReplaySettings,
-    attempt,
-)
+from mvuav_ros.offline.processes import ProcessDiedError, Report, Told, Worker
+from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, ReplaySettings, attempt
+from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.runs import SavedRun
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.errors import RecordingError
@@ -33,96 +23,79 @@ class RunFailedError(RuntimeError):
     """A run came to nothing, with the reason."""
 
 
+@dataclass(frozen=True)
+class RunRequest:
+    """What is to be run.
+
+    Attributes:
+        name: of the run.
+        kind: the node.
+        source: the recording.
+        parameters: of the node.
+        output: the bag to write.
+        settings: the name of the parameters' set.
+    """
+
+    name: str
+    kind: str
+    source: Path
+    parameters: dict[str, Value]
+    output: Path
+    settings: str = ''
+
+
 class RunProcess:
     """A run under way."""
 
     def __init__(self) -> None:
-        self._process: Any = None
+        self._worker: Worker | None = None
         self.cancelled = False
 
     def cancel(self) -> None:
         """End it; `run` then raises."""
         self.cancelled = True
-        if self._process is not None and self._process.is_alive():
-            self._process.terminate()
+        if self._worker is not None:
+            self._worker.request_stop()
 
     async def run(
-        self,
-        name: str,
-        kind: str,
-        source: Path,
-        parameters: dict[str, Value],
-        output: Path,
-        progress: Callable[[int, int | None], None],
-        settings: str = '',
+        self, request: RunRequest, progress: Callable[[int, int | None], None]
     ) -> SavedRun:
         """Replay a recording with a node's code and measure its results.
 
         Args:
-            name: of the run.
-            kind: the node.
-            source: the recording.
-            parameters: of the node.
-            output: the bag to write.
+            request: what to run.
             progress: called with the frames done and, where that is known, how many there are.
-            settings: the name of the parameters' set.
 
         Raises:
             RunFailedError: it failed, or was cancelled.
         """
-        # A forked child would inherit the threads of ROS, which are not there any more.
-        context = multiprocessing.get_context('spawn')
-        ours, theirs = context.Pipe(duplex=False)
-        job = ReplayJob(str(source), output, ReplaySettings({kind: parameters}))
-        self._process = context.Process(
-            target=_work, args=(theirs, job, name, kind, settings), daemon=True
-        )
-        await asyncio.to_thread(self._process.start)
-        theirs.close()
+        # Spawned: a forked child would lack the threads of ROS.
+        worker = self._worker = await asyncio.to_thread(Worker, _measured_replay)
         try:
-            while True:
-                message = await asyncio.to_thread(_next, ours)
-                if isinstance(message, JobProgress):
-                    progress(message.done, message.total)
-                elif isinstance(message, SavedRun):
-                    return message
-                else:
-                    raise RunFailedError('cancelled' if self.cancelled else str(message))
+            worker.send(0, request)
+            if self.cancelled:
+                worker.request_stop()
+            while isinstance(message := await asyncio.to_thread(worker.receive), Told):
+                progress(message.message.done, message.message.total)
+        except ProcessDiedError as error:
+            raise RunFailedError('cancelled' if self.cancelled else str(error)) from None
         finally:
-            ours.close()
-            await asyncio.to_thread(self._end)
-
-    def _end(self) -> None:
-        self._process.join(_ENDING_TIME)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+            await asyncio.to_thread(worker.end, _ENDING_TIME)
+        if not isinstance(message.result, SavedRun):
+            raise RunFailedError('cancelled' if self.cancelled else str(message.error))
+        return message.result
 
 
-def _next(connection: Connection) -> object:
-    try:
-        return connection.recv()
-    except (EOFError, OSError):
-        return 'the process ended'
-
-
-def _work(connection: Connection, job: ReplayJob, name: str, kind: str, settings: str) -> None:
-    interrupt_on_signals()
-    # Ctrl-C in the terminal goes to the panel, which ends its run.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _measured_replay(request: RunRequest, report: Report, stop: Stop) -> SavedRun:
+    """Runs in the worker."""
     os.nice(_NICENESS)
-    cv2.setNumThreads(1)
-    outcome = ReplayOutcome(job.source, job.output)
-    try:
-        attempt(job, outcome, connection.send, ahead=False)
-        if outcome.error:
-            connection.send(outcome.error)
-            return
-        from mvuav_ros.panel.measuring import measured_run
+    settings = ReplaySettings({request.kind: request.parameters})
+    job = ReplayJob(str(request.source), request.output, settings)
+    outcome: ReplayOutcome = attempt(job, report, stop)
+    if outcome.failure or outcome.interrupted:
+        raise RecordingError(outcome.failure or 'interrupted')
+    from mvuav_ros.panel.measuring import measured_run
 
-        parameters = job.settings.parameters[kind]
-        connection.send(measured_run(name, kind, job.source, parameters, outcome, settings))
-    except RecordingError as error:
-        connection.send(str(error))
-    except (KeyboardInterrupt, BrokenPipeError):
-        pass
+    return measured_run(
+        request.name, request.kind, job.source, request.parameters, outcome, request.settings
+    )

@@ -12,13 +12,17 @@ from typing import Any
 
 from mvuav_ros.offline.evaluation.metric import Metric
 from mvuav_ros.offline.report.model import Cell, Column, Table
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recordings.sources.opening import BAG_SUFFIXES
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.content import BAG_SUFFIXES
 
 RESULTS = 'results.mcap'
+REPORT = 'report'
 _SUMMARY = 'run.json'
-_MOST_BAGS = 500
+_MOST_BAGS, _MOST_METRICS = 500, 200
+_LARGEST_SUMMARY = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class RunStore:
         for path in self.folder.glob(f'*/{_SUMMARY}'):
             try:
                 runs.append(_read(path))
-            except (OSError, ValueError, KeyError, TypeError):
+            except (OSError, ValueError, KeyError, TypeError, RecursionError):
                 continue
         return sorted(runs, key=lambda run: run.made)
 
@@ -108,16 +112,48 @@ class RunStore:
         """
         shutil.rmtree(self.folder / checked_name(name), ignore_errors=True)
 
+    def report(self, name: str) -> Path | None:
+        """The page of a run's report."""
+        try:
+            page = self.folder / checked_name(name) / REPORT / 'index.html'
+        except NameRefusedError:
+            return None
+        return page if page.is_file() else None
+
 
 def _read(path: Path) -> SavedRun:
+    if path.stat().st_size > _LARGEST_SUMMARY:
+        raise ValueError(path)
     content = json.loads(path.read_text())
-    metrics = tuple(
-        Metric(m['group'], m['name'], m['unit'], math.nan if m['value'] is None else m['value'])
-        for m in content.pop('metrics')
+    words = foreign.words
+    return SavedRun(
+        # The folder's name counts: a user may have renamed it.
+        name=checked_name(path.parent.name),
+        kind=PROCESSORS[content['kind']].name,
+        source=words(content['source'], foreign.LONGEST_DESCRIPTION),
+        parameters={
+            words(name): value
+            for name, value in dict(content['parameters']).items()
+            if isinstance(value, (bool, int, float, str))
+        },
+        metrics=tuple(
+            Metric(
+                words(m['group']), words(m['name']), words(m['unit']), foreign.number(m['value'])
+            )
+            for m in content['metrics'][:_MOST_METRICS]
+        ),
+        version=words(content['version']),
+        made=float(content['made']),
+        frames=int(content['frames']),
+        answered=int(content['answered']),
+        settings=words(content.get('settings', '')),
     )
-    # The folder's name counts: a user may have renamed it.
-    content['name'] = checked_name(path.parent.name)
-    return SavedRun(**content, metrics=metrics)
+
+
+def varied(runs: Sequence[SavedRun]) -> list[str]:
+    """The parameters that are not the same in all of these runs."""
+    names = dict.fromkeys(name for run in runs for name in run.parameters)
+    return [n for n in names if len({repr(run.parameters.get(n)) for run in runs}) > 1]
 
 
 def run_table(runs: Sequence[SavedRun]) -> Table:
@@ -148,12 +184,9 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
             if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MOST_BAGS:
                 name = str(path.relative_to(folder)) if path != folder else path.name
-                bags.setdefault(name, path)
+                bags.setdefault(foreign.words(name), path)
     return bags
 
 
-def _cell(value: object) -> str | float | int | None:
-    """A parameter's value in a table; several numbers are one text."""
-    if isinstance(value, tuple | list):
-        return ' '.join(str(number) for number in value)
-    return value if isinstance(value, str | float | int) else None
+def _cell(value: Value | None) -> Cell:
+    return ', '.join(f'{number:g}' for number in value) if isinstance(value, tuple) else value

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.names import NameRefusedError, checked_name
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.parameter_file import read_parameter_values
+from mvuav_ros.processing.registry import PROCESSORS
 
+LARGEST_SET = 100_000
+"""Bytes."""
 _SUFFIX = '.yaml'
+_DEEPEST = 20
+_OPENING = (
+    yaml.BlockMappingStartToken,
+    yaml.BlockSequenceStartToken,
+    yaml.FlowMappingStartToken,
+    yaml.FlowSequenceStartToken,
+)
+_CLOSING = (yaml.BlockEndToken, yaml.FlowMappingEndToken, yaml.FlowSequenceEndToken)
 _BUILT_IN = ('default', 'thesis')
 
 
@@ -61,14 +72,53 @@ class SetStore:
         """Whether a set is shipped with the package."""
         return name in self._built_in
 
-    def load(self, name: str, kind: str) -> dict[str, object]:
-        """The values of a set for a kind of node.
+    def load(self, name: str, kind: str) -> dict[str, Value]:
+        """The values of a set for a kind of node; lists, which our nodes have none of, left out.
 
         Raises:
             NameRefusedError: no set can have this name.
             ParameterError: the file cannot be read.
         """
-        return load_parameters(self._path(name), kind)
+        path = self._path(name)
+        _check_content(path)
+        values = read_parameter_values(path, kind)
+        return {n: v for n, v in values.items() if isinstance(v, (bool, int, float, str))}
+
+    def content(self, name: str) -> bytes:
+        """The file of a set.
+
+        Raises:
+            NameRefusedError: no set can have this name.
+            OSError: it cannot be read.
+        """
+        return self._path(name).read_bytes()
+
+    def add(self, name: str, content: bytes) -> list[str]:
+        """Take in a file from elsewhere; one that is no parameter file is not kept.
+
+        Returns:
+            The kinds of nodes that it says something of.
+
+        Raises:
+            NameRefusedError: the name cannot be given, or is a set's already.
+            ParameterError: it is no parameter file, or not one of our nodes.
+            OSError: the file cannot be written.
+        """
+        path = self._path(name)
+        if path.exists():
+            raise NameRefusedError(f'there is a set {name} already')
+        self.folder.mkdir(parents=True, exist_ok=True)
+        new = path.with_suffix('.new')
+        try:
+            new.write_bytes(content)
+            _check_content(new)
+            kinds = [kind for kind in PROCESSORS if read_parameter_values(new, kind)]
+            if not kinds:
+                raise ParameterError(name, f'has no values of {" or ".join(PROCESSORS)}')
+            new.rename(path)
+        finally:
+            new.unlink(missing_ok=True)
+        return kinds
 
     def save(self, name: str, kind: str, values: Mapping[str, Value]) -> Path:
         """Write a set, in place of one of the same name.
@@ -84,7 +134,7 @@ class SetStore:
         content = {f'/**/{kind}': {'ros__parameters': dict(values)}}
         whole = path.with_suffix('.new')
         whole.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
-        os.replace(whole, path)  # noqa: PTH105 - says that it is atomic
+        whole.replace(path)
         return path
 
     def delete(self, name: str) -> None:
@@ -107,6 +157,20 @@ class SetStore:
             return bool(self.load(name, kind))
         except ValueError:
             return False
+
+
+def _check_content(path: Path) -> None:
+    """Refuse what would make YAML's reader take all memory or stack."""
+    try:
+        if path.stat().st_size > LARGEST_SET:
+            raise ParameterError(path.stem, f'has more than {LARGEST_SET} bytes')
+        depth = 0
+        for token in yaml.scan(path.read_text()):
+            depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
+            if depth > _DEEPEST or isinstance(token, yaml.AliasToken):
+                raise ParameterError(path.stem, 'is no parameter file: nested or with aliases')
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(path.stem, f'cannot be read: {foreign.words(error)}') from None
 
 
 def differences(

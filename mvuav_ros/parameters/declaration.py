@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 Value = bool | int | float | str | tuple[float, ...]
+Condition = Mapping[str, tuple[str, ...]]
+"""Values that other parameters must have, by name; all must hold."""
 
 _SPEC = 'mvuav_parameter'
 _Set = TypeVar('_Set', bound='ParameterSet')
@@ -30,7 +32,12 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """What one parameter may be; ``minimum`` and ``maximum`` are inclusive."""
+    """What one parameter may be; ``minimum`` and ``maximum`` are inclusive.
+
+    ``usual`` is the range that makes sense on most footage, ``stage`` the step of the processing
+    that the parameter belongs to; where ``counts`` has conditions, the parameter has an effect
+    only while one of them holds.
+    """
 
     name: str
     default: Value
@@ -42,6 +49,9 @@ class ParameterSpec:
     choices: tuple[str, ...] = ()
     odd: bool = False
     read_only: bool = False
+    usual: tuple[float, float] | None = None
+    stage: str = ''
+    counts: tuple[Condition, ...] = ()
 
     @property
     def type(self) -> type[bool | int | float | str | tuple[float, ...]]:

@@ -1,4 +1,4 @@
-"""What the parameters of every node with an image subscription share."""
+"""What the parameters of several nodes share."""
 
 IMAGE_TRANSPORTS = ('raw', 'compressed')
 OPENCV_THREADS = (
@@ -7,3 +7,8 @@ OPENCV_THREADS = (
 )
 """Description of ``opencv_threads``."""
 MOST_OPENCV_THREADS = 64
+AUTOSTART = (
+    'Configure and activate at the start. false: wait for a lifecycle manager, or for '
+    '`ros2 lifecycle set`.'
+)
+"""Description of ``autostart``."""

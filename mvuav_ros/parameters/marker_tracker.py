@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
@@ -13,7 +14,14 @@ from mvuav_ros.parameters.image_input import (
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
+GROUPINGS = ('auto', 'distance', 'components')
+CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
 CENTROIDS = ('auto', 'binary', 'weighted')
+_FOLLOWED = ({'mode': ('track', 'track_any')},)
+_GROUPED = (
+    {'mode': ('detect', 'detect_any')},
+    {'mode': ('track',), 'prediction': PREDICTIONS[1:]},
+)
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,17 @@ class MarkerTrackerParameters(ParameterSet):
         'each followed under a number of its own.',
         choices=MODES,
         thesis='Appendices A, B, C',
+        stage='Mode',
+    )
+    channel: str = parameter(
+        'auto',
+        'What of a colour image is looked at: intensity (eq. 3.3, in which a pure red light has '
+        '0.3 of full scale), brightest (in each pixel the strongest of red, green and blue, so '
+        'that a light of any colour is bright), or one colour. auto: intensity, or brightest '
+        'where no marker is found in it. A grey image has only its intensity.',
+        choices=CHANNELS,
+        thesis='intensity; eq. 3.3',
+        stage='Image',
     )
     threshold: float = parameter(
         0.7,
@@ -37,33 +56,56 @@ class MarkerTrackerParameters(ParameterSet):
         maximum=1.0,
         unit='fraction of full scale',
         thesis='eq. 3.4; 0.7',
+        stage='Detection',
+        usual=(0.05, 0.99),
+    )
+    grouping: str = parameter(
+        'auto',
+        'How bright pixels become clusters in whole frames: distance (around a first pixel up to '
+        'grouping_distance, thesis), components (connected pixels, so that lights of any width '
+        'are whole and close ones apart), auto (components in track_any and in track with '
+        'prediction kalman, which always uses them, else distance).',
+        choices=GROUPINGS,
+        thesis='distance',
+        stage='Detection',
     )
     grouping_distance: int = parameter(
         15,
-        "T: bright pixels up to this far right of, above and below a group's first pixel join "
-        'the group.',
+        'T: with grouping distance, bright pixels up to this far right of, above and below a '
+        "group's first pixel join the group. It has effect in detect and detect_any, and in track "
+        "with one of the thesis's predictions; prediction kalman and track_any use components.",
         minimum=0,
         maximum=10_000,
         unit='px',
         thesis='T',
+        stage='Detection',
+        usual=(0, 60),
+        counts=_GROUPED,
     )
     search_radius: int = parameter(
         10,
-        'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side.',
+        'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side; in '
+        'track_any a light is sought at least this far around.',
         minimum=1,
         maximum=1_000,
         unit='px',
         thesis='RoIT',
+        stage='Tracking',
+        usual=(2, 60),
+        counts=_FOLLOWED,
     )
     prediction: str = parameter(
         'kalman',
         'Where the next window is centred: kalman (a filter that follows the motion and what '
-        'vibration the lights have in common; it also never loses the names, see '
-        "docs/markers.md). The thesis's ways, with the thesis's tracking: none (the last "
+        "vibration the lights have in common, and the thesis's ways, each as far as it has "
+        'proved right; it also keeps the names, see docs/markers.md). The '
+        "thesis's ways, in track with the thesis's tracking: none (the last "
         'position), velocity (eq. 4.1), acceleration (eq. 4.2), acceleration_program (what the '
         'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
+        stage='Tracking',
+        counts=({'mode': ('track',)},),
     )
     centroid: str = parameter(
         'auto',
@@ -72,23 +114,36 @@ class MarkerTrackerParameters(ParameterSet):
         'prediction kalman and in track_any, else binary).',
         choices=CENTROIDS,
         thesis='binary',
+        stage='Detection',
     )
     layout: str = parameter(
         '',
         "A YAML file with the body's markers, their names and places (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
         read_only=True,
+        stage='Pose',
+    )
+    allow_ambiguous: bool = parameter(
+        False,
+        'Whether a layout is used although its names or its pose cannot be certain: fewer than '
+        'three markers, all on one line, or a symmetric shape (see mvuav rig check). '
+        '/diagnostics then says why.',
+        read_only=True,
+        stage='Pose',
     )
     pose: bool = parameter(
         True,
         'Whether ~/pose is estimated, where camera_info holds a calibration and at least three '
         'markers are named.',
         thesis='left to others',
+        stage='Pose',
     )
     publish_tf: bool = parameter(
-        False,
-        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name.",
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
+        'only where tf2_msgs is installed.',
         read_only=True,
+        stage='Pose',
     )
     min_area: int = parameter(
         1,
@@ -96,6 +151,8 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=1,
         maximum=100_000_000,
         unit='px',
+        stage='Detection',
+        usual=(1, 1_000),
     )
     max_area: int = parameter(
         0,
@@ -103,27 +160,44 @@ class MarkerTrackerParameters(ParameterSet):
         minimum=0,
         maximum=100_000_000,
         unit='px',
+        stage='Detection',
+        usual=(0, 5_000),
     )
     lost_timeout: float = parameter(
         0.5,
-        'A marker not seen for this long is lost, and the whole frame is searched again.',
+        'A marker not seen for this long is lost, and the whole frame is searched again; in '
+        'track_any a light is forgotten then.',
         minimum=0.0,
         maximum=60.0,
         unit='s',
+        stage='Tracking',
+        usual=(0, 5),
+        counts=_FOLLOWED,
     )
     image_transport: str = parameter(
         'raw',
         'raw subscribes to the image topic, compressed to <image topic>/compressed.',
         choices=IMAGE_TRANSPORTS,
         read_only=True,
+        stage='Node',
     )
-    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    opencv_threads: int = parameter(
+        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
+    )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True, stage='Node')
 
     @property
     def weighted(self) -> bool:
         """Whether lights are measured by intensity."""
         if self.centroid != 'auto':
             return self.centroid == 'weighted'
+        return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
+
+    @property
+    def by_components(self) -> bool:
+        """Whether the clusters of a whole frame are connected pixels."""
+        if self.grouping != 'auto':
+            return self.grouping == 'components'
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:

@@ -12,7 +12,7 @@ import yaml
 from mvuav_ros.parameters.declaration import ParameterError
 
 
-def load_parameters(path: Path, node: str) -> dict[str, object]:
+def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     """The values that a parameter file has for a node.
 
     Keys name nodes with or without slash, in namespaces or with wildcards (``/**``, ``/*``);
@@ -41,6 +41,13 @@ def load_parameters(path: Path, node: str) -> dict[str, object]:
         if _matches(key, node):
             values.update(_flattened(sections['ros__parameters']))
     return values
+
+
+def is_every_nodes(name: str) -> bool:
+    """Whether it is a parameter that every ROS node has, as ``ros2 param dump`` writes them."""
+    return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
+        'qos_overrides.'
+    )
 
 
 def parse_assignment(text: str) -> tuple[str, str, object]:

@@ -6,16 +6,21 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
+    AUTOSTART,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
 )
 
 CHANNELS = ('red', 'green', 'blue', 'intensity')
+OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
+MOST_ROUND = 31
+"""px; every pixel of a round element costs a pass over the rows searched."""
 ASSOCIATIONS = ('index', 'nearest')
 MODES = ('thesis', 'approach')
 HORIZON_SOURCES = ('auto', 'imu', 'image')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
+_THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 
 
 @dataclass(frozen=True)
@@ -29,12 +34,15 @@ class RunwayDetectorParameters(ParameterSet):
         'edge, Hough and peak parameters do not count then.',
         choices=MODES,
         thesis='thesis',
+        stage='Mode',
     )
     target: str = parameter(
         'runway',
         'What mode approach looks for: a runway below the horizon, the painted lines of the lane '
         'that the camera drives in, or a pipeline (a narrow strip without ends).',
         choices=TARGET_NAMES,
+        counts=_APPROACH,
+        stage='Approach',
     )
     runway_width: float = parameter(
         0.0,
@@ -43,6 +51,25 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=0.0,
         maximum=1_000.0,
         unit='m',
+        counts=_APPROACH,
+        stage='Approach',
+        usual=(0, 80),
+    )
+    runway_frame: str = parameter(
+        'runway',
+        'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
+        'the far end, y left, z up.',
+        read_only=True,
+        counts=_APPROACH,
+        stage='Approach',
+    )
+    publish_tf: bool = parameter(
+        True,
+        "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
+        'all of it is known; only where tf2_msgs is installed.',
+        read_only=True,
+        counts=_APPROACH,
+        stage='Approach',
     )
     min_confidence: float = parameter(
         0.5,
@@ -67,26 +94,36 @@ class RunwayDetectorParameters(ParameterSet):
     )
     start_row: int = parameter(
         50,
-        'First row searched; start_row and end_row both 0: the whole frame.',
+        'First row searched, counted from 0; start_row and end_row both 0: the whole frame. Row 50 '
+        'of the thesis, which counts from 1, is 49 here.',
         minimum=0,
         maximum=100_000,
         unit='px',
         thesis='Starting Row Index; 50',
+        counts=_THESIS,
+        stage='Image',
+        usual=(0, 1080),
     )
     end_row: int = parameter(
         130,
-        'Row after the last one searched: rows start_row to end_row - 1 are.',
+        'Row after the last one searched: rows start_row to end_row - 1 are. Row 130 of the '
+        'thesis, which is searched too, is the last one with 130 here.',
         minimum=0,
         maximum=100_000,
         unit='px',
         thesis='Ending Row Index; 130',
+        counts=_THESIS,
+        stage='Image',
+        usual=(0, 1080),
     )
     channel: str = parameter(
         'red',
         'Colour channel searched for edges, or the intensity of all three; a grey image has '
         'only its intensity.',
         choices=CHANNELS,
-        thesis='red; eq. 3.3',
+        thesis='a choice (section 4.3.2.2); red is ours',
+        counts=_THESIS,
+        stage='Image',
     )
     edge_threshold: float = parameter(
         0.0,
@@ -97,21 +134,39 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1.0,
         unit='fraction of full scale',
         thesis='Sobel threshold',
+        counts=_THESIS,
+        stage='Edges',
+        usual=(0, 0.3),
     )
     edge_thinning: bool = parameter(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
-        thesis='off',
+        thesis='not said; off is ours',
+        counts=_THESIS,
+        stage='Edges',
+    )
+    opening_shape: str = parameter(
+        'vertical_line',
+        'Structuring element of the opening: what it does not fit in is removed. vertical_line: '
+        'one pixel wide; square, disk, diamond: as wide as high, for edges that are several '
+        'pixels wide.',
+        choices=OPENING_SHAPES,
+        thesis='section 3.4.2.1; vertical line',
+        counts=_THESIS,
+        stage='Edges',
     )
     opening_length: int = parameter(
         3,
-        'Height of the vertical structuring element: shorter vertical runs of edge pixels are '
-        'removed. 1: no opening.',
+        'Height of the structuring element: with the vertical line, shorter vertical runs of '
+        'edge pixels are removed. 1: no opening; at most 31 with disk and diamond.',
         minimum=1,
         maximum=999,
         odd=True,
         unit='px',
         thesis='eqs 3.22-3.24; 3',
+        counts=_THESIS,
+        stage='Edges',
+        usual=(1, 31),
     )
     rho_resolution: float = parameter(
         2.0,
@@ -120,6 +175,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000.0,
         unit='px',
         thesis='Hough Transform Rho Resolution; 2',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(0.25, 10),
     )
     theta_resolution_deg: float = parameter(
         1.0,
@@ -128,6 +186,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=45.0,
         unit='°',
         thesis='Hough Transform Theta Resolution; 1',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(0.1, 10),
     )
     num_peaks: int = parameter(
         3,
@@ -135,6 +196,9 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=1,
         maximum=100,
         thesis='Number of Hough Peaks; 3',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 10),
     )
     peak_neighborhood_rho: int = parameter(
         11,
@@ -144,6 +208,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 101),
     )
     peak_neighborhood_theta: int = parameter(
         11,
@@ -153,6 +220,9 @@ class RunwayDetectorParameters(ParameterSet):
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 101),
     )
     peak_threshold: int = parameter(
         15,
@@ -161,6 +231,9 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000_000,
         unit='votes',
         thesis='Hough Peaks Threshold',
+        counts=_THESIS,
+        stage='Hough',
+        usual=(1, 500),
     )
     rho_error_threshold: float = parameter(
         30.0,
@@ -169,6 +242,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=100_000.0,
         unit='px',
         thesis='Rho Error Flag Threshold; 30',
+        stage='Correction',
+        usual=(0, 100),
     )
     theta_error_threshold_deg: float = parameter(
         2.0,
@@ -177,6 +252,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=90.0,
         unit='°',
         thesis='Theta Error Flag Threshold; 2',
+        stage='Correction',
+        usual=(0, 15),
     )
     correction_warmup: int = parameter(
         2,
@@ -185,6 +262,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=10_000,
         unit='frames',
         thesis='N-Sample Switch; 2',
+        stage='Correction',
+        usual=(0, 30),
     )
     max_hold: int = parameter(
         15,
@@ -194,6 +273,8 @@ class RunwayDetectorParameters(ParameterSet):
         maximum=1_000_000,
         unit='frames',
         thesis='section 4.3.2.4; never',
+        stage='Correction',
+        usual=(0, 100),
     )
     association: str = parameter(
         'nearest',
@@ -202,16 +283,30 @@ class RunwayDetectorParameters(ParameterSet):
         'and theta over all lines).',
         choices=ASSOCIATIONS,
         thesis='index',
+        counts=_THESIS,
+        stage='Correction',
     )
     image_transport: str = parameter(
         'raw',
         'raw subscribes to the image topic, compressed to <image topic>/compressed.',
         choices=IMAGE_TRANSPORTS,
         read_only=True,
+        stage='Node',
     )
-    opencv_threads: int = parameter(1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS)
+    opencv_threads: int = parameter(
+        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
+    )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True, stage='Node')
 
     def _check_together(self) -> None:
+        if not self.runway_frame:
+            raise ParameterError('runway_frame', 'must not be empty')
+        if self.opening_shape in ('disk', 'diamond') and self.opening_length > MOST_ROUND:
+            raise ParameterError(
+                'opening_length',
+                f'must be at most {MOST_ROUND} with opening_shape {self.opening_shape}, '
+                f'not {self.opening_length}',
+            )
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:
             raise ParameterError(
                 'end_row',

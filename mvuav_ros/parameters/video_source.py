@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mvuav_ros.parameters.declaration import ParameterSet, parameter
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
+from mvuav_ros.parameters.image_input import AUTOSTART
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,51 @@ class VideoSourceParameters(ParameterSet):
         unit='Hz',
     )
     loop: bool = parameter(False, 'Play again from the start at the end.')
+    width: int = parameter(
+        0,
+        'A camera is asked for images of this width; 0: its own.',
+        minimum=0,
+        maximum=100_000,
+        unit='px',
+        read_only=True,
+    )
+    height: int = parameter(
+        0,
+        'A camera is asked for images of this height; 0: its own.',
+        minimum=0,
+        maximum=100_000,
+        unit='px',
+        read_only=True,
+    )
+    fps: float = parameter(
+        0.0,
+        'A camera is asked for this frame rate; 0: its own.',
+        minimum=0.0,
+        maximum=10_000.0,
+        unit='Hz',
+        read_only=True,
+    )
+    pixel_format: str = parameter(
+        '',
+        "A camera is asked for this format, in V4L2's four letters (YUYV, MJPG, GREY …); empty: "
+        'its own. Images are published as bgr8 or mono8.',
+        read_only=True,
+    )
+    exposure_time_absolute: int = parameter(
+        0,
+        "V4L2's control of that name, where the driver has it; 0: as it is.",
+        minimum=0,
+        maximum=1_000_000,
+        unit='100 µs',
+        read_only=True,
+    )
+    gain: int = parameter(
+        -1,
+        "V4L2's control of that name, where the driver has it; -1: as it is.",
+        minimum=-1,
+        maximum=1_000_000,
+        read_only=True,
+    )
     encoding: str = parameter(
         'source',
         'Encoding of the published images; source: as they come.',
@@ -43,12 +89,12 @@ class VideoSourceParameters(ParameterSet):
         thesis='eq. 3.2',
     )
     frame_id: str = parameter(
-        '', "Frame of the published headers; empty: the source's own, or camera."
+        '', "Frame of the published headers; empty: the source's own, or camera_optical_frame."
     )
     camera_info_url: str = parameter(
         '',
-        'Calibration file (YAML of camera_calibration), as a path or file:// URL; empty: '
-        'uncalibrated.',
+        'Calibration file (YAML of camera_calibration), as a path, a file:// or a package:// URL; '
+        'empty: uncalibrated.',
         read_only=True,
     )
     stamp: str = parameter(
@@ -72,3 +118,10 @@ class VideoSourceParameters(ParameterSet):
         maximum=100,
         read_only=True,
     )
+    autostart: bool = parameter(True, AUTOSTART, read_only=True)
+
+    def _check_together(self) -> None:
+        if len(self.pixel_format) not in (0, 4) or not self.pixel_format.isascii():
+            raise ParameterError(
+                'pixel_format', f'is four letters, as in YUYV or MJPG, not {self.pixel_format!r}'
+            )

@@ -12,9 +12,11 @@ from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.processing.messages import transforms
 from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
-from mvuav_ros.processing.messages.pose import TF_TYPE, encode_pose, encode_transform
+from mvuav_ros.processing.messages.pose import encode_pose
 from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -25,8 +27,8 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import FEWEST, Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
+from mvuav_ros.vision.rig_examination import examine
 
-TF_TOPIC = '/tf'
 _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
 
 
@@ -44,6 +46,7 @@ class MarkerTrackerProcessor(Processor):
         'markers': PointCloud2,
         'rpy': Vector3Stamped,
         'pose': PoseWithCovarianceStamped,
+        'vision_pose': PoseWithCovarianceStamped,
         **dict.fromkeys((f'marker/{name}' for name in TANKER_NAMES), PointStamped),
     }
     debug_topics = ('debug_image',)
@@ -55,21 +58,27 @@ class MarkerTrackerProcessor(Processor):
         self._camera: CameraModel | None = None
         self._newest: tuple[Image, MarkerResult, Pose | None, bytes] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
-        self._refusal = ''
-        self._remarks: list[str] = []
+        self._rejection = ''
+        self._warnings: list[str] = []
         self._set_rig(self._parameters)
 
     def _set_rig(self, parameters: MarkerTrackerParameters) -> None:
         self._rig = _open_rig(parameters.layout)
+        self._doubts = [f'rig: {doubt}' for doubt in examine(self._rig)]
+        if self._doubts and not parameters.allow_ambiguous:
+            raise ParameterError(
+                'layout', f'{parameters.layout}: {self._doubts[0]} (see allow_ambiguous)'
+            )
         self._marker_topics = [f'marker/{name}' for name in self._rig.names]
         topics: dict[str, type] = {
             'markers': PointCloud2,
             'rpy': Vector3Stamped,
             'pose': PoseWithCovarianceStamped,
+            'vision_pose': PoseWithCovarianceStamped,
             **dict.fromkeys(self._marker_topics, PointStamped),
         }
-        if parameters.publish_tf and TF_TYPE is not None:
-            topics[TF_TOPIC] = TF_TYPE
+        if parameters.publish_tf and transforms.TF_TYPE is not None:
+            topics[transforms.TF_TOPIC] = transforms.TF_TYPE
         # The layout is known from the start on, so this stands before anybody asks.
         self.topics = topics  # type: ignore[misc]
         self._pipeline = MarkerTracker(parameters, self._rig)
@@ -82,10 +91,11 @@ class MarkerTrackerProcessor(Processor):
             ParameterError: the layout's file cannot be used.
         """
         before, self._parameters = self._parameters, parameters
-        if (parameters.layout, parameters.publish_tf) != (before.layout, before.publish_tf):
+        if _setup(parameters) != _setup(before):
             self._set_rig(parameters)
         else:
             self._pipeline.configure(parameters)
+        self._share_camera()
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -97,6 +107,11 @@ class MarkerTrackerProcessor(Processor):
         if camera != self._camera:
             self._camera = camera
             self._poses.reset()
+            self._share_camera()
+
+    def _share_camera(self) -> None:
+        # Without a pose nobody waits for a calibration, so names must not depend on one.
+        self._pipeline.set_camera(self._camera if self._parameters.pose else None)
 
     def _forget(self) -> None:
         self._newest = None
@@ -106,7 +121,7 @@ class MarkerTrackerProcessor(Processor):
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
         result = self._pipeline.process(frame.image, frame.stamp_ns)
         pose = self._estimate(frame, result)
-        self.status = '; '.join(filter(None, (result.status, *self._remarks)))
+        self.status = '; '.join(filter(None, (result.status, *self._warnings, *self._doubts)))
         numbered = self._parameters.mode == 'track_any'
         outputs = [
             Output('markers', partial(encode_markers, result, header, numbered=numbered)),
@@ -118,11 +133,22 @@ class MarkerTrackerProcessor(Processor):
             for marker in result.markers
             if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST
         ]
-        if pose is not None and TF_TOPIC in self.topics:
-            outputs.append(
-                Output(TF_TOPIC, partial(encode_transform, pose, header, self._rig.name))
-            )
+        if pose is not None:
+            outputs += self._placements(pose, frame, header)
         self._newest = (frame.image, result, pose, header)
+        return outputs
+
+    def _placements(self, pose: Pose, frame: Frame, header: bytes) -> list[Output]:
+        """The pose as others take it: only where there is one."""
+        body_header = cdr_header(frame.stamp_ns, self._rig.name)
+        camera = transforms.camera_in_body(pose)
+        make = partial(transforms.encode_placement, camera, body_header)
+        outputs = [Output('vision_pose', make)]
+        # tf2 takes no frame without a name.
+        if transforms.TF_TOPIC in self.topics and frame.frame_id:
+            body = transforms.body_in_camera(pose)
+            make = partial(transforms.encode_transform, body, header, self._rig.name)
+            outputs.append(Output(transforms.TF_TOPIC, make))
         return outputs
 
     def draw(self, debug: Collection[str]) -> list[Output]:
@@ -136,15 +162,12 @@ class MarkerTrackerProcessor(Processor):
         return [Output('debug_image', partial(serialize_image, Image(canvas, 'bgr8'), header))]
 
     def _estimate(self, frame: Frame, result: MarkerResult) -> Pose | None:
-        self._remarks = []
-        parameters = self._parameters
-        if parameters.publish_tf and TF_TYPE is None:
-            self._remarks.append('no /tf: tf2_msgs is not installed')
-        if self._camera is None or not parameters.pose:
+        self._warnings = []
+        if self._camera is None or not self._parameters.pose:
             return None
         self._check(self._camera, frame.image)
-        if self._refusal:
-            self._remarks.append(self._refusal)
+        if self._rejection:
+            self._warnings.append(self._rejection)
             return None
         seen = [
             marker
@@ -157,7 +180,7 @@ class MarkerTrackerProcessor(Processor):
         pixels = np.array([(marker.x, marker.y) for marker in seen])
         pose = self._poses.estimate(self._camera, lights, pixels, frame.stamp_ns * 1e-9)
         if pose is None:
-            self._remarks.append('no pose: none fits the markers')
+            self._warnings.append(f'no pose: {self._poses.reason}')
         return pose
 
     def _check(self, camera: CameraModel, image: Image) -> None:
@@ -166,11 +189,15 @@ class MarkerTrackerProcessor(Processor):
         if checked == self._checked:
             return
         self._checked = checked
-        self._refusal = ''
+        self._rejection = ''
         try:
             camera.check(image.width, image.height)
         except CalibrationError as error:
-            self._refusal = f'no pose: {error}'
+            self._rejection = f'no pose: {error}'
+
+
+def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:
+    return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf
 
 
 def _open_rig(path: str) -> MarkerRig:

@@ -19,15 +19,25 @@ class DuplicateStampError(ValueError):
 
 
 class Output(NamedTuple):
-    """A message for the node's own topic ``~/<topic>``.
+    """A message for one of a node's topics.
 
     Attributes:
-        topic: its name below the node's.
+        topic: its name below the node's, or with a slash in front its full name; see `resolve`.
         make: builds the message in CDR; called only where somebody listens.
     """
 
     topic: str
     make: Callable[[], bytes]
+
+
+def resolve(topic: str, node: str = '~') -> str:
+    """The name of an output's topic: below its node, but for those of all nodes, such as /tf.
+
+    Args:
+        topic: an `Output`'s.
+        node: the node's full name; ``~`` leaves it to ROS.
+    """
+    return topic if topic.startswith('/') else f'{node}/{topic}'
 
 
 class Processor(ABC):

@@ -12,6 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.messages import transforms
 from mvuav_ros.processing.messages.runway import (
     encode_corrections,
     encode_line_params,
@@ -21,12 +22,13 @@ from mvuav_ros.processing.messages.runway import (
     encode_vanishing_point,
 )
 from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.approach.results import ApproachResult
-from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.approach.results import ApproachResult, Guidance
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.hough_image import draw_hough
@@ -53,6 +55,7 @@ class RunwayDetectorProcessor(Processor):
         'corrections': DiagnosticArray,
         'vanishing_point': PointStamped,
         'pose': PoseWithCovarianceStamped,
+        'vision_pose': PoseWithCovarianceStamped,
     }
     debug_topics = tuple(_PICTURES)
     periodic_topics = {'statistics': DiagnosticArray}
@@ -62,34 +65,44 @@ class RunwayDetectorProcessor(Processor):
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         super().__init__()
-        given = parameters or RunwayDetectorParameters()
-        self._mode, self._horizon_source = given.mode, given.horizon_source
+        self._parameters = parameters or RunwayDetectorParameters()
         self._thesis = RunwayDetector(parameters)
         self._approach = ApproachDetector(parameters)
+        self._camera: CameraModel | None = None
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
+        self._set_topics()
 
-    @property
-    def awaits_camera_info(self) -> bool:
-        """See `Processor.awaits_camera_info`."""
-        return self._mode == 'approach'
+    def _set_topics(self) -> None:
+        topics: dict[str, type] = dict(type(self).topics)
+        if self._parameters.publish_tf and transforms.TF_TYPE is not None:
+            topics[transforms.TF_TOPIC] = transforms.TF_TYPE
+        # publish_tf is known from the start on, so this stands before anybody asks.
+        self.topics = topics  # type: ignore[misc]
 
     @property
     def awaits_attitude(self) -> bool:
         """See `Processor.awaits_attitude`."""
-        return self._mode == 'approach' and self._horizon_source != 'image'
+        given = self._parameters
+        return given.mode == 'approach' and given.horizon_source != 'image'
+
+    @property
+    def awaits_camera_info(self) -> bool:
+        """See `Processor.awaits_camera_info`; lines are drawn with the last one known."""
+        return self._parameters.mode == 'approach' or self._camera is None
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
+        before, self._parameters = self._parameters, parameters
+        self._set_topics()
         self._thesis.configure(parameters)
         self._approach.configure(parameters)
-        self._horizon_source = parameters.horizon_source
-        if parameters.mode != self._mode:
-            self._mode = parameters.mode
+        if parameters.mode != before.mode:
             self._forget()
             self.reset_statistics()
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
+        self._camera = camera
         self._approach.set_camera(camera)
 
     def reset_statistics(self) -> None:
@@ -99,7 +112,7 @@ class RunwayDetectorProcessor(Processor):
 
     def periodic(self, header: bytes) -> list[Output]:
         """See `Processor.periodic`."""
-        pipeline = self._approach if self._mode == 'approach' else self._thesis
+        pipeline = self._approach if self._parameters.mode == 'approach' else self._thesis
         return [Output('statistics', partial(encode_statistics, pipeline.statistics(), header))]
 
     def _forget(self) -> None:
@@ -110,23 +123,50 @@ class RunwayDetectorProcessor(Processor):
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
         pixels = _pixels(frame.image)
         result: RunwayResult | ApproachResult
-        if self._mode == 'approach':
+        if self._parameters.mode == 'approach':
             result = self._approach.process(pixels, frame.stamp_ns, frame.attitude)
         else:
             result = self._thesis.process(pixels, frame.stamp_ns)
         self.status = result.status
-        if self._mode == 'approach' and self._approach.attitude_problem:
+        if self._parameters.mode == 'approach' and self._approach.attitude_problem:
             self.status = '; '.join(filter(None, (self.status, self._approach.attitude_problem)))
+        camera = self._usable_camera(frame.image)
         outputs = [
             Output('line_params', partial(encode_line_params, result, header)),
-            Output('lines', partial(encode_lines, result, header)),
+            Output('lines', partial(encode_lines, result, header, camera)),
             Output('corrections', partial(encode_corrections, result, header)),
             Output('vanishing_point', partial(encode_vanishing_point, result, header)),
         ]
         if isinstance(result, ApproachResult) and result.guidance is not None:
-            outputs.append(Output('pose', partial(encode_pose, result.guidance, header)))
+            outputs += self._poses(result.guidance, frame, header)
         self._newest = (result, header)
         return outputs
+
+    def _poses(self, guidance: Guidance, frame: Frame, header: bytes) -> list[Output]:
+        """The camera in the runway's frame; as others take it only where all of it is known."""
+        name = self._parameters.runway_frame
+        runway_header = cdr_header(frame.stamp_ns, name)
+        outputs = [Output('pose', partial(encode_pose, guidance, runway_header))]
+        camera = transforms.camera_in_runway(guidance)
+        if not camera.known:
+            return outputs
+        make = partial(transforms.encode_placement, camera, runway_header)
+        outputs.append(Output('vision_pose', make))
+        # tf2 takes no frame without a name.
+        if transforms.TF_TOPIC in self.topics and frame.frame_id:
+            runway = transforms.runway_in_camera(guidance)
+            make = partial(transforms.encode_transform, runway, header, name)
+            outputs.append(Output(transforms.TF_TOPIC, make))
+        return outputs
+
+    def _usable_camera(self, image: Image) -> CameraModel | None:
+        if self._camera is None:
+            return None
+        try:
+            self._camera.check(image.width, image.height)
+        except CalibrationError:
+            return None
+        return self._camera
 
     def draw(self, debug: Collection[str]) -> list[Output]:
         """See `Processor.draw`."""

@@ -1,10 +1,16 @@
-"""Undoing the compressions found in recordings, also of data that was cut off."""
+"""Undoing the compressions found in recordings, also of data that is cut off, corrupt or hostile.
+
+A few hundred bytes can claim, or even hold, gigabytes: nothing is allocated because a header says
+so, and no decoder gets to make more than its caller allows.
+"""
 
 from __future__ import annotations
 
 import bz2
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from io import BytesIO
 from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -13,74 +19,75 @@ from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import Losses
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-# A corrupt length must not make us ask for all of the machine's memory.
 SIZE_LIMIT = 1 << 30
-_PIECE = 1 << 20
-# Black video shrinks a thousandfold: small pieces in bound the pieces that come out.
-_FILE_PIECE = 1 << 14
+"""Bytes; a larger chunk or message is refused."""
+
+_AT_ONCE = 1 << 26
+_TOO_LARGE = 'it is larger than it says'
+# A zstd block of 4 bytes can become 128 KiB: 1 KiB in makes 32 MiB out at most.
+_ZSTD_PIECE = 1 << 10
+_PIECE = 1 << 22
+_DAMAGE = (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError)
 
 
 class CompressionError(ValueError):
     """Data that cannot be decompressed, with a reason in words."""
 
 
-def decompress(data: bytes, compression: str, size: int) -> bytes:
-    """Decompress a whole block.
+class Unpacked(NamedTuple):
+    """Decompressed data, and in words why they are not all of it; '' if they are."""
+
+    data: memoryview
+    problem: str
+
+
+def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: int) -> Unpacked:
+    """Decompress a block as far as it goes.
 
     Args:
-        data: the compressed block.
+        stream: stands at the block.
+        length: of the block, bytes; the stream may end before.
         compression: '' or 'none', 'zstd', 'lz4' or 'bz2'.
-        size: the decompressed size in bytes that the recording promises.
-
-    Raises:
-        CompressionError: the data is corrupt, or has another size.
+        size: what the recording says that the block becomes, bytes; -1 if it does not say.
+        limit: the largest size that is accepted, bytes.
     """
-    if compression not in _DECOMPRESSORS:
-        raise CompressionError(f'its compression {compression!r} is not known')
-    if size > SIZE_LIMIT:
-        raise CompressionError('its size cannot be true')
-    try:
-        raw = _DECOMPRESSORS[compression](data, size)
-    except (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError):
-        raise CompressionError('it cannot be decompressed') from None
-    if len(raw) != size:
-        raise CompressionError('its size is wrong')
-    return raw
-
-
-def decompress_start(data: bytes, compression: str) -> bytes:
-    """Decompress what there is of a block whose end is missing; never raises."""
     if compression in ('', 'none'):
-        return data
-    if compression not in _STREAMS:
-        return b''
-    stream = _STREAMS[compression]()
-    pieces: list[bytes] = []
-    try:
-        for start in range(0, len(data), _PIECE):
-            pieces.append(stream(data[start : start + _PIECE]))  # noqa: PERF401
-    except (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError):
-        pass
-    return b''.join(pieces)
+        data = stream.read(min(length, limit + 1))
+        return Unpacked(memoryview(data), _TOO_LARGE if len(data) > limit else '')
+    if compression not in _DECODERS:
+        return Unpacked(memoryview(b''), f'its compression {compression[:20]!r} is not known')
+    if compression == 'zstd' and max(size, length) <= _AT_ONCE:
+        block = stream.read(length)
+        raw = _at_once(block, size)
+        if raw is not None:
+            return Unpacked(memoryview(raw), '')
+        stream = BytesIO(block)
+    start = stream.tell()
+    if limit > _AT_ONCE and not _is_honest(stream, length, compression, size, limit):
+        limit = _AT_ONCE
+    stream.seek(start)
+    output = BytesIO()
+    problem = _pour(stream, length, compression, limit, output.write)
+    return Unpacked(output.getbuffer()[:limit], problem)
 
 
-def decompress_message(data: bytes) -> bytes:
+def decompress_message(data: bytes | memoryview) -> memoryview:
     """Decompress one message of a bag recorded with rosbag2's compression mode MESSAGE.
 
     Raises:
-        CompressionError: the data is corrupt.
+        CompressionError: the data is corrupt, or becomes too large.
     """
     try:
         size = zstandard.frame_content_size(data)
-        if size < 0:
-            stream = zstandard.ZstdDecompressor().decompressobj()
-            raw = stream.decompress(data)
-            if not stream.eof:
-                raise CompressionError('its end is missing')
-            return raw
     except zstandard.ZstdError:
         raise CompressionError('it cannot be decompressed') from None
-    return decompress(data, 'zstd', size)
+    if size > SIZE_LIMIT:
+        raise CompressionError('it is larger than 1 GB')
+    limit = size if size >= 0 else SIZE_LIMIT
+    raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, limit)
+    if problem:
+        raise CompressionError(problem)
+    return raw
 
 
 def decompress_file(source: Path, target: Path, losses: Losses) -> None:
@@ -89,21 +96,17 @@ def decompress_file(source: Path, target: Path, losses: Losses) -> None:
     Raises:
         RecordingError: ``source`` cannot be read, or ``target`` not be written.
     """
-    frame = zstandard.ZstdDecompressor().decompressobj()
-    reason = 'cut off'
+    reason = 'corrupt'
     try:
         with source.open('rb') as packed, target.open('wb') as unpacked:
-            while piece := packed.read(_FILE_PIECE):
-                while piece:
-                    unpacked.write(frame.decompress(piece))
-                    piece = frame.unused_data
-                    if frame.eof:
-                        reason = ''
-                        frame = zstandard.ZstdDecompressor().decompressobj()
-                    else:
-                        reason = 'cut off'
-    except zstandard.ZstdError:
-        reason = 'corrupt'
+            pieces = _decoded(packed, source.stat().st_size, _DECODERS['zstd'])
+            try:
+                while True:
+                    unpacked.write(next(pieces))
+            except StopIteration as end:
+                reason = 'cut off' if end.value else ''
+            except zstandard.ZstdError:
+                pass
     except OSError as error:
         raise RecordingError(
             f'{source} cannot be decompressed into {target.parent}: {error.strerror or error} '
@@ -113,31 +116,106 @@ def decompress_file(source: Path, target: Path, losses: Losses) -> None:
         losses.note((source, 'zstd'), f'{source.name}: zstd data {reason}, read as far as it goes')
 
 
-def _unzstd(data: bytes, size: int) -> bytes:
-    promised = zstandard.frame_content_size(data)
-    if promised > size:
-        raise CompressionError('its size is wrong')
-    raw = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    if len(raw) < size:  # several frames
-        return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read(size)
-    return raw
+def _at_once(block: bytes, size: int) -> bytes | None:
+    """The fast way for an honest block of a single frame; None of any other."""
+    try:
+        if size < 0 or zstandard.frame_content_size(block) != size:
+            return None
+        return zstandard.ZstdDecompressor().decompress(block, max_output_size=size)
+    except (zstandard.ZstdError, MemoryError):
+        return None
 
 
-def _unlz4(data: bytes, size: int) -> bytes:
-    raw: bytes = lz4.frame.decompress(data)
-    return raw
+def _is_honest(stream: BinaryIO, length: int, compression: str, size: int, limit: int) -> bool:
+    """Whether a large block is as large as it says, found without keeping it."""
+    counter = _Counter()
+    problem = _pour(stream, length, compression, limit, counter.add)
+    # Of a block that is cut off nobody knows the rest.
+    return problem != _TOO_LARGE if problem else size in (counter.total, -1)
 
 
-_DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
-    '': lambda data, size: data,
-    'none': lambda data, size: data,
-    'zstd': _unzstd,
-    'lz4': _unlz4,
-    'bz2': lambda data, size: bz2.decompress(data),
-}
+class _Counter:
+    total = 0
 
-_STREAMS: dict[str, Callable[[], Callable[[bytes], bytes]]] = {
-    'zstd': lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
-    'lz4': lambda: lz4.frame.LZ4FrameDecompressor().decompress,
-    'bz2': lambda: bz2.BZ2Decompressor().decompress,
+    def add(self, piece: bytes) -> None:
+        self.total += len(piece)
+
+
+def _pour(
+    stream: BinaryIO, length: int, compression: str, limit: int, take: Callable[[bytes], Any]
+) -> str:
+    """Decompress until more than ``limit`` bytes have come; return what is wrong with them."""
+    pieces = _decoded(stream, length, _DECODERS[compression])
+    try:
+        while limit >= 0:
+            piece = next(pieces)
+            limit -= len(piece)
+            take(piece)
+    except StopIteration as end:
+        return str(end.value)
+    except _DAMAGE:
+        return 'it cannot be decompressed'
+    return _TOO_LARGE
+
+
+def _decoded(
+    stream: BinaryIO, length: int, decoder_type: Callable[[], Any]
+) -> Generator[bytes, None, str]:
+    """Yield small pieces; return why the end is not reached, '' if it is."""
+    decoder = decoder_type()
+    fresh = True
+    data = b''
+    while True:
+        if not data and decoder.needs_input:
+            data = stream.read(min(length, decoder.piece))
+            length -= len(data)
+            if not data:
+                return '' if fresh else 'its end is missing'
+        yield decoder.decompress(data)
+        data, fresh = b'', False
+        if decoder.eof:
+            data = decoder.unused_data or b''
+            decoder, fresh = decoder_type(), True
+
+
+class _Zstd:
+    """The others' interface around zstandard's decoder, which cannot limit its output."""
+
+    needs_input = True
+    piece = _ZSTD_PIECE
+
+    def __init__(self) -> None:
+        decoder = zstandard.ZstdDecompressor().decompressobj()
+        self._decoder = decoder
+        self.decompress = decoder.decompress
+
+    @property
+    def eof(self) -> bool:
+        return bool(self._decoder.eof)
+
+    @property
+    def unused_data(self) -> bytes:
+        return self._decoder.unused_data
+
+
+class _Limited:
+    """A decoder whose output is limited for each call."""
+
+    piece = _PIECE
+
+    def __init__(self, decoder: Any) -> None:
+        self._decoder = decoder
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._decoder, name)
+
+    def decompress(self, data: bytes) -> bytes:
+        raw: bytes = self._decoder.decompress(data, _PIECE)
+        return raw
+
+
+_DECODERS: dict[str, Callable[[], Any]] = {
+    'zstd': _Zstd,
+    'lz4': lambda: _Limited(lz4.frame.LZ4FrameDecompressor()),
+    'bz2': lambda: _Limited(bz2.BZ2Decompressor()),
 }

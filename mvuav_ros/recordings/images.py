@@ -10,17 +10,46 @@ from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.reading import Recording
 from mvuav_ros.recordings.recording import TopicInfo, normalised_type
 from mvuav_ros.recordings.schemas import typestore
-from mvuav_ros.recordings.serialization.compressed_size import compressed_size
+from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image
+from mvuav_ros.recordings.serialization.video_packet import (
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    VideoPacket,
+    codec_of,
+    view_compressed_video,
+    view_ffmpeg_packet,
+)
+from mvuav_ros.vision.image import ImageError
 
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+_VIDEO = {FFMPEG_PACKET: view_ffmpeg_packet, COMPRESSED_VIDEO: view_compressed_video}
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 IMU = 'sensor_msgs/msg/Imu'
 
 
 def is_image_type(type_name: str) -> bool:
-    """Whether messages of that type are images, compressed or not."""
-    return normalised_type(type_name) in (IMAGE, COMPRESSED_IMAGE)
+    """Whether messages of that type are images, compressed or not, or packets of a video."""
+    return normalised_type(type_name) in (IMAGE, COMPRESSED_IMAGE, *_VIDEO)
+
+
+def video_packet(type_name: str, data: bytes | memoryview) -> VideoPacket | None:
+    """The packet of a video that a message carries; None of one with an image of its own.
+
+    Raises:
+        MalformedMessageError: the bytes are not a message of that type.
+    """
+    kind = normalised_type(type_name)
+    try:
+        if kind in _VIDEO:
+            return _VIDEO[kind](data)
+        if kind == COMPRESSED_IMAGE:
+            coded = view_compressed_image(data)
+            if codec_of(coded.format):
+                return VideoPacket(coded.stamp_ns, coded.frame_id, coded.format, coded.data)
+    except ImageError as error:
+        raise MalformedMessageError(str(error)) from None
+    return None
 
 
 def decode_message(type_name: str, data: bytes | memoryview) -> Any:
@@ -43,29 +72,6 @@ def decode_message(type_name: str, data: bytes | memoryview) -> Any:
         raise MalformedMessageError(f'the type {type_name} is not known') from None
 
 
-def image_problem(message: Any) -> str:
-    """What is wrong with a decoded Image or CompressedImage, '' if nothing is seen.
-
-    A CompressedImage is not decompressed: of a JPEG or PNG only the start is looked at.
-    """
-    size = len(message.data)
-    if not hasattr(message, 'height'):
-        if size == 0:
-            return 'it holds no data'
-        kind = str(message.format).lower()
-        if 'compresseddepth' not in kind and any(name in kind for name in ('jpeg', 'jpg', 'png')):
-            return '' if compressed_size(message.data) else f'its {size} bytes are no JPEG or PNG'
-        return ''
-    if message.height == 0 or message.width == 0:
-        return f'its size is {message.width}x{message.height}'
-    if message.step < message.width:
-        return f'its rows of {message.width} pixels have only {message.step} bytes'
-    needed = message.step * message.height
-    if size < needed:
-        return f'it holds {size} bytes instead of {needed}'
-    return ''
-
-
 def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
     """The image topic to read.
 
@@ -80,6 +86,8 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
     images = [topic for topic in recording.topics if is_image_type(topic.type)]
     choices = ', '.join(f'{topic.name} ({_described(topic)})' for topic in images)
     if not images:
+        if not recording.topics and not recording.skipped:
+            raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
         names = ', '.join(topic.name for topic in recording.topics) or 'nothing readable'
         skipped = ', '.join(f'{name} ({encoding})' for name, encoding in recording.skipped)
         raise RecordingError(

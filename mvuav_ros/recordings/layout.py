@@ -9,10 +9,12 @@ from pathlib import Path
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from mvuav_ros.recordings.content import is_bag_file
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import Losses, counted
 
-_SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.bag')
+_NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
+_LARGEST_METADATA = 1 << 24
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
@@ -30,7 +32,11 @@ def recording_files(path: Path, losses: Losses) -> list[Path]:
             path = path.parent
         if not path.is_dir():
             return [path]
-        present = [entry for entry in path.iterdir() if entry.name.endswith(_SUFFIXES)]
+        present = [
+            entry
+            for entry in path.iterdir()
+            if entry.suffix.lower() not in _NEVER_BAGS and is_bag_file(entry)
+        ]
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror or error}') from None
     if not present:
@@ -48,11 +54,13 @@ def recording_files(path: Path, losses: Losses) -> list[Path]:
 def _listed_names(path: Path, losses: Losses) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
     try:
+        if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
+            raise ValueError('it cannot be true')
         content = YAML(typ='safe').load(path.read_text('utf-8'))
         names = content['rosbag2_bagfile_information']['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
             return [Path(name).name for name in names]
-    except (OSError, YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError):
+    except (OSError, YAMLError, RecursionError, KeyError, TypeError, ValueError):
         pass
     losses.remark((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
@@ -63,7 +71,7 @@ def _chosen(present: list[Path], listed: Sequence[str], losses: Losses) -> list[
     missing: list[str] = []
     by_name = {entry.name: entry for entry in present}
     for name in listed:
-        plain = name.removesuffix('.zstd')
+        plain = _plain(name)
         entry = next((by_name[n] for n in (name, plain, f'{plain}.zstd') if n in by_name), None)
         if entry is None:
             missing.append(name)
@@ -77,8 +85,9 @@ def _chosen(present: list[Path], listed: Sequence[str], losses: Losses) -> list[
             f'{"is" if len(missing) == 1 else "are"} missing: {names}',
         )
     series = {_series(name) for name in listed}
+    listed_plain = {_plain(name) for name in listed}
     for entry in present:
-        if entry in chosen or _plain(entry.name) in {_plain(name) for name in listed}:
+        if entry in chosen or _plain(entry.name) in listed_plain:
             continue
         # After a crash, metadata.yaml may not know the last files of a split recording.
         if _series(entry.name) in series:
@@ -109,7 +118,7 @@ def _only_series(path: Path, present: list[Path]) -> list[Path]:
 
 
 def _plain(name: str) -> str:
-    return name.removesuffix('.zstd')
+    return name.removesuffix('.zstd').removesuffix('.active')
 
 
 def _series(name: str) -> str:

@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections import Counter
 from collections.abc import Container, Generator, Iterator, Sequence
-from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Statistics
-from mcap.records import Schema as SchemaRecord
+from rosbags.serde import SerdeError
 
-from mvuav_ros.recordings.compression import CompressionError, decompress, decompress_start
-from mvuav_ros.recordings.mcap_records import HEADER, MAGIC, MESSAGE_HEADER, Frame, RecordWalk
+from mvuav_ros.recordings.compression import SIZE_LIMIT, unpack
+from mvuav_ros.recordings.mcap_channels import Channels, DefinitionError
+from mvuav_ros.recordings.mcap_records import (
+    HEADER,
+    MESSAGE_HEADER,
+    ChunkHeader,
+    RecordSpan,
+    RecordWalk,
+)
 from mvuav_ros.recordings.recording import (
+    READABLE_FORMATS,
     Losses,
     RecordedMessage,
-    Schema,
     TopicInfo,
     counted,
-    normalised_type,
 )
 
-_FOOTER_SIZE = HEADER.size + 20 + len(MAGIC)
-_PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _INDEX_ENTRY_SIZE = 16
+# A chunk whose size is wrong is still good where its checksum holds, up to this size in bytes.
+_CREDIBLE_SIZE = 1 << 26
+# From here on a message is given as a view of its chunk, as two copies would take twice the memory.
+_LARGE = 1 << 24
 
 
 class McapFile:
@@ -40,9 +42,7 @@ class McapFile:
         self._path = path
         self._name = path.name
         self._losses = losses
-        self._schemas: dict[int, SchemaRecord] = {}
-        self._topics: dict[int, TopicInfo] = {}
-        self._promised: int | None = None
+        self._channels = Channels()
         self._indexed = False
         self._scanned = False
 
@@ -52,11 +52,12 @@ class McapFile:
             with self._path.open('rb') as stream:
                 self._indexed = self._read_summary(stream)
                 if not self._indexed:
-                    self._schemas.clear()
-                    self._topics.clear()
-                    self._set_counts(self._count(stream))
+                    promised = self._channels.promised
+                    self._channels = Channels()
+                    self._channels.promised = promised
+                    self._channels.set_counts(self._count(stream))
             self._scanned = True
-        return tuple(self._topics.values())
+        return tuple(self._channels.topics.values())
 
     def messages(
         self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
@@ -66,7 +67,9 @@ class McapFile:
         first = -1 if start_ns is None else start_ns
         last = 1 << 64 if end_ns is None else end_ns
         everything = start_ns is None and end_ns is None
+        malformed: Counter[str] = Counter()
         seen = orphans = 0
+        promised = self._channels.promised
         with self._path.open('rb') as stream:
             for opcode, body in self._contents(stream, first, last):
                 if opcode != Opcode.MESSAGE:
@@ -74,25 +77,32 @@ class McapFile:
                     continue
                 seen += 1
                 channel, _, stamp_ns, _ = MESSAGE_HEADER.unpack_from(body)
-                topic = self._topics.get(channel)
+                topic = self._channels.topics.get(channel)
                 if topic is None:
                     orphans += 1
                     continue
-                if topic.serialization_format != 'cdr' or not first <= stamp_ns < last:
+                if topic.serialization_format not in READABLE_FORMATS:
                     continue
-                if topics is None or topic.name in topics:
+                if first <= stamp_ns < last and (topics is None or topic.name in topics):
+                    try:
+                        data = self._as_cdr(channel, body[MESSAGE_HEADER.size :])
+                    except SerdeError:
+                        malformed[topic.name] += 1
+                        continue
                     yield RecordedMessage(
-                        topic.name,
-                        topic.type,
-                        stamp_ns,
-                        bytes(body[MESSAGE_HEADER.size :]),
-                        topic.schema,
-                        topic.qos,
+                        topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos
                     )
         if orphans:
             self._note('orphans', f'{counted(orphans, "message")} of unknown channels skipped')
-        if everything and self._promised is not None and seen < self._promised:
-            self._note('count', f'{self._promised - seen} of {self._promised} messages lost')
+        for name, count in malformed.items():
+            self._note(name, f'{counted(count, "malformed message")} of {name} skipped')
+        if everything and promised is not None and seen < promised:
+            self._note('count', f'{promised - seen} of {promised} messages lost')
+
+    def _as_cdr(self, channel: int, data: memoryview) -> bytes | memoryview:
+        if channel in self._channels.ros1:
+            return self._channels.ros1[channel].to_cdr(data)
+        return bytes(data) if len(data) < _LARGE else data
 
     def _count(self, stream: BinaryIO) -> Counter[int]:
         counts: Counter[int] = Counter()
@@ -110,133 +120,81 @@ class McapFile:
         walk = RecordWalk(stream, self._name, self._losses)
         lost_chunk: tuple[int, str] | None = None
         lost = 0
-        for frame in walk.frames():
-            if frame.opcode == Opcode.MESSAGE_INDEX:
+        for span in walk.spans():
+            if span.opcode == Opcode.MESSAGE_INDEX:
                 if lost_chunk is not None:
-                    lost += (frame.length - 6) // _INDEX_ENTRY_SIZE
+                    lost += (span.length - 6) // _INDEX_ENTRY_SIZE
                     self._note_chunk(lost_chunk, lost)
                 continue
             lost_chunk = None
-            if frame.opcode == Opcode.CHUNK:
-                reason = yield from self._chunk(walk, frame, first, last)
+            if span.opcode == Opcode.CHUNK:
+                reason = yield from self._chunk(walk, span, first, last)
                 if reason:
-                    lost_chunk, lost = (frame.body - HEADER.size, reason), 0
+                    lost_chunk, lost = (span.body - HEADER.size, reason), 0
                     self._note_chunk(lost_chunk, None)
-            elif frame.opcode in _CONTENT and frame.available == frame.length:
-                yield frame.opcode, memoryview(walk.read(frame.body, frame.length))
+            elif span.length > SIZE_LIMIT:
+                self._note(span.body, f'record at byte {span.body} skipped: larger than 1 GB')
+            elif span.opcode in _CONTENT and span.available == span.length:
+                yield span.opcode, memoryview(walk.read(span.body, span.length))
 
     def _chunk(
-        self, walk: RecordWalk, frame: Frame, first: int, last: int
+        self, walk: RecordWalk, span: RecordSpan, first: int, last: int
     ) -> Generator[tuple[int, memoryview], None, str]:
         """Yield the records of a chunk; return why it cannot be read, '' if it can."""
-        header = walk.chunk_header(frame)
+        header = walk.chunk_header(span)
         assert header is not None
         # Without an index, a chunk out of the range may still define a channel within it.
         known_times = self._indexed and header.end_ns > 0
         if known_times and (header.end_ns < first or header.start_ns >= last):
             return ''
-        data = walk.read(header.data_offset, header.data_size)
-        if len(data) < header.data_size:
-            yield from self._records(decompress_start(data, header.compression))
+        size = header.uncompressed_size
+        raw, problem = unpack(
+            walk.stream_at(header.data_offset),
+            header.data_size,
+            header.compression,
+            size,
+            max(size if size <= SIZE_LIMIT else 0, _CREDIBLE_SIZE),
+        )
+        if span.available < span.length:
+            yield from self._records(raw)
             return ''
-        reason = ''
-        try:
-            raw = decompress(data, header.compression, header.uncompressed_size)
-        except CompressionError as error:
-            raw, reason = decompress_start(data, header.compression), str(error)
-        if not reason and header.crc and zlib.crc32(raw) != header.crc:
-            reason = 'its checksum is wrong'
+        if header.crc and header.crc == zlib.crc32(raw):
+            problem = ''
+        elif not problem:
+            problem = _contradiction(header, raw)
+        elif size > SIZE_LIMIT:
+            problem = f'it is larger than 1 GB ({size} bytes)'
         for opcode, body in self._records(raw):
             # The first chunk often defines the channels of all others, at its very start.
-            if not reason or opcode != Opcode.MESSAGE:
+            if not problem or opcode != Opcode.MESSAGE:
                 yield opcode, body
-        return reason
+        return problem
 
-    def _records(self, raw: bytes) -> Iterator[tuple[int, memoryview]]:
-        view = memoryview(raw)
+    def _records(self, view: memoryview) -> Iterator[tuple[int, memoryview]]:
         position = 0
-        while position + HEADER.size <= len(raw):
-            opcode, length = HEADER.unpack_from(raw, position)
+        while position + HEADER.size <= len(view):
+            opcode, length = HEADER.unpack_from(view, position)
             position += HEADER.size
-            if position + length > len(raw):
+            if opcode == 0 or position + length > len(view):  # zeros are no records
                 return
             if opcode in _CONTENT and length >= _CONTENT[opcode]:
                 yield opcode, view[position : position + length]
             position += length
 
     def _define(self, opcode: int, body: bytes | memoryview) -> None:
-        """Take in a schema or channel record; the first of an id counts."""
-        stream = ReadDataStream(BytesIO(body))
         try:
-            if opcode == Opcode.SCHEMA:
-                schema = SchemaRecord.read(stream)
-                self._schemas.setdefault(schema.id, schema)
-            elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(stream)
-                if channel.id not in self._topics:
-                    self._topics[channel.id] = self._topic(channel)
-        except _PARSE_ERRORS:
-            self._note('definitions', 'a channel or schema record is damaged')
-
-    def _topic(self, channel: Channel) -> TopicInfo:
-        record = self._schemas.get(channel.schema_id)
-        schema = None
-        if record is not None and record.data:
-            schema = Schema(record.encoding, record.data.decode('utf-8', 'replace'))
-        return TopicInfo(
-            channel.topic,
-            normalised_type(record.name) if record is not None else '',
-            None,
-            channel.message_encoding,
-            schema,
-            channel.metadata.get('offered_qos_profiles', ''),
-        )
+            self._channels.define(opcode, body)
+        except DefinitionError as error:
+            self._note('definitions', str(error))
 
     def _read_summary(self, stream: BinaryIO) -> bool:
-        """Take the channels and counts from the file's end, if all of it is sound."""
-        size = stream.seek(0, 2)
-        start = self._summary_start(stream, size)
-        if start is None:
-            self._note('index', 'its index is missing (was the recording cut off?)')
+        """Whether the channels could be taken from the file's end."""
+        try:
+            self._channels.read_summary(stream)
+        except DefinitionError as error:
+            self._note('index', str(error))
             return False
-        stream.seek(start)
-        summary = stream.read(size - len(MAGIC) - start)
-        (crc,) = struct.unpack('<I', summary[-4:])
-        if crc and zlib.crc32(summary[:-4]) != crc:
-            self._note('index', 'its index is damaged')
-            return False
-        position = 0
-        while position + HEADER.size <= len(summary):
-            opcode, length = HEADER.unpack_from(summary, position)
-            position += HEADER.size
-            body = summary[position : position + length]
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._define(opcode, body)
-            elif opcode == Opcode.STATISTICS:
-                statistics = _parsed_statistics(body)
-                if statistics is not None:
-                    self._promised = statistics.message_count
-                    self._set_counts(Counter(statistics.channel_message_counts))
-            position += length
-        return bool(self._topics)
-
-    def _summary_start(self, stream: BinaryIO, size: int) -> int | None:
-        """Where the summary begins (the footer, if there is none); None without a footer."""
-        footer_offset = size - _FOOTER_SIZE
-        if footer_offset < len(MAGIC):
-            return None
-        stream.seek(footer_offset)
-        end = stream.read(_FOOTER_SIZE)
-        if end[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(end) != (Opcode.FOOTER, 20):
-            return None
-        footer = Footer.read(ReadDataStream(BytesIO(end[HEADER.size :])))
-        if footer.summary_start == 0:
-            return footer_offset
-        return footer.summary_start if footer.summary_start <= footer_offset else None
-
-    def _set_counts(self, counts: Counter[int]) -> None:
-        for key, topic in self._topics.items():
-            self._topics[key] = replace(topic, message_count=counts[key])
+        return bool(self._channels.topics) or self._channels.promised == 0
 
     def _note_chunk(self, chunk: tuple[int, str], lost: int | None) -> None:
         offset, reason = chunk
@@ -247,12 +205,15 @@ class McapFile:
         self._losses.note((self._path, key), f'{self._name}: {text}')
 
 
-def _parsed_statistics(body: bytes) -> Statistics | None:
-    try:
-        statistics: Statistics = Statistics.read(ReadDataStream(BytesIO(body)))
-    except _PARSE_ERRORS:
-        return None
-    return statistics
+def _contradiction(header: ChunkHeader, raw: memoryview) -> str:
+    """Why a chunk that was unpacked is not what its header says; '' if it may be."""
+    if header.crc:
+        if len(raw) == header.uncompressed_size:
+            return 'its checksum is wrong'
+    elif header.compression in ('', 'none'):
+        # Its length stands twice in the record.
+        return ''
+    return '' if len(raw) == header.uncompressed_size else 'its size is wrong'
 
 
 _CONTENT = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}

@@ -45,7 +45,7 @@ _CANDIDATE = re.compile(rb'[\x02-\x0f](?=.{4}\0{4})', re.DOTALL)
 _SEARCH_BLOCK = 1 << 20
 
 
-class Frame(NamedTuple):
+class RecordSpan(NamedTuple):
     """Where a record lies; fewer bytes are ``available`` than its ``length`` if it is cut."""
 
     opcode: int
@@ -75,13 +75,13 @@ class RecordWalk:
         self._losses = losses
         self._size = stream.seek(0, 2)
 
-    def frames(self) -> Iterator[Frame]:
+    def spans(self) -> Iterator[RecordSpan]:
         """Every record up to the footer; damage is stepped over and noted."""
         offset = len(MAGIC)
         search_from = offset
         while offset < self._size:
-            frame = self._frame_at(offset)
-            if frame is None or not self._credible(frame):
+            span = self._span_at(offset)
+            if span is None or not self._credible(span):
                 found = self._next_record(search_from)
                 if found is None:
                     self._note_end(offset)
@@ -92,43 +92,49 @@ class RecordWalk:
                 )
                 offset, search_from = found, found + 1
                 continue
-            if frame.opcode >= _PRIVATE_OPCODES:
+            if span.opcode >= _PRIVATE_OPCODES:
                 self._losses.note(
                     (self._name, offset),
-                    f'{self._name}: record of unknown kind {frame.opcode} skipped at byte {offset}',
+                    f'{self._name}: record of unknown kind {span.opcode} skipped at byte {offset}',
                 )
-            yield frame
-            if frame.available < frame.length:
+            yield span
+            if span.available < span.length:
                 self._note_end(offset)
                 return
-            if frame.opcode == Opcode.FOOTER:
+            if span.opcode == Opcode.FOOTER:
                 return
-            offset = frame.body + frame.length
+            offset = span.body + span.length
             # A message's length cannot be checked: if what follows makes no sense, it was wrong.
-            search_from = frame.body if frame.opcode == Opcode.MESSAGE else offset + 1
+            search_from = span.body if span.opcode == Opcode.MESSAGE else offset + 1
 
     def read(self, offset: int, size: int) -> bytes:
         """The bytes there, fewer at the file's end."""
-        self._stream.seek(offset)
-        return self._stream.read(size)
+        return self.stream_at(offset).read(size)
 
-    def chunk_header(self, frame: Frame) -> ChunkHeader | None:
+    def stream_at(self, offset: int) -> BinaryIO:
+        """The file, to be read from there."""
+        self._stream.seek(offset)
+        return self._stream
+
+    def chunk_header(self, span: RecordSpan) -> ChunkHeader | None:
         """The header of a chunk; None if it contradicts the record's length."""
         fixed = CHUNK_HEADER.size
-        head = self.read(frame.body, min(fixed + _LONGEST_COMPRESSION_NAME + 8, frame.available))
+        head = self.read(span.body, min(fixed + _LONGEST_COMPRESSION_NAME + 8, span.available))
         if len(head) < fixed:
             return None
         start_ns, end_ns, size, crc, name_length = CHUNK_HEADER.unpack_from(head)
         end = fixed + name_length + 8
-        if name_length > _LONGEST_COMPRESSION_NAME or size > SIZE_LIMIT or len(head) < end:
+        if name_length > _LONGEST_COMPRESSION_NAME or len(head) < end:
             return None
         (data_size,) = struct.unpack_from('<Q', head, end - 8)
-        if end + data_size != frame.length:
+        if end + data_size != span.length:
             return None
         compression = head[fixed : end - 8].decode('ascii', 'replace')
-        return ChunkHeader(start_ns, end_ns, size, crc, compression, frame.body + end, data_size)
+        if size > SIZE_LIMIT and compression in ('', 'none'):
+            return None  # its records can be found one by one
+        return ChunkHeader(start_ns, end_ns, size, crc, compression, span.body + end, data_size)
 
-    def _frame_at(self, offset: int) -> Frame | None:
+    def _span_at(self, offset: int) -> RecordSpan | None:
         head = self.read(offset, HEADER.size)
         if len(head) < HEADER.size:
             return None
@@ -137,13 +143,13 @@ class RecordWalk:
         if minimum is None or length < minimum:
             return None
         body = offset + HEADER.size
-        return Frame(opcode, body, length, min(length, self._size - body))
+        return RecordSpan(opcode, body, length, min(length, self._size - body))
 
-    def _credible(self, frame: Frame) -> bool:
+    def _credible(self, span: RecordSpan) -> bool:
         """Whether the length may be true: a chunk's header repeats it, others must fit."""
-        if frame.opcode == Opcode.CHUNK:
-            return self.chunk_header(frame) is not None
-        return frame.available == frame.length
+        if span.opcode == Opcode.CHUNK:
+            return self.chunk_header(span) is not None
+        return span.available == span.length
 
     def _next_record(self, start: int) -> int | None:
         while start < self._size:
@@ -158,13 +164,13 @@ class RecordWalk:
     def _convinces(self, offset: int) -> bool:
         """Whether a chunk, the footer, or three records in a row begin there."""
         for _ in range(3):
-            frame = self._frame_at(offset)
-            if frame is None or not self._credible(frame):
+            span = self._span_at(offset)
+            if span is None or not self._credible(span):
                 return False
-            if frame.opcode == Opcode.CHUNK:
+            if span.opcode == Opcode.CHUNK:
                 return True
-            offset = frame.body + frame.length
-            if frame.opcode == Opcode.FOOTER:
+            offset = span.body + span.length
+            if span.opcode == Opcode.FOOTER:
                 return self.read(offset, len(MAGIC)) == MAGIC
             if offset == self._size:
                 return True

@@ -8,12 +8,18 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 
-from mvuav_ros.recordings import mcap_records, ros1_file
 from mvuav_ros.recordings.compression import (
-    ZSTD_MAGIC,
     CompressionError,
     decompress_file,
     decompress_message,
+)
+from mvuav_ros.recordings.content import (
+    MCAP_START,
+    ROS1_START,
+    SQLITE_START,
+    ZSTD_START,
+    plain_name,
+    start_of,
 )
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.layout import recording_files
@@ -31,9 +37,9 @@ from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
 
 _FORMATS: tuple[tuple[bytes, str, Callable[[Path, Losses], RecordingFile]], ...] = (
-    (mcap_records.MAGIC, '.mcap', McapFile),
-    (b'SQLite format 3\0', '.db3', SqliteFile),
-    (ros1_file.MAGIC, '.bag', Ros1File),
+    (MCAP_START, '.mcap', McapFile),
+    (SQLITE_START, '.db3', SqliteFile),
+    (ROS1_START, '.bag', Ros1File),
 )
 
 
@@ -115,7 +121,7 @@ class Recording:
             unreadable: dict[str, int] = {}
             try:
                 for message in self._file(path).messages(topics, start_ns, end_ns):
-                    if message.data[:4] != ZSTD_MAGIC:
+                    if message.data[:4] != ZSTD_START:
                         yield message
                         continue
                     try:
@@ -164,8 +170,8 @@ class Recording:
                     skipped[SkippedChannel(channel.name, channel.serialization_format)] = None
         if not readable:
             raise refusals[0]
-        if not topics and not skipped:
-            reasons = '; '.join(self.losses) or 'it is empty'
+        if not topics and not skipped and self.losses:
+            reasons = '; '.join(self.losses)
             raise RecordingError(f'{self.path} holds no readable topic: {reasons}')
         for refusal in refusals:
             self._losses.note(str(refusal), str(refusal))
@@ -179,8 +185,8 @@ class Recording:
             return self._opened[path]
         if self._unpacked is not None and self._unpacked[0] == path:
             return self._unpacked[1]
-        start = _start(path)
-        if not start.startswith(ZSTD_MAGIC):
+        start = start_of(path)
+        if not start.startswith(ZSTD_START):
             self._opened[path] = _opened(path, start, self._losses)
             return self._opened[path]
         # One unpacked file at a time, as all of a long recording might fill the disk.
@@ -189,7 +195,7 @@ class Recording:
         self._folder = TemporaryDirectory(prefix='mvuav_')
         target = Path(self._folder.name) / path.name.removesuffix('.zstd')
         decompress_file(path, target, self._losses)
-        self._unpacked = (path, _opened(target, _start(target), self._losses))
+        self._unpacked = (path, _opened(target, start_of(target), self._losses))
         return self._unpacked[1]
 
     def _note_io_error(self, path: Path, error: OSError) -> None:
@@ -198,19 +204,16 @@ class Recording:
         )
 
 
-def _start(path: Path) -> bytes:
-    with path.open('rb') as stream:
-        return stream.read(16)
-
-
 def _opened(path: Path, start: bytes, losses: Losses) -> RecordingFile:
+    if not path.is_file():
+        raise RecordingError(f'{path} is neither a file nor a folder')
     if not start:
         raise RecordingError(f'{path} is empty')
     for magic, _, kind in _FORMATS:
         if start.startswith(magic):
             return kind(path, losses)
     for magic, suffix, kind in _FORMATS:
-        if path.suffix == suffix and len(start) == 16 and kind is not SqliteFile:
+        if plain_name(path.name).endswith(suffix) and len(start) == 16 and kind is not SqliteFile:
             losses.note((path, 'start'), f'{path.name}: its first {len(magic)} bytes are damaged')
             return kind(path, losses)
     if any(magic.startswith(start) for magic, _, _ in _FORMATS):

@@ -40,30 +40,41 @@ class SkippedChannel(NamedTuple):
 
 
 class RecordedMessage(NamedTuple):
-    """One message; ``stamp_ns`` is when it was logged, ``data`` is CDR with its header."""
+    """One message; ``stamp_ns`` is when it was logged, ``data`` is CDR with its header.
+
+    A very large message is a view of the chunk that it lies in.
+    """
 
     topic: str
     type: str
     stamp_ns: int
-    data: bytes
+    data: bytes | memoryview
     schema: Schema | None = None
     qos: str = ''
 
 
 class Losses:
-    """What could not be read; noting the same loss again (a second pass) changes nothing."""
+    """What could not be read; noting the same loss again (a second pass) changes nothing.
+
+    Of very many losses the first are told.
+    """
 
     def __init__(self) -> None:
         self._texts: dict[Hashable, str] = {}
         self._remarks: dict[Hashable, str] = {}
+        self._further = False
 
     def note(self, key: Hashable, text: str) -> None:
         """Say a loss in words, replacing what was said under the same key."""
-        self._texts[key] = text
+        if key in self._texts or len(self._texts) < _MOST_TEXTS:
+            self._texts[key] = text
+        else:
+            self._further = True
 
     def remark(self, key: Hashable, text: str) -> None:
         """Say in words what is unusual, though nothing is lost by it."""
-        self._remarks[key] = text
+        if len(self._remarks) < _MOST_TEXTS:
+            self._remarks[key] = text
 
     @property
     def remarks(self) -> list[str]:
@@ -73,7 +84,8 @@ class Losses:
     @property
     def texts(self) -> list[str]:
         """The losses in order of discovery."""
-        return list(self._texts.values())
+        texts = list(self._texts.values())
+        return [*texts, 'and more of that kind'] if self._further else texts
 
 
 class RecordingFile(Protocol):
@@ -88,6 +100,7 @@ class RecordingFile(Protocol):
         """The messages in stored order, ``start_ns`` <= log time < ``end_ns``."""
 
 
+_MOST_TEXTS = 200
 READABLE_FORMATS = ('cdr', 'ros1')
 
 

@@ -10,19 +10,14 @@ import struct
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
-from io import BytesIO
+from io import BytesIO, RawIOBase
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, cast
 
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from rosbags.serde import SerdeError
 
-from mvuav_ros.recordings.compression import (
-    SIZE_LIMIT,
-    CompressionError,
-    decompress,
-    decompress_start,
-)
+from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, unpack
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import (
     Losses,
@@ -31,12 +26,14 @@ from mvuav_ros.recordings.recording import (
     counted,
     normalised_type,
 )
-from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError
+from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
 
 MAGIC = b'#ROSBAG V'
 _VERSION_LINE = MAGIC + b'2.0\n'
 _LONGEST_HEADER = 1 << 20
 _SEARCH_BLOCK = 1 << 20
+_LARGEST_CONNECTION = 1 << 24
+_MOST_CONNECTIONS = 1 << 16
 _PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
 
 
@@ -128,13 +125,13 @@ class Ros1File:
                 lost_chunk, lost = None, 0
                 stream.seek(record.data)
                 try:
-                    raw = self._chunk(record.header, stream.read(available), record.size)
+                    raw = self._chunk(record, stream, cut=available < record.size)
                 except CompressionError as error:
                     lost_chunk = (position, str(error))
                     self._note_chunk(*lost_chunk, None)
                 else:
                     yield from self._records(raw)
-            elif record.kind in (RecordType.CONNECTION, RecordType.MSGDATA):
+            elif record.kind in _SINGLE:
                 stream.seek(record.data)
                 yield from self._record(record, memoryview(stream.read(available)))
             if available < record.size:
@@ -142,25 +139,30 @@ class Ros1File:
                 return
             position = record.data + record.size
 
-    def _chunk(self, header: Header, data: bytes, size: int) -> bytes:
+    def _chunk(self, record: _Record, stream: BinaryIO, *, cut: bool) -> memoryview:
+        """What a chunk holds; of one that is cut, what there is of it."""
         try:
-            compression = header.get_string('compression')
-            raw_size = header.get_uint32('size')
+            compression = record.header.get_string('compression')
+            size = record.header.get_uint32('size')
         except ReaderError:
             raise CompressionError('its header is damaged') from None
-        if len(data) < size:
-            return decompress_start(data, compression)
-        return decompress(data, compression, raw_size)
+        if size > SIZE_LIMIT:
+            raise CompressionError(f'it is larger than 1 GB ({size} bytes)')
+        raw, problem = unpack(stream, record.size, compression, size, size)
+        if not problem and len(raw) != size:
+            problem = 'its size is wrong'
+        if problem and not cut:
+            raise CompressionError(problem)
+        return raw
 
-    def _records(self, raw: bytes) -> Iterator[_Message]:
-        stream = BytesIO(raw)
-        view = memoryview(raw)
+    def _records(self, raw: memoryview) -> Iterator[_Message]:
+        stream = cast(BinaryIO, _View(raw))
         position = 0
         while position < len(raw):
             record = _record_at(stream, position)
             if record is None or record.data + record.size > len(raw):
                 return
-            yield from self._record(record, view[record.data : record.data + record.size])
+            yield from self._record(record, raw[record.data : record.data + record.size])
             position = record.data + record.size
 
     def _record(self, record: _Record, data: memoryview) -> Iterator[_Message]:
@@ -180,6 +182,8 @@ class Ros1File:
             key, name = header.get_uint32('conn'), header.get_string('topic')
             if key in self._topics:
                 return
+            if len(data) > _LARGEST_CONNECTION or len(self._topics) >= _MOST_CONNECTIONS:
+                raise ValueError('larger than can be true')
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
             definition = fields.get_string('message_definition')
@@ -187,7 +191,7 @@ class Ros1File:
             self._note('connections', 'a connection record is damaged')
             return
         try:
-            converter = Ros1Type(kind, definition)
+            converter = ros1_type(kind, definition)
         except UnknownTypeError:
             self._topics[key] = TopicInfo(name, kind, None, 'ros1 without a valid definition')
             return
@@ -223,8 +227,10 @@ class Ros1File:
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = _record_at(stream, position)
-            data = memoryview(stream.read(record.size)) if record else memoryview(b'')
-            if record is None or len(data) < record.size:
+            if record is None or record.size > _LARGEST_CONNECTION:
+                return False
+            data = memoryview(stream.read(record.size))
+            if len(data) < record.size:
                 return False
             if record.kind == RecordType.CONNECTION:
                 self._connect(record.header, data)
@@ -293,4 +299,26 @@ def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
     return None
 
 
+class _View(RawIOBase):
+    """A chunk as a stream, without copying it as BytesIO does."""
+
+    def __init__(self, raw: memoryview) -> None:
+        self._raw = raw
+        self._position = 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        assert whence == 0
+        self._position = offset
+        return offset
+
+    def tell(self) -> int:
+        return self._position
+
+    def read(self, size: int = -1) -> bytes:
+        data = bytes(self._raw[self._position : self._position + size])
+        self._position += len(data)
+        return data
+
+
 _KINDS = frozenset(int(kind) for kind in RecordType)
+_SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})

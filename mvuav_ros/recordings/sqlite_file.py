@@ -12,8 +12,10 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
+from mvuav_ros.recordings.compression import SIZE_LIMIT
 from mvuav_ros.recordings.recording import (
     Losses,
     RecordedMessage,
@@ -27,7 +29,13 @@ from mvuav_ros.recordings.sqlite_pages import PageFile
 _FIRST = -(1 << 63)
 _LAST = (1 << 63) - 1
 # The second is from names of columns, which are decoded strictly.
-_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+_ERRORS = (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError)
+_SMALLEST_LIMIT = 1 << 20
+# A row has ten bytes and takes SQLite some twenty steps.
+_STEPS_PER_BYTE = 10
+_STEPS = 1000
+_MOST_TOPICS = 1 << 16
+_MOST_TEXT = 1 << 26
 
 
 class SqliteFile:
@@ -50,7 +58,7 @@ class SqliteFile:
                     self._topics = _topics(database)
                     if not missing:
                         self._count(database)
-            except (*_ERRORS, KeyError) as error:
+            except (*_ERRORS, KeyError, ValueError) as error:
                 self._note('error', f'the database is damaged ({error})')
         return tuple(self._topics.values())
 
@@ -95,7 +103,7 @@ class SqliteFile:
     @contextmanager
     def _connect(self) -> Iterator[sqlite3.Connection]:
         # A write-ahead log or journal that a crash left behind holds the last messages.
-        logs = [Path(f'{self._path}{suffix}') for suffix in ('-wal', '-journal')]
+        logs = _logs(self._path)
         shared = Path(f'{self._path}-shm')
         if not any(log.exists() for log in logs):
             with closing(self._opened('mode=ro&immutable=1')) as database:
@@ -121,6 +129,11 @@ class SqliteFile:
             f'file:{quote(str(self._path.absolute()))}?{mode}', uri=True, check_same_thread=False
         )
         database.text_factory = _text
+        size = min(self._path.stat().st_size + _log_size(self._path), SIZE_LIMIT)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _SMALLEST_LIMIT))
+        # Pages that point at each other would keep SQLite busy for ever.
+        budget = iter(range(_STEPS_PER_BYTE * size // _STEPS + 1000))
+        database.set_progress_handler(lambda: next(budget, None) is None, _STEPS)
         # Without this, SQLite refuses a file that is shorter than its header says.
         database.execute('PRAGMA writable_schema=ON')
         return database
@@ -129,30 +142,60 @@ class SqliteFile:
         self._losses.note((self._path, key), f'{self._path.name}: {text}')
 
 
+def _logs(path: Path) -> list[Path]:
+    return [Path(f'{path}{suffix}') for suffix in ('-wal', '-journal')]
+
+
+def _log_size(path: Path) -> int:
+    return sum(log.stat().st_size for log in _logs(path) if log.exists())
+
+
 def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
+    if _has_views(database):
+        raise sqlite3.DatabaseError('its tables are views')
     schemas: dict[str, Schema] = {}
     try:
-        for name, encoding, text in database.execute(
-            'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
-        ):
-            schemas[normalised_type(str(name))] = Schema(str(encoding), str(text))
-    except _ERRORS:
+        for row in _small_rows(database, 'message_definitions'):
+            kind = normalised_type(str(row['topic_type']))
+            schemas[kind] = Schema(str(row['encoding']), str(row['encoded_message_definition']))
+    except (*_ERRORS, KeyError):
         pass  # older bags have no such table
-    cursor = database.execute('SELECT * FROM topics')
-    columns = [column[0] for column in cursor.description]
     topics: dict[int, TopicInfo] = {}
-    for values in cursor:
-        row = dict(zip(columns, values, strict=True))
+    for row in _small_rows(database, 'topics'):
+        if not isinstance(row['id'], int):
+            continue
         kind = normalised_type(str(row['type']))
         topics[row['id']] = TopicInfo(
             str(row['name']),
             kind,
             None,
-            str(row['serialization_format']),
+            # The first ROS 2 releases knew no other.
+            str(row.get('serialization_format', 'cdr')),
             schemas.get(kind),
             str(row.get('offered_qos_profiles', '')),
         )
     return topics
+
+
+def _has_views(database: sqlite3.Connection) -> bool:
+    """Whether it has what can have any number of rows; rosbag2 makes none."""
+    query = "SELECT 1 FROM sqlite_master WHERE sql LIKE 'CREATE%VIEW %' OR sql LIKE 'CREATE VIRT%'"
+    try:
+        return database.execute(query).fetchone() is not None
+    except _ERRORS:
+        return False
+
+
+def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
+    """The rows of a table, as long as there is no more than anybody would write."""
+    cursor = database.execute(f'SELECT * FROM {table} LIMIT {_MOST_TOPICS}')
+    columns = [column[0] for column in cursor.description]
+    left = _MOST_TEXT
+    for values in cursor:
+        left -= sum(len(value) for value in values if isinstance(value, str | bytes))
+        if left < 0:
+            raise sqlite3.DatabaseError(f'its table {table} is larger than can be true')
+        yield dict(zip(columns, values, strict=True))
 
 
 def _rows(

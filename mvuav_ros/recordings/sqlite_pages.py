@@ -11,11 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from mvuav_ros.recordings.compression import SIZE_LIMIT
+
 _HEADER_SIZE = 100
 _TABLE_LEAF = 13
 _INTEGER_SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 _SMALLEST_BLOB = 12
 _LARGEST_LOCAL_FRACTION = 35
+# A damaged pointer may lead several rows into one chain of pages, but not all rows into all pages.
+_MOST_PASSES = 8
 
 
 class MessageRow(NamedTuple):
@@ -41,6 +45,7 @@ class PageFile:
             header = stream.read(_HEADER_SIZE)
             self._size = stream.seek(0, 2)
         self._page_size = self._usable = self.missing_bytes = 0
+        self._overflow_left = _MOST_PASSES * self._size
         if len(header) == _HEADER_SIZE:
             (page_size,) = struct.unpack_from('>H', header, 16)
             self._page_size = 65536 if page_size == 1 else page_size
@@ -54,6 +59,7 @@ class PageFile:
     def messages(self, after_rowid: int) -> Iterator[MessageRow]:
         """The whole messages in the file's order, without those up to ``after_rowid``."""
         self.incomplete_rows = 0
+        self._overflow_left = _MOST_PASSES * self._size
         if self._page_size < 512:
             return
         with self._path.open('rb') as stream:
@@ -99,7 +105,10 @@ class PageFile:
     def _overflow(self, stream: BinaryIO, pointer: bytes, size: int) -> bytes:
         pieces: list[bytes] = []
         (number,) = struct.unpack('>I', pointer)
-        while size > 0 and number > 0:
+        if size > min(self._size, SIZE_LIMIT):
+            return b''
+        while size > 0 and number > 0 and self._overflow_left > 0:
+            self._overflow_left -= self._page_size
             stream.seek((number - 1) * self._page_size)
             page = stream.read(self._usable)
             if len(page) < 4 + min(size, self._usable - 4):
@@ -117,7 +126,7 @@ def _cells(page: bytes, start: int) -> tuple[int, ...]:
     (count,) = struct.unpack_from('>H', page, start + 3)
     if start + 8 + 2 * count > len(page):
         return ()
-    return struct.unpack_from(f'>{count}H', page, start + 8)
+    return tuple(dict.fromkeys(struct.unpack_from(f'>{count}H', page, start + 8)))
 
 
 def _is_message(kinds: list[int], body_size: int) -> bool:

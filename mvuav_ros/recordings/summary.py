@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 import os
-import statistics
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import (
     decode_message,
-    image_problem,
     is_image_type,
+    video_packet,
 )
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
-from mvuav_ros.recordings.serialization.compressed_size import compressed_size
+from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.serialization.image_decoding import (
+    check_compressed_image,
+    decode_image,
+)
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
+from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.
 GAP_FACTOR = 1.5
 _PROGRESS_STEP = 100
+_MOST_FORMATS = 20
+_LONGEST_NAME = 40
+_LONGEST = (1 << 63) - 1
 _NS = 1_000_000_000
 
 
@@ -30,7 +40,7 @@ class ImageSummary:
     """The images of a topic.
 
     ``formats`` are the sizes and encodings in order of appearance: '640x480 mono8', for a
-    compressed image '640x480 jpeg' or, if it is neither JPEG nor PNG, its format alone.
+    compressed image '640x480 jpeg'; at most twenty.
     ``malformed`` images are counted, with the first one's problem in words.
     ``header_jumps_back`` counts header stamps earlier than the one before.
     """
@@ -111,9 +121,14 @@ def summarise_recording(
     """As `summarise`, for a recording that is open."""
     counts = [topic.message_count for topic in recording.topics]
     total = None if None in counts else sum(count for count in counts if count is not None)
-    tallies = {(topic.name, topic.type): _Tally(topic) for topic in recording.topics}
+    tallies = {
+        (topic.name, topic.type): _Tally(topic.name, topic.type) for topic in recording.topics
+    }
     for number, message in enumerate(recording.messages()):
-        tallies[message.topic, message.type].add(message)
+        key = message.topic, message.type
+        if key not in tallies:  # an index may lack what the messages have
+            tallies[key] = _Tally(*key)
+        tallies[key].add(message)
         if number % _PROGRESS_STEP == 0:
             progress(number, total)
     topics = [tally.summary() for tally in tallies.values()]
@@ -135,9 +150,9 @@ def summarise_recording(
 class _Tally:
     """Counts one topic's messages as they come."""
 
-    def __init__(self, topic: TopicInfo) -> None:
-        images = ImageSummary() if is_image_type(topic.type) else None
-        self._summary = TopicSummary(topic.name, topic.type, images=images)
+    def __init__(self, topic: str, type: str) -> None:
+        images = ImageSummary() if is_image_type(type) else None
+        self._summary = TopicSummary(topic, type, images=images)
         # Eight bytes per message: the median needs them all.
         self._intervals = array('q')
         self._previous_ns = 0
@@ -149,7 +164,8 @@ class _Tally:
         if summary.first_stamp_ns is None or summary.last_stamp_ns is None:
             summary.first_stamp_ns = summary.last_stamp_ns = stamp_ns
         else:
-            self._intervals.append(stamp_ns - self._previous_ns)
+            interval = stamp_ns - self._previous_ns
+            self._intervals.append(min(max(interval, -_LONGEST), _LONGEST))
             summary.first_stamp_ns = min(summary.first_stamp_ns, stamp_ns)
             summary.last_stamp_ns = max(summary.last_stamp_ns, stamp_ns)
         self._previous_ns = stamp_ns
@@ -159,18 +175,21 @@ class _Tally:
 
     def _add_image(self, images: ImageSummary, message: RecordedMessage) -> None:
         try:
-            image = decode_message(message.type, message.data)
+            packet = video_packet(message.type, message.data)
+            image: Any = packet or decode_message(message.type, message.data)
         except MalformedMessageError as error:
             self._add_problem(images, str(error))
             return
-        stamp = image.header.stamp
-        header_ns = stamp.sec * _NS + stamp.nanosec
+        header_ns = packet.stamp_ns if packet is not None else stamp_ns_of(image.header)
         if self._previous_header_ns is not None and header_ns < self._previous_header_ns:
             images.header_jumps_back += 1
         self._previous_header_ns = header_ns
-        if problem := image_problem(image):
-            self._add_problem(images, problem)
-        elif (text := _format(image)) not in images.formats:
+        try:
+            text = _format(image)
+        except ImageError as error:
+            self._add_problem(images, str(error))
+            return
+        if text not in images.formats and len(images.formats) < _MOST_FORMATS:
             images.formats.append(text)
 
     def _add_problem(self, images: ImageSummary, problem: str) -> None:
@@ -181,18 +200,25 @@ class _Tally:
         summary = self._summary
         if summary.first_stamp_ns is not None and summary.last_stamp_ns is not None:
             summary.duration_s = (summary.last_stamp_ns - summary.first_stamp_ns) / _NS
-        forward = [interval for interval in self._intervals if interval >= 0]
-        summary.jumps_back = len(self._intervals) - len(forward)
-        if forward and (median := statistics.median(forward)) > 0:
-            gaps = [interval for interval in forward if interval > GAP_FACTOR * median]
+        intervals = np.frombuffer(self._intervals, np.int64)
+        forward = intervals[intervals >= 0]
+        summary.jumps_back = len(intervals) - len(forward)
+        if len(forward) and (median := float(np.median(forward))) > 0:
+            gaps = forward[forward > GAP_FACTOR * median]
             summary.rate_hz = _NS / median
             summary.gaps = len(gaps)
-            summary.longest_gap_s = max(gaps, default=0) / _NS
+            summary.longest_gap_s = int(gaps.max(initial=0)) / _NS
         return summary
 
 
 def _format(image: Any) -> str:
+    """What a replay would make of it, without decompressing it."""
+    if isinstance(image, VideoPacket):
+        if codec := codec_of(image.format):
+            return f'{codec} video'
+        raise ImageError(f'video of format {image.format[:_LONGEST_NAME]!r} is not known')
     if hasattr(image, 'height'):
+        decode_image(image)
         return f'{image.width}x{image.height} {image.encoding}'
-    size = compressed_size(image.data)
-    return f'{size[0]}x{size[1]} {image.format}' if size else str(image.format)
+    width, height = check_compressed_image(image)
+    return f'{width}x{height} {image.format[:_LONGEST_NAME]}'.rstrip()

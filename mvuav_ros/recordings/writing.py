@@ -49,7 +49,8 @@ class RecordingWriter:
 
     A context manager: the file is completed at the end, also when the user interrupts
     (KeyboardInterrupt, SystemExit). After any other exception everything so far is in the file,
-    but the end mark is left out, so that it does not look complete. A process that is killed
+    but the end mark is left out, so that it does not look complete; a file without a message is
+    removed. A process that is killed
     leaves what is older than a second. Messages are compressed and written by a thread of its
     own.
     """
@@ -107,8 +108,16 @@ class RecordingWriter:
         if kind is not None and issubclass(kind, Exception):
             with suppress(RecordingError):
                 self._finish(complete=False)
+            if not self._channels:  # nothing to be kept, and in the way of the next attempt
+                with suppress(OSError):
+                    self.path.unlink()
             return
         self.close()
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file by now."""
+        return self._end
 
     def write(
         self,
@@ -302,6 +311,8 @@ class _Channel:
 
 def _created(path: Path, overwrite: bool) -> int:
     """The descriptor of the new file."""
+    if path.parts[:1] and path.parts[0].endswith(':'):  # what a Path makes of an URL
+        raise RecordingError(f'{path}: outputs are written to files of this machine, not to URLs')
     if path.suffix != '.mcap':
         raise RecordingError(f'{path}: the name of a recording must end in .mcap')
     if path.is_dir():

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.rotation import Matrix
 from mvuav_ros.simulation.sky import draw_sky
 from mvuav_ros.simulation.texture import smooth_noise, to_bytes
+from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels
 
 MARGIN = 48
@@ -22,7 +22,7 @@ CLOUDINESS = 0.6
 
 
 class Background:
-    """A image at infinity, seen by a camera that turns a little."""
+    """An image at infinity, seen by a camera that turns a little."""
 
     def __init__(
         self,
@@ -61,8 +61,7 @@ class Background:
 def _sky(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
     width, height = _size(camera)
     return draw_sky(
-        width,
-        height,
+        (width, height),
         1.25 * height,
         camera.fx,
         rng,
@@ -75,8 +74,8 @@ def _foam(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDA
     """Boards of extruded foam: a fine grain, faint flow marks, seams, uneven lamplight."""
     width, height = _size(camera)
     unit = camera.width / 640.0
-    grain = smooth_noise(height, width, 5.0 * unit, rng, octaves=2)
-    flow = smooth_noise(height, width, 12.0 * unit, rng, octaves=3, stretch=14.0)
+    grain = smooth_noise((height, width), 5.0 * unit, rng, octaves=2)
+    flow = smooth_noise((height, width), 12.0 * unit, rng, octaves=3, stretch=14.0)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     lamp = np.exp(-(((x / width - 0.42) / 0.75) ** 2 + ((y / height - 0.35) / 0.8) ** 2))
     shade = 0.62 + 0.5 * lamp + detail * (0.012 * grain + 0.018 * flow)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.rotation import Matrix, read_only
+from mvuav_ros.vision.frames import Matrix, read_only
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 

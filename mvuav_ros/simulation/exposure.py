@@ -1,4 +1,4 @@
-"""What the camera does to a image: gain, motion blur, defocus, noise, hot pixels."""
+"""What the camera does to an image: gain, motion blur, defocus, noise, hot pixels."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def apply_gain(image: Pixels, gain: float) -> Pixels:
 
 
 def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
-    """Smear a image along a straight path of (dx, dy) px, centred; the image itself if short."""
+    """Smear an image along a straight path of (dx, dy) px, centred; the image itself if short."""
     length = math.hypot(dx, dy)
     if length < 0.5:
         return image

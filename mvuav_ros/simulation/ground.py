@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.ground_textures import Ground
-from mvuav_ros.simulation.rotation import Matrix
 from mvuav_ros.simulation.runway_truth import CameraPose
 from mvuav_ros.simulation.sky import HORIZON
+from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels
 
 FARTHEST = 60_000.0
@@ -44,7 +44,7 @@ class GroundPainter:
         self._bins = np.empty(size, np.int32)
 
     def paint(self, image: Pixels, pose: CameraPose) -> None:
-        """Paint the ground over a image of the sky, in place.
+        """Paint the ground over an image of the sky, in place.
 
         Args:
             image: (height, width, 3) uint8.

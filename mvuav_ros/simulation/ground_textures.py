@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation import terrain
 from mvuav_ros.simulation.ripmap import Ripmap
-from mvuav_ros.simulation.rotation import read_only
 from mvuav_ros.simulation.runway_surface import Surface
 from mvuav_ros.simulation.texture import tileable_noise, to_bytes
+from mvuav_ros.vision.frames import read_only
 
 _GRAIN_STEP, _GRAIN_SIZE = 0.25, 512
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.rotation import read_only
+from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 
 LARGEST_RADIUS = 6.4
@@ -100,7 +100,7 @@ def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
 
 @dataclass(frozen=True)
 class _Window:
-    """The part of a image that one light reaches, and distances from the light there."""
+    """The part of an image that one light reaches, and distances from the light there."""
 
     part: Pixels
     light: Light

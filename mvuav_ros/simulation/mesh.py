@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.rotation import Matrix, Vector, read_only
+from mvuav_ros.vision.frames import Matrix, Vector, read_only
 from mvuav_ros.vision.point_operations import Pixels
 
 SUPERSAMPLING = 2
@@ -53,7 +53,7 @@ class Mesh:
 class Lighting:
     """Light from one side and from all around, as grey levels of a white face.
 
-    ``towards`` is the direction of the light in the world's frame (unit length).
+    ``towards`` is the direction of the light (unit length).
     """
 
     ambient: float
@@ -65,9 +65,7 @@ def paint_mesh(
     image: Pixels,
     mesh: Mesh,
     camera: PinholeCamera,
-    rotation: Matrix,
-    translation: Vector,
-    light: Vector,
+    pose: tuple[Matrix, Vector],
     lighting: Lighting,
     tint: tuple[float, float, float] = (1.06, 1.0, 0.95),
 ) -> None:
@@ -77,47 +75,63 @@ def paint_mesh(
         image: (height, width) or (height, width, 3).
         mesh: in the body's frame.
         camera: that took the image.
-        rotation: of the body in the optical frame.
-        translation: the same, m.
-        light: direction to the light in the optical frame.
-        lighting: how bright.
+        pose: rotation of the body in the optical frame, and its place there, m.
+        lighting: how bright, and from where in the optical frame.
         tint: of blue, green and red.
     """
+    rotation, translation = pose
     corners = mesh.corners @ rotation.T + translation
     keep = corners[:, :, 2].min(axis=1) > NEAR
     if not keep.any():
         return
     corners, albedo = corners[keep], mesh.albedo[keep]
-    normals = mesh.normals[keep] @ rotation.T
     middle = corners.mean(axis=1)
-    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
-    lit = np.maximum(facing * (normals @ light), 0.0)
-    shade = albedo * (lighting.ambient + lighting.direct * lit)
+    shade = albedo * _lit(mesh.normals[keep] @ rotation.T, middle, lighting)
     pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
-
-    x0, y0 = np.maximum(np.floor(pixels.min(axis=(0, 1))) - 1, 0).astype(int)
-    x1, y1 = np.minimum(np.ceil(pixels.max(axis=(0, 1))) + 2, (camera.width, camera.height)).astype(
-        int
-    )
+    lowest = np.maximum(np.floor(pixels.min(axis=(0, 1))) - 1, 0)
+    highest = np.minimum(np.ceil(pixels.max(axis=(0, 1))) + 2, (camera.width, camera.height))
+    (x0, y0), (x1, y1) = lowest.astype(int), highest.astype(int)
     if x1 <= x0 or y1 <= y0:
         return
     part = image[y0:y1, x0:x1]
+    levels = _levels(shade, tint if part.ndim == 3 else None)
+    far_to_near = np.argsort(-np.linalg.norm(middle, axis=1))
+    _cover(part, _fill(part, pixels - (x0, y0), levels, far_to_near))
+
+
+def _lit(
+    normals: NDArray[np.float64], middle: NDArray[np.float64], lighting: Lighting
+) -> NDArray[np.float64]:
+    """Grey levels of white faces; each shows the camera the side that looks towards it."""
+    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
+    lit = np.maximum(facing * (normals @ np.asarray(lighting.towards)), 0.0)
+    return np.asarray(lighting.ambient + lighting.direct * lit)
+
+
+def _fill(
+    part: Pixels,
+    pixels: NDArray[np.float64],
+    levels: list[tuple[float, ...]],
+    order: NDArray[np.intp],
+) -> Pixels:
+    """The faces on black, with their cover as the last channel."""
     # A pixel's centre lies half a fine pixel right of the first fine pixel's.
-    fine = (pixels - (x0, y0) + 0.5) * SUPERSAMPLING - 0.5
+    fine = (pixels + 0.5) * SUPERSAMPLING - 0.5
     limit = 2**20
     places = np.rint(np.clip(fine * 2**_SHIFT, -limit, limit)).astype(np.int32)
-    colored = part.ndim == 3
-    levels = _levels(shade, tint if colored else None)
-    canvas = np.zeros(
-        (part.shape[0] * SUPERSAMPLING, part.shape[1] * SUPERSAMPLING, 4 if colored else 2),
-        np.uint8,
-    )
-    for face in np.argsort(-np.linalg.norm(middle, axis=1)):
+    height, width = part.shape[:2]
+    size = (height * SUPERSAMPLING, width * SUPERSAMPLING, len(levels[0]))
+    canvas = np.zeros(size, np.uint8)
+    for face in order:
         cv2.fillConvexPoly(canvas, places[face], levels[face], cv2.LINE_8, _SHIFT)
-    small = cv2.resize(canvas, (part.shape[1], part.shape[0]), interpolation=cv2.INTER_AREA)
-    *colors, cover = cv2.split(small)
+    return cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _cover(part: Pixels, faces: Pixels) -> None:
+    """Put faces with their cover over a part of an image."""
+    *colors, cover = cv2.split(faces)
     behind = cv2.bitwise_not(cover)
-    if colored:
+    if part.ndim == 3:
         seen = cv2.multiply(part, cv2.merge([behind] * 3), scale=1.0 / 255.0)
         cv2.add(seen, cv2.merge(colors), dst=seen)
     else:

@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mvuav_ros.simulation.rotation import (
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.waves import random_wave
+from mvuav_ros.vision.frames import (
     OPTICAL_FROM_BODY,
     Matrix,
     Vector,
@@ -17,8 +19,6 @@ from mvuav_ros.simulation.rotation import (
     from_rpy,
     read_only,
 )
-from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.waves import random_wave
 from mvuav_ros.vision.rig import MarkerRig
 
 LAB_DISTANCE = 3.3

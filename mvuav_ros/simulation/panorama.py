@@ -32,14 +32,13 @@ class Panorama:
         self._horizon_row = round(camera.height + RISE * camera.fx)
         self._middle = 0.5 * (width - 1)
         sky = draw_sky(
-            width,
-            self._horizon_row + _BELOW,
+            (width, self._horizon_row + _BELOW),
             self._horizon_row,
             camera.fx,
             rng,
             cloudiness=detail,
         )
-        ridge = smooth_noise(2, width, 0.12 * camera.fx, rng, octaves=5)[0]
+        ridge = smooth_noise((2, width), 0.12 * camera.fx, rng, octaves=5)[0]
         top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
         rows = np.arange(sky.shape[0], dtype=np.float32)[:, None]
         cover = np.clip(rows - top + 0.5, 0.0, 1.0)[:, :, None]

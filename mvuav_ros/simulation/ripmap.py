@@ -2,17 +2,60 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.rotation import read_only
+from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 
 _PAD = 1
 _SMALLEST = 4
 
 Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Where the reductions along one axis lie in the image.
+
+    Attributes:
+        origin: of the texture, m.
+        step: of a texel, m.
+        sizes: of the reductions, texels, the whole texture first.
+    """
+
+    origin: float
+    step: float
+    sizes: list[int]
+
+    @property
+    def period(self) -> float:
+        """Length of the texture, m."""
+        return self.sizes[0] * self.step
+
+    @property
+    def offsets(self) -> list[int]:
+        """Where each reduction begins, texels."""
+        offsets = [_PAD]
+        for size in self.sizes[:-1]:
+            offsets.append(offsets[-1] + size + 2 * _PAD)
+        return offsets
+
+    @property
+    def total(self) -> int:
+        """Texels of all reductions together."""
+        return sum(size + 2 * _PAD for size in self.sizes)
+
+    def place(self, footprint: NDArray[np.float64]) -> tuple[Floats, Floats]:
+        """For pixels that cover so much (m): the size of their reduction, and its beginning."""
+        level = np.log2(np.maximum(footprint / self.step, 1.0)).astype(int)
+        level = np.minimum(level, len(self.sizes) - 1)
+        scale = np.array(self.sizes, np.float64)[level]
+        start = np.array(self.offsets, np.float64)[level] - 0.5
+        return scale.astype(np.float32), start.astype(np.float32)
 
 
 class Ripmap:
@@ -39,27 +82,24 @@ class Ripmap:
             wrap: whether the texture goes on for ever by repeating itself.
         """
         ny, nx = texture.shape[:2]
-        self._origin, self._step, self._wrap = origin, step, wrap
-        self._period = (nx * step[0], ny * step[1])
-        self._nx, self._ny = _halvings(nx), _halvings(ny)
-        self._column = _offsets(self._nx)
-        self._row = _offsets(self._ny)
-        width, height = _total(self._nx), _total(self._ny)
+        self._wrap = wrap
+        self._x = _Axis(origin[0], step[0], _halvings(nx))
+        self._y = _Axis(origin[1], step[1], _halvings(ny))
+        width, height = self._x.total, self._y.total
         if max(width, height) > 32766:
             raise ValueError(f'a texture of {nx} x {ny} is too large for OpenCV to sample')
         border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
         atlas = np.zeros((height, width, texture.shape[2]), np.uint8)
         across = texture
-        for j, rows in enumerate(self._ny):
-            if j:
+        for rows, y0 in zip(self._y.sizes, self._y.offsets, strict=True):
+            if rows != ny:
                 across = cv2.resize(across, (nx, rows), interpolation=cv2.INTER_AREA)
             level = across
-            for i, columns in enumerate(self._nx):
-                if i:
+            for columns, x0 in zip(self._x.sizes, self._x.offsets, strict=True):
+                if columns != nx:
                     level = cv2.resize(level, (columns, rows), interpolation=cv2.INTER_AREA)
                 padded = cv2.copyMakeBorder(level, _PAD, _PAD, _PAD, _PAD, border)
-                y0, x0 = self._row[j] - _PAD, self._column[i] - _PAD
-                atlas[y0 : y0 + rows + 2 * _PAD, x0 : x0 + columns + 2 * _PAD] = padded
+                atlas[y0 - _PAD : y0 + rows + _PAD, x0 - _PAD : x0 + columns + _PAD] = padded
         self._atlas = read_only(atlas)
 
     def sample(
@@ -85,8 +125,8 @@ class Ripmap:
             (rows, columns, channels).
         """
         map_x, map_y, factor = scratch
-        self._to_atlas(x, bins, along, 0, self._nx, self._column, map_x, factor)
-        self._to_atlas(y, bins, across, 1, self._ny, self._row, map_y, factor)
+        self._to_atlas(x, bins, along, self._x, (map_x, factor))
+        self._to_atlas(y, bins, across, self._y, (map_y, factor))
         return cv2.remap(
             self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
@@ -96,25 +136,21 @@ class Ripmap:
         metres: Floats,
         bins: NDArray[np.int32],
         footprint: NDArray[np.float64],
-        axis: int,
-        sizes: list[int],
-        offsets: list[int],
-        result: Floats,
-        factor: Floats,
+        axis: _Axis,
+        scratch: tuple[Floats, Floats],
     ) -> None:
-        level = np.log2(np.maximum(footprint / self._step[axis], 1.0)).astype(int)
-        level = np.minimum(level, len(sizes) - 1)
-        scale = np.array(sizes, np.float64)[level]
-        start = np.array(offsets, np.float64)[level] - 0.5
+        """Texels of the image along one axis, written to the first of ``scratch``."""
+        result, factor = scratch
+        scale, start = axis.place(footprint)
         # In periods: what is left of the decimal point is how often the texture was repeated.
-        np.multiply(metres, np.float32(1.0 / self._period[axis]), out=result)
-        np.subtract(result, np.float32(self._origin[axis] / self._period[axis]), out=result)
+        np.multiply(metres, np.float32(1.0 / axis.period), out=result)
+        np.subtract(result, np.float32(axis.origin / axis.period), out=result)
         if self._wrap:
             np.floor(result, out=factor)
             np.subtract(result, factor, out=result)
-        np.take(scale.astype(np.float32), bins, out=factor, mode='clip')
+        np.take(scale, bins, out=factor, mode='clip')
         np.multiply(result, factor, out=result)
-        np.take(start.astype(np.float32), bins, out=factor, mode='clip')
+        np.take(start, bins, out=factor, mode='clip')
         np.add(result, factor, out=result)
 
 
@@ -123,14 +159,3 @@ def _halvings(size: int) -> list[int]:
     while sizes[-1] % 2 == 0 and sizes[-1] // 2 >= _SMALLEST:
         sizes.append(sizes[-1] // 2)
     return sizes
-
-
-def _offsets(sizes: list[int]) -> list[int]:
-    offsets = [_PAD]
-    for size in sizes[:-1]:
-        offsets.append(offsets[-1] + size + 2 * _PAD)
-    return offsets
-
-
-def _total(sizes: list[int]) -> int:
-    return sum(size + 2 * _PAD for size in sizes)

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mvuav_ros.simulation.rotation import OPTICAL_FROM_BODY, Matrix, from_rpy
 from mvuav_ros.simulation.runway_truth import CameraPose
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.waves import random_wave
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy
 
 GLIDE = math.tan(math.radians(3.5))
 AIMING_POINT = 150.0

@@ -62,7 +62,7 @@ class Surface:
         cover = self._box(0.0, length, -0.5 * width, 0.5 * width)
         ground += cover[:, :, None] * (pavement - ground)
         self._mark(width, length)
-        wear = 0.93 - 0.04 * detail * np.abs(smooth_noise(ny, nx, 40.0, rng, stretch=4.0))
+        wear = 0.93 - 0.04 * detail * np.abs(smooth_noise((ny, nx), 40.0, rng, stretch=4.0))
         ground += (self._paint * wear)[:, :, None] * (_PAINT - ground)
         self.texture = to_bytes(ground)
 
@@ -98,8 +98,8 @@ class Surface:
         x = self._centres(0)[None, :]
         y = self._centres(1)[:, None]
         shade = 1.0 + detail * (
-            0.035 * smooth_noise(ny, nx, 32.0, rng, octaves=3)
-            + 0.05 * smooth_noise(ny, nx, 16.0, rng, octaves=3, stretch=20.0)
+            0.035 * smooth_noise((ny, nx), 32.0, rng, octaves=3)
+            + 0.05 * smooth_noise((ny, nx), 16.0, rng, octaves=3, stretch=20.0)
         )
         # Lanes of the paving machine, and rubber where the wheels touch down.
         shade += 0.025 * detail * np.sign(np.sin(2 * np.pi * y / 15.0))

@@ -1,30 +1,20 @@
-"""What is true of a image of the runway."""
+"""What is true of an image of the runway."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.rotation import Matrix, Vector
+from mvuav_ros.vision.frames import Matrix, Vector
+from mvuav_ros.vision.runway.results import LineRole
 
 NEAR = 0.1
 """Lines are cut where they come closer than this to the camera's plane, m."""
-
-
-class LineRole(IntEnum):
-    """Which line of the runway."""
-
-    LEFT_EDGE = 1
-    RIGHT_EDGE = 2
-    CENTRELINE = 3
-    FAR_END = 4
-    NEAR_END = 5
 
 
 class LineTruth(NamedTuple):
@@ -74,7 +64,7 @@ class CameraPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunwayTruth:
-    """What a image of the runway shows.
+    """What an image of the runway shows.
 
     Attributes:
         time: s since the start of the flight.

@@ -47,7 +47,12 @@ class FlightSettings(ParameterSet):
         0.0, "Horizontal field of view; 0: the view's own.", minimum=0.0, maximum=150.0, unit='deg'
     )
     shake: int = parameter(
-        0, 'Vibration of the camera, 0 (none) to 3.', minimum=0, maximum=3, thesis='Table 5.4'
+        0,
+        'Vibration of the camera, 0 (none) to 3, with the frequencies and magnitudes of the '
+        "thesis's Table 5.4.",
+        minimum=0,
+        maximum=3,
+        thesis='Table 5.4',
     )
     shake_gain: float = parameter(
         1.0, "Scales the vibration's amplitudes.", minimum=0.0, maximum=100.0

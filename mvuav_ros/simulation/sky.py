@@ -16,8 +16,7 @@ _TILE = 1024
 
 
 def draw_sky(
-    width: int,
-    height: int,
+    size: tuple[int, int],
     horizon_row: float,
     focal: float,
     rng: np.random.Generator,
@@ -28,8 +27,7 @@ def draw_sky(
     """Draw the sky around the horizon.
 
     Args:
-        width: px.
-        height: px.
+        size: width and height, px.
         horizon_row: of the image, px; below it the haze of the horizon goes on.
         focal: focal length, px, which says how high above the horizon a row is.
         rng: the source of randomness.
@@ -39,6 +37,7 @@ def draw_sky(
     Returns:
         (height, width, 3) uint8, blue first.
     """
+    width, height = size
     rows = np.arange(height, dtype=np.float32)[:, None]
     columns = np.arange(width, dtype=np.float32)[None, :] - 0.5 * width
     elevation = np.maximum((horizon_row - rows) / focal, 0.0)
@@ -50,8 +49,8 @@ def draw_sky(
         near = elevation + 0.10
         map_x = (0.5 * _TILE + 240.0 * columns / focal / near).astype(np.float32)
         map_y = np.broadcast_to((-400.0 * np.log(near)).astype(np.float32), map_x.shape)
-        layer = smooth_noise(_TILE, _TILE, 150.0, rng, octaves=6, gain=0.55)
-        light = smooth_noise(_TILE, _TILE, 60.0, rng, octaves=4)
+        layer = smooth_noise((_TILE, _TILE), 150.0, rng, octaves=6, gain=0.55)
+        light = smooth_noise((_TILE, _TILE), 60.0, rng, octaves=4)
         seen, lit = (
             cv2.remap(
                 tile,

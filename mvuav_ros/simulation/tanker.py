@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -149,9 +150,8 @@ class TankerFlight(Flight[TankerTruth]):
             lighting = IN_LAB if lab else IN_SKY
             # The light stands still while the body turns under it.
             light = self._motion.steady_frame() @ np.array(lighting.towards)
-            paint_mesh(
-                image, tanker_mesh(), self.camera, pose.rotation, pose.translation, light, lighting
-            )
+            lighting = replace(lighting, towards=tuple(light.tolist()))
+            paint_mesh(image, tanker_mesh(), self.camera, pose, lighting)
         mean_x, mean_y = np.nanmean([(m.vx, m.vy) for m in truth.markers], axis=0)
         exposure = self.settings.exposure
         image = motion_blur(image, exposure * float(mean_x), exposure * float(mean_y))

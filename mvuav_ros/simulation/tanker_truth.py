@@ -1,4 +1,4 @@
-"""What is true of a image of the tanker."""
+"""What is true of an image of the tanker."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.rotation import Matrix, Vector
+from mvuav_ros.vision.frames import Matrix, Vector
 
 
 class MarkerTruth(NamedTuple):
@@ -34,7 +34,7 @@ class MarkerTruth(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TankerTruth:
-    """What a image of the tanker shows.
+    """What an image of the tanker shows.
 
     Attributes:
         time: s since the start of the flight.

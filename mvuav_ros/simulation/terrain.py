@@ -54,7 +54,7 @@ def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
     x = (ORIGIN[0] + STEP * (np.arange(COLUMNS) + 0.5)).astype(np.float32)[None, :]
     y = (ORIGIN[1] + STEP * (np.arange(ROWS) + 0.5)).astype(np.float32)[:, None]
     land = _draw_fields(x, y, detail, rng)
-    mottle = 1.0 + 0.07 * detail * smooth_noise(ROWS, COLUMNS, 60.0, rng, octaves=5)
+    mottle = 1.0 + 0.07 * detail * smooth_noise((ROWS, COLUMNS), 60.0, rng, octaves=5)
     wood = _draw_woods(land, y, detail, rng)
     _draw_airfield(land, x, y, length)
     _blend(land, _WATER, _river(x, y, RIVER_WIDTH))
@@ -76,7 +76,7 @@ def _strip(distance: Plane, width: float) -> Plane:
 def _draw_fields(x: Plane, y: Plane, detail: float, rng: np.random.Generator) -> Plane:
     """A patchwork turned against the runway, each patch with its colour and its furrows."""
     angle = 0.37
-    bend = smooth_noise(ROWS, COLUMNS, 300.0, rng, octaves=2)
+    bend = smooth_noise((ROWS, COLUMNS), 300.0, rng, octaves=2)
     u = (x * math.cos(angle) + y * math.sin(angle) + 18.0 * bend) / 260.0
     v = (y * math.cos(angle) - x * math.sin(angle)) / 170.0
     v = v + 0.35 * np.floor(u)
@@ -96,9 +96,9 @@ def _draw_fields(x: Plane, y: Plane, detail: float, rng: np.random.Generator) ->
 
 def _draw_woods(land: Plane, y: Plane, detail: float, rng: np.random.Generator) -> Plane:
     """Woods, except right below the flight path, where these texels are too coarse for trees."""
-    where = smooth_noise(ROWS, COLUMNS, 200.0, rng, octaves=5, gain=0.55)
+    where = smooth_noise((ROWS, COLUMNS), 200.0, rng, octaves=5, gain=0.55)
     where = where - 2.0 * (1.0 - smoothstep(120.0, 260.0, np.abs(y)))
-    tree = smooth_noise(ROWS, COLUMNS, 4.0, rng, octaves=2)
+    tree = smooth_noise((ROWS, COLUMNS), 4.0, rng, octaves=2)
     wood = smoothstep(1.05, 1.15, where + 0.06 * tree)
     crowns = 1.0 + 0.28 * detail * tree
     land += wood[:, :, None] * (_WOOD * crowns[:, :, None] - land)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 
 def smooth_noise(
-    height: int,
-    width: int,
+    shape: tuple[int, int],
     cell: float,
     rng: np.random.Generator,
     *,
@@ -23,8 +22,7 @@ def smooth_noise(
     """Noise of several scales, as of clouds or soil.
 
     Args:
-        height: px.
-        width: px.
+        shape: height and width, px.
         cell: size of the largest features, px.
         rng: the source of randomness.
         octaves: number of scales, each half of the one before.
@@ -34,7 +32,8 @@ def smooth_noise(
     Returns:
         (height, width) float32 of zero mean and unit standard deviation.
     """
-    total = np.zeros((height, width), np.float32)
+    height, width = shape
+    total = np.zeros(shape, np.float32)
     amplitude = 1.0
     for _ in range(octaves):
         rows = max(2, math.ceil(height / cell) + 3)

@@ -26,6 +26,14 @@ class CameraModel:
         k: the camera matrix, nine numbers, row-major, px.
         d: OpenCV's distortion coefficients, at most 14.
         distortion_model: ``plumb_bob``, ``rational_polynomial`` or empty.
+
+    Example:
+        >>> from mvuav_ros import CameraModel
+        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> camera.check(640, 480)
+        >>> camera.check(320, 240)  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        mvuav_ros.vision.camera.CalibrationError: ...
     """
 
     width: int

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.point_operations import Pixels, gamma_correct
+
+CHANNELS = ('brightest', 'intensity', 'red', 'green', 'blue')
+"""What a colour image can be looked at in: its intensity (eq. 3.3), one of its colours, or in each
+pixel the strongest of the three."""
 
 
 class ImageError(ValueError):
@@ -19,7 +24,9 @@ class ImageError(ValueError):
 class Encoding:
     """How pixels of one sensor_msgs encoding lie in memory, and OpenCV's conversions from it.
 
-    ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2).
+    ``luma`` is the channel that already is the intensity (the Y of YUV 4:2:2); ``colors`` are the
+    places of blue, green and red where each pixel has all three. With ``chroma_below`` the rows of
+    intensity are followed by half as many of colour (YUV 4:2:0).
     """
 
     dtype: type[np.uint8] | type[np.uint16]
@@ -27,6 +34,8 @@ class Encoding:
     to_gray: int | None = None
     to_bgr: int | None = None
     luma: int | None = None
+    colors: tuple[int, int, int] | None = None
+    chroma_below: bool = False
 
     @property
     def pixel_bytes(self) -> int:
@@ -34,49 +43,69 @@ class Encoding:
         return self.channels * np.dtype(self.dtype).itemsize
 
 
+_BLUE_FIRST, _RED_FIRST = (0, 1, 2), (2, 1, 0)
 _GRAY8 = Encoding(np.uint8, 1, to_bgr=cv2.COLOR_GRAY2BGR)
 _GRAY16 = Encoding(np.uint16, 1, to_bgr=cv2.COLOR_GRAY2BGR)
-_BGR8 = Encoding(np.uint8, 3, to_gray=cv2.COLOR_BGR2GRAY)
 _UYVY = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_UYVY, luma=1)
 _YUYV = Encoding(np.uint8, 2, to_bgr=cv2.COLOR_YUV2BGR_YUY2, luma=0)
 
 
-def _bayer(to_gray: int, to_bgr: int) -> Encoding:
-    return Encoding(np.uint8, 1, to_gray=to_gray, to_bgr=to_bgr)
-
-
+_BGR: tuple[Any, ...] = (3, cv2.COLOR_BGR2GRAY, None, None, _BLUE_FIRST)
+_BGRA: tuple[Any, ...] = (4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR, None, _BLUE_FIRST)
+_COLORS: dict[str, tuple[Any, ...]] = {
+    'bgr': _BGR,
+    'rgb': (3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR, None, _RED_FIRST),
+    'bgra': _BGRA,
+    'rgba': (4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR, None, _RED_FIRST),
+    # OpenCV names a pattern by its second row and column, ROS by its first.
+    'bayer_rggb': (1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
+    'bayer_bggr': (1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
+    'bayer_gbrg': (1, cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2BGR),
+    'bayer_grbg': (1, cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2BGR),
+}
 ENCODINGS = {
     'mono8': _GRAY8,
     '8UC1': _GRAY8,
     'mono16': _GRAY16,
     '16UC1': _GRAY16,
-    'bgr8': _BGR8,
-    '8UC3': _BGR8,
-    'rgb8': Encoding(np.uint8, 3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR),
-    'bgra8': Encoding(np.uint8, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
-    'rgba8': Encoding(np.uint8, 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR),
+    **{f'{name}8': Encoding(np.uint8, *rest) for name, rest in _COLORS.items()},
+    **{f'{name}16': Encoding(np.uint16, *rest) for name, rest in _COLORS.items()},
+    '8UC3': Encoding(np.uint8, *_BGR),
+    '8UC4': Encoding(np.uint8, *_BGRA),
+    '16UC3': Encoding(np.uint16, *_BGR),
+    '16UC4': Encoding(np.uint16, *_BGRA),
     'yuv422': _UYVY,
     'uyvy': _UYVY,
     'yuv422_yuy2': _YUYV,
     'yuyv': _YUYV,
-    # OpenCV names a pattern by its second row and column, ROS by its first.
-    'bayer_rggb8': _bayer(cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2BGR),
-    'bayer_bggr8': _bayer(cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2BGR),
-    'bayer_gbrg8': _bayer(cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2BGR),
-    'bayer_grbg8': _bayer(cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2BGR),
+    'nv12': Encoding(np.uint8, 1, to_bgr=cv2.COLOR_YUV2BGR_NV12, chroma_below=True),
+    'nv21': Encoding(np.uint8, 1, to_bgr=cv2.COLOR_YUV2BGR_NV21, chroma_below=True),
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Image:
     """Pixels and their sensor_msgs encoding.
 
     ``pixels`` is (height, width) or (height, width, channels), of the encoding's dtype; rows may
-    be padded (strided views are welcome). Nothing here writes to it.
+    be padded (strided views are welcome). Nothing here writes to it. ``channel`` is what `gray` and
+    `gray_window` give of a colour image (one of `CHANNELS`); a grey one has only its intensity.
+    NV12 and NV21 have height * 3 / 2 rows of pixels.
+
+    Raises:
+        ImageError: the encoding is unknown, the pixels do not fit it, or there are none.
+
+    Example:
+        >>> import numpy as np
+        >>> from mvuav_ros import Image
+        >>> image = Image(np.full((2, 3, 3), (255, 0, 0), np.uint8), 'bgr8')
+        >>> image.width, image.height, int(image.gray()[0, 0])
+        (3, 2, 29)
     """
 
     pixels: Pixels
     encoding: str
+    channel: str = 'intensity'
 
     def __post_init__(self) -> None:
         layout = ENCODINGS.get(self.encoding)
@@ -94,11 +123,14 @@ class Image:
             )
         if self.pixels.size == 0:
             raise ImageError(f'the image is empty ({self.width} x {self.height})')
+        if layout.chroma_below and (self.pixels.shape[0] % 3 or self.width % 2):
+            raise ImageError(f'{self.encoding} needs an even width and height')
 
     @property
     def height(self) -> int:
         """Rows."""
-        return int(self.pixels.shape[0])
+        rows = int(self.pixels.shape[0])
+        return rows * 2 // 3 if ENCODINGS[self.encoding].chroma_below else rows
 
     @property
     def width(self) -> int:
@@ -109,18 +141,49 @@ class Image:
     def is_gray(self) -> bool:
         """Whether the pixels are intensities already."""
         layout = ENCODINGS[self.encoding]
-        return layout.channels == 1 and layout.to_gray is None
+        return layout.channels == 1 and layout.to_gray is None and not layout.chroma_below
+
+    def seen_in(self, channel: str) -> Image:
+        """The same image, looked at in another channel; its pixels are not copied."""
+        if channel == self.channel or self.is_gray:
+            return self
+        return replace(self, channel=channel)
+
+    def gamma_corrected(self, gamma: float) -> Image:
+        """The image with out = in ** gamma on each value (eq. 3.2); 1 gives the image itself.
+
+        Raises:
+            ValueError: gamma is not a positive number.
+        """
+        if gamma == 1.0:
+            return self
+        return replace(self, pixels=gamma_correct(self.pixels, gamma))
 
     def gray(self) -> Pixels:
-        """The intensity (eq. 3.3), (height, width) uint8 or uint16; a view where it can be."""
-        return self._gray(self.pixels)
+        """The channel, (height, width) uint8 or uint16; a view where it can be."""
+        if not ENCODINGS[self.encoding].chroma_below:
+            return self._gray(self.pixels)
+        if self.channel == 'intensity':
+            return self.pixels[: self.height]
+        return _channel(self.bgr(), _BLUE_FIRST, self.channel)
 
     def gray_window(self, rows: slice, columns: slice) -> Pixels:
-        """The intensity of a part of the frame at the cost of that part alone."""
+        """The channel in a part of the frame at the cost of that part alone.
+
+        Args:
+            rows: with a start and an end within the frame.
+            columns: the same.
+        """
         layout = ENCODINGS[self.encoding]
-        if layout.channels == 1 and layout.to_gray is not None:
+        if layout.channels == 1 and not self.is_gray:
             # The colour of a mosaic's pixel comes from its neighbours: cut after the conversion.
             return self.gray()[rows, columns]
+        if layout.luma is not None and self.channel != 'intensity':
+            # Two neighbours share their colour: begin and end between pairs.
+            start = columns.start - columns.start % 2
+            stop = min(columns.stop + columns.stop % 2, self.width)
+            pair = self._gray(self.pixels[rows, start:stop])
+            return pair[:, columns.start - start : columns.stop - start]
         return self._gray(self.pixels[rows, columns])
 
     def bgr(self) -> NDArray[np.uint8]:
@@ -138,6 +201,11 @@ class Image:
 
     def _gray(self, pixels: Pixels) -> Pixels:
         layout = ENCODINGS[self.encoding]
+        if self.channel != 'intensity' and not self.is_gray and pixels.size:
+            if layout.colors is not None:
+                return _channel(pixels, layout.colors, self.channel)
+            assert layout.to_bgr is not None
+            return _channel(self._convert(pixels, layout.to_bgr), _BLUE_FIRST, self.channel)
         if layout.luma is not None:
             return pixels[:, :, layout.luma]
         if layout.to_gray is None or pixels.size == 0:
@@ -151,3 +219,11 @@ class Image:
             raise ImageError(
                 f'{self.encoding} of {self.width} x {self.height} does not convert: {error.err}'
             ) from error
+
+
+def _channel(pixels: Pixels, colors: tuple[int, int, int], channel: str) -> Pixels:
+    """One colour of (height, width, 3 or 4) pixels, or the strongest of the three."""
+    if channel == 'brightest':
+        blue, green, red = (cv2.extractChannel(pixels, place) for place in colors)
+        return cv2.max(cv2.max(blue, green), red)
+    return cv2.extractChannel(pixels, colors[('blue', 'green', 'red').index(channel)])

@@ -5,35 +5,78 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
+from mvuav_ros.vision.reprojection import (
+    FEWEST,
+    Reprojection,
+    Solution,
+    inverse,
+    likeness,
+    rotation_of,
+)
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
 
-FROM_BEHIND: Array = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
-"""Rotation of a body that flies straight ahead of the camera: x forward, y left, z up to the
-optical frame's x right, y down, z ahead."""
-FEWEST = 3
-"""Lights for a pose: with three there may be four solutions, all of which fit."""
-LAST_POSE_HOLDS = 1.0
-"""Seconds for which the last pose tells which of several solutions is the right one."""
-MOST_MISFIT = 4.0
-"""px, root mean square per axis: above that the names or the calibration must be wrong."""
-_UNUSUAL = 4.0
-_ALIKE = 4.0
-_SAME = 1.0 + 2.0 * math.cos(math.radians(5.0))
-_FIRST_NOISE, _FIRST_WEIGHT, _FIRST_MEMORY = 0.3, 4.0, 0.9
-_NOISE_MEMORY = 0.999
-_STEADY_ERROR = 0.015
-"""px, of a centroid, the same from frame to frame: the residuals do not show all of it."""
-_TILTS = tuple(math.radians(angle) for angle in (-40.0, 0.0, 40.0))
-_REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
+
+@dataclass(frozen=True)
+class PoseTuning:
+    """When a pose is believed.
+
+    Chosen on the simulator's docking approaches with 0.02 to 0.6 px of noise, and on flights on
+    which other lights take the markers' names.
+
+    Attributes:
+        holds: s, for which the last pose tells which of several solutions is the right one.
+        most_misfit: px, root mean square per axis, above which the names or the calibration must
+            be wrong, in any frame.
+        most_relative_misfit: the same over the image's span of the markers, for large images.
+        unusual: times the usual noise: a misfit from there on is looked into.
+        alike: of two solutions' squared residuals, up to where both fit.
+        same: of two rotations, 1 + 2 cos of the angle up to which they are one solution.
+        decisive: difference of two solutions' squared residuals, over the noise's variance, from
+            which on the less one is right.
+        nearer: rad, by which a solution must be nearer to the last pose than the next one.
+        first_noise: px, assumed before residuals tell.
+        first_weight: degrees of freedom that this assumption is worth.
+        first_memory: of that, per frame.
+        memory: of the residuals, per frame.
+        recent_memory: of those that tell of an upset: back to normal in 15 frames.
+        upset: ratio of the recent noise to the usual one from which on it counts.
+        longest_upset: frames after which it is the usual noise that has changed.
+        steady_error: px, of a centroid, the same from frame to frame: the residuals do not show
+            all of it.
+        most_distance_error: of the distance (1 sigma), above which a pose is kept back.
+        most_turn_error: rad (1 sigma), likewise.
+    """
+
+    holds: float = 1.0
+    most_misfit: float = 1.0
+    most_relative_misfit: float = 0.004
+    unusual: float = 4.0
+    alike: float = 4.0
+    same: float = 1.0 + 2.0 * math.cos(math.radians(5.0))
+    decisive: float = 12.0
+    nearer: float = math.radians(3.0)
+    first_noise: float = 0.3
+    first_weight: float = 4.0
+    first_memory: float = 0.9
+    memory: float = 0.999
+    recent_memory: float = 0.6
+    upset: float = 2.5
+    longest_upset: int = 60
+    steady_error: float = 0.015
+    most_distance_error: float = 0.015
+    most_turn_error: float = math.radians(1.5)
+
+
+TUNING = PoseTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +104,7 @@ class Pose:
 
         REP-103's fixed-axis angles: right wing down, nose down and nose left are positive.
         """
-        r = FROM_BEHIND.T @ self.rotation
+        r = OPTICAL_FROM_BODY.T @ self.rotation
         pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))
         roll = math.atan2(float(r[2, 1]), float(r[2, 2]))
         return roll, pitch, math.atan2(float(r[1, 0]), float(r[0, 0]))
@@ -69,21 +112,37 @@ class Pose:
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """The rotation as x, y, z, w."""
-        return _quaternion(self.rotation)
+        return quaternion(self.rotation)
 
 
 class PoseEstimator:
-    """Poses of one body, frame after frame.
+    """Poses of one rig, frame after frame; none where it cannot be vouched for.
 
     OpenCV's perspective-n-point solvers give the first pose, its Levenberg-Marquardt refinement
     of the reprojection error every pose; the last pose is where it starts, and decides where two
-    solutions fit. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative and the
-    noise from the residuals of this and earlier frames (one frame of five lights leaves four
-    degrees of freedom, far too few to tell) and a small steady error.
+    solutions fit. A marker that the others contradict is left out where it is clear which one
+    that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative and the noise
+    from the residuals of this and earlier frames (one frame of five markers leaves four degrees
+    of freedom, far too few to tell) and a small steady error.
 
     GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
     the error in object space by orthogonal iteration; at the solution they agree with this one
     to within the noise.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import CameraModel, PoseEstimator
+        >>> from mvuav_ros.vision.rig import TANKER_747
+        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])
+        >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
+        >>> estimator = PoseEstimator(TANKER_747)
+        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
+        >>> [round(float(metres), 3) for metres in pose.translation]
+        [2.0, -1.0, 120.0]
+
+    Attributes:
+        reason: why the newest frame has no pose; empty if it has.
     """
 
     def __init__(self, rig: MarkerRig) -> None:
@@ -92,203 +151,201 @@ class PoseEstimator:
 
     def reset(self) -> None:
         """Forget earlier frames."""
+        self.reason = ''
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
-        self._squares = self._freedom = 0.0
-        self._doubt = _FIRST_WEIGHT
+        self._squares = self._freedom = self._recent = 0.0
+        self._doubt = TUNING.first_weight
+        self._upset_for = 0
 
     @property
     def noise(self) -> float:
-        """Deviation of a light's place per axis, as the residuals show it, px."""
-        squares = self._squares + self._doubt * _FIRST_NOISE**2
-        return math.hypot(math.sqrt(squares / (self._freedom + self._doubt)), _STEADY_ERROR)
+        """Deviation of a marker's place per axis, as the residuals show it, px."""
+        variance = self._usual**2
+        if self._recent > TUNING.upset**2 * variance:
+            variance = self._recent
+        return math.hypot(math.sqrt(variance), TUNING.steady_error)
+
+    @property
+    def _usual(self) -> float:
+        squares = self._squares + self._doubt * TUNING.first_noise**2
+        return math.sqrt(squares / (self._freedom + self._doubt))
 
     def estimate(
-        self, camera: CameraModel, lights: Sequence[int], pixels: Array, time: float
+        self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
     ) -> Pose | None:
         """The pose in one frame.
 
         Args:
             camera: calibrated (see `CameraModel.check`).
-            lights: which of the rig's lights are seen.
+            labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
             time: s, later than the last frame's.
 
         Returns:
-            The pose, or None where the lights are too few or do not fit.
+            The pose, or None where the markers are too few, do not fit or do not tell it well
+            enough; `reason` says which.
         """
-        if len(lights) < FEWEST:
+        if len(labels) < FEWEST:
+            self.reason = f'{len(labels)} markers, a pose takes {FEWEST}'
             return None
-        points = self._points[list(lights)]
-        image = np.ascontiguousarray(pixels, np.float64)
-        view = _Lens(camera, points, image)
-        solution = self._follow(view, time) or self._find(view, time)
+        if not np.isfinite(pixels).all():
+            self.reason = 'the places of the markers are not finite'
+            return None
+        markers = np.array(labels, np.intp)
+        image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
+        chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
+        view = Reprojection(camera, self._points[markers[chosen]], image[chosen])
+        pose = self._pose(camera, view, solution)
+        if pose is not None:
+            self._last, self._last_time = solution[:2], time
+        return pose
+
+    def _solve(
+        self, camera: CameraModel, markers: NDArray[np.intp], image: Array, time: float
+    ) -> tuple[NDArray[np.intp], Solution | None]:
+        """The pose's solution, and which of the markers it is from."""
+        self.reason = ''
+        everything = np.arange(len(markers))
+        view = Reprojection(camera, self._points[markers], image)
+        solution = self._follow(view, time) or self._find(view, time)
+        usual = (TUNING.unusual * math.hypot(self._usual, TUNING.steady_error)) ** 2
+        if solution is None or solution[2] > 2 * len(markers) * usual:
+            rest = self._without_one(camera, markers, image, time, usual)
+            if rest is not None:
+                self.reason = ''
+                return rest
+        if solution is not None:
+            self._learn(solution[2], 2 * len(markers) - 6)
+        return everything, solution
+
+    def _without_one(
+        self,
+        camera: CameraModel,
+        markers: NDArray[np.intp],
+        image: Array,
+        time: float,
+        usual: float,
+    ) -> tuple[NDArray[np.intp], Solution | None] | None:
+        """The solution without the one marker that the others contradict; None if unclear."""
+        if len(markers) < FEWEST + 2:
+            return None
+        everything = np.arange(len(markers))
+        fitting = []
+        for index in everything:
+            rest = np.delete(everything, index)
+            view = Reprojection(camera, self._points[markers[rest]], image[rest])
+            solution = self._follow(view, time) or self._find(view, time)
+            if solution is not None and solution[2] <= 2 * len(rest) * usual:
+                fitting.append((rest, solution))
+        return fitting[0] if len(fitting) == 1 else None
+
+    def _learn(self, squares: float, freedom: int) -> None:
+        """Follow the noise; an upset counts while it lasts, and is soon forgotten."""
+        if freedom <= 0:
+            return
+        shown = squares / freedom
+        self._recent += (1 - TUNING.recent_memory) * (shown - self._recent)
+        upset = self._recent > TUNING.upset**2 * self._usual**2
+        self._upset_for = self._upset_for + 1 if upset else 0
+        most = math.inf
+        if 0 < self._upset_for < TUNING.longest_upset:
+            most = self._usual**2 * freedom
+        self._squares = TUNING.memory * self._squares + min(squares, most)
+        self._freedom = TUNING.memory * self._freedom + freedom
+        self._doubt *= TUNING.first_memory
+
+    def _pose(self, camera: CameraModel, view: Reprojection, solution: Solution) -> Pose | None:
+        """What is told of a solution, if it is known well enough."""
         rvec, tvec, squares = solution
-        freedom = 2 * len(lights) - 6
-        if freedom > 0:
-            self._squares = _NOISE_MEMORY * self._squares + squares
-            self._freedom = _NOISE_MEMORY * self._freedom + freedom
-            self._doubt *= _FIRST_MEMORY
-        self._last, self._last_time = (rvec, tvec), time
+        count = 2 * len(view.image)
         jacobian = view.jacobian(rvec, tvec)
-        try:
-            spread = np.linalg.inv(jacobian.T @ jacobian)
-        except np.linalg.LinAlgError:
+        spread = inverse(jacobian.T @ jacobian)
+        shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
+        if spread is not None:
+            noise = self.noise
+            covariance = max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2 * spread
+        if spread is None or not _is_known(covariance, tvec):
+            self.reason = 'the markers do not tell the pose well enough'
             return None
         seen = cv2.projectPoints(self._points, rvec, tvec, camera.matrix, camera.distortion)[0]
         return Pose(
-            _rotation(rvec),
+            rotation_of(rvec),
             tvec.reshape(3),
-            np.asarray(self.noise**2 * spread, np.float64),
+            np.asarray(covariance, np.float64),
             np.asarray(seen, np.float64).reshape(-1, 2),
-            math.sqrt(squares / (2 * len(lights))),
+            math.sqrt(squares / count),
         )
 
-    def _follow(self, view: _Lens, time: float) -> _Solution | None:
+    def _follow(self, view: Reprojection, time: float) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd."""
-        if self._last is None or time - self._last_time > LAST_POSE_HOLDS:
+        if self._last is None or time - self._last_time > TUNING.holds:
             return None
         solution = view.refine(*self._last)
-        usual = _UNUSUAL * self.noise
-        if solution is None or solution[2] > 2 * len(view.image) * usual * usual:
+        usual = TUNING.unusual * self.noise
+        count = 2 * len(view.image)
+        if solution is None or solution[2] > count * min(usual, _most_misfit(view)) ** 2:
             return None
         return solution
 
-    def _find(self, view: _Lens, time: float) -> _Solution | None:
-        """From nothing: all solutions, and the likeliest of those that fit."""
+    def _find(self, view: Reprojection, time: float) -> Solution | None:
+        """From nothing: all solutions, and the right one of those that fit."""
         solutions = view.solve()
-        if self._last is not None and time - self._last_time <= LAST_POSE_HOLDS:
+        fresh = self._last is not None and time - self._last_time <= TUNING.holds
+        if fresh and self._last is not None:
             again = view.refine(*self._last)
             solutions += [again] if again is not None else []
-        if not solutions:
-            return None
-        least = min(squares for _, _, squares in solutions)
+        least = min((squares for _, _, squares in solutions), default=math.inf)
         count = 2 * len(view.image)
-        if least > count * MOST_MISFIT**2:
+        if least > count * _most_misfit(view) ** 2:
+            self.reason = 'no pose fits the markers'
             return None
-        limit = _ALIKE * least + count * self.noise**2
+        limit = TUNING.alike * least + count * self.noise**2
         fitting = [solution for solution in solutions if solution[2] <= limit]
-        if self._last is None or time - self._last_time > LAST_POSE_HOLDS:
-            expected = FROM_BEHIND
-        else:
-            expected = _rotation(self._last[0])
-        chosen = max(fitting, key=lambda solution: _likeness(expected, solution[0]))
+        if fresh and self._last is not None:
+            return self._nearest(rotation_of(self._last[0]), fitting)
+        best = min(fitting, key=lambda solution: solution[2])
+        decisive = best[2] + TUNING.decisive * self.noise**2
+        others = [s for s in fitting if s[2] < decisive and not _alike(best, s)]
+        if others:
+            self._learn(best[2], count - 6)
+            self.reason = 'more than one pose fits the markers'
+            return None
+        return best
+
+    def _nearest(self, last: Array, fitting: Sequence[Solution]) -> Solution | None:
+        """The solution that goes on from the last pose."""
+        angles = [_angle(last, solution[0]) for solution in fitting]
+        chosen = fitting[int(np.argmin(angles))]
+        same = [solution for solution in fitting if _alike(chosen, solution)]
+        others = [a for a, s in zip(angles, fitting, strict=True) if not _alike(chosen, s)]
+        if min(others, default=math.inf) < min(angles) + TUNING.nearer:
+            self.reason = 'more than one pose fits the markers'
+            return None
         # Some starts come to a halt before the minimum that they share with others.
-        same = [s for s in fitting if _likeness(_rotation(chosen[0]), s[0]) > _SAME]
         return min(same, key=lambda solution: solution[2])
 
 
-_Solution = tuple[Array, Array, float]
-"""Rotation vector and translation, each (3, 1), and the sum of the squared residuals, px²."""
+def _most_misfit(view: Reprojection) -> float:
+    span = float(np.ptp(view.image, axis=0).max())
+    return max(TUNING.most_misfit, TUNING.most_relative_misfit * span)
 
 
-class _Lens:
-    """Some lights of a body in one image."""
-
-    def __init__(self, camera: CameraModel, points: Array, image: Array) -> None:
-        self.image = image
-        self._points = points
-        self._matrix, self._distortion = camera.matrix, camera.distortion
-
-    def refine(self, rvec: Array, tvec: Array) -> _Solution | None:
-        """The nearest minimum of the reprojection error; None behind the camera."""
-        try:
-            refined = cv2.solvePnPRefineLM(
-                self._points,
-                self.image,
-                self._matrix,
-                self._distortion,
-                rvec.copy(),
-                tvec.copy(),
-                _REFINEMENT,
-            )
-        except cv2.error:
-            return None
-        rvec, tvec = (np.asarray(vector, np.float64) for vector in refined)
-        if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
-            return None
-        in_front = (self._points @ _rotation(rvec).T)[:, 2] + tvec[2] > 0.0
-        if not in_front.all():
-            return None
-        seen, _ = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)
-        residual = self.image - seen.reshape(-1, 2)
-        return rvec, tvec, float((residual * residual).sum())
-
-    def solve(self) -> list[_Solution]:
-        """All solutions that OpenCV's solvers and a few tilted starts lead to."""
-        starts = self._closed_forms()
-        middle = self._points.mean(axis=0)
-        for rvec, tvec in starts[:1]:
-            centre = _rotation(rvec) @ middle + tvec.reshape(3)
-            for pitch, yaw in product(_TILTS, _TILTS):
-                rotation = _rotation(np.array((pitch, yaw, 0.0))) @ FROM_BEHIND
-                turned = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
-                starts.append((turned, (centre - rotation @ middle).reshape(3, 1)))
-        refined = [self.refine(rvec, tvec) for rvec, tvec in starts]
-        return [solution for solution in refined if solution is not None]
-
-    def _closed_forms(self) -> list[tuple[Array, Array]]:
-        methods = [cv2.SOLVEPNP_SQPNP]
-        if len(self._points) == FEWEST:
-            methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_SQPNP]
-        found: list[tuple[Array, Array]] = []
-        for method in methods:
-            try:
-                _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-                    self._points, self.image, self._matrix, self._distortion, flags=method
-                )
-            except cv2.error:
-                continue
-            found += [
-                (np.asarray(rvec, np.float64), np.asarray(tvec, np.float64))
-                for rvec, tvec in zip(rvecs, tvecs, strict=True)
-            ]
-        return found
-
-    def jacobian(self, rvec: Array, tvec: Array) -> Array:
-        """(2n, 6), of the pixels by translation (m) and small turns about the fixed axes (rad)."""
-        derivatives = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)[1]
-        # A step of the rotation vector is a turn by this matrix times the step.
-        by_turn = derivatives[:, :3] @ np.linalg.inv(_left_jacobian(rvec.reshape(3)))
-        return np.hstack((derivatives[:, 3:6], by_turn))
+def _is_known(covariance: Array, tvec: Array) -> bool:
+    """Whether a pose with this covariance is good enough to be told."""
+    variances = np.diag(covariance)
+    distance = float(np.linalg.norm(tvec))
+    moved = math.sqrt(max(float(variances[:3].max()), 0.0))
+    turned = math.sqrt(max(float(variances[3:].max()), 0.0))
+    known = moved <= TUNING.most_distance_error * distance and turned <= TUNING.most_turn_error
+    return bool(known and np.isfinite(variances).all())
 
 
-def _likeness(rotation: Array, rvec: Array) -> float:
-    """1 + 2 cos of the angle between two rotations."""
-    return float(np.sum(rotation * _rotation(rvec)))
+def _alike(a: Solution, b: Solution) -> bool:
+    return likeness(rotation_of(a[0]), b[0]) > TUNING.same
 
 
-def _rotation(rvec: Array) -> Array:
-    return np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
-
-
-def _left_jacobian(rvec: Array) -> Array:
-    """Turn about the fixed axes per step of a rotation vector, (3, 3)."""
-    angle = float(np.linalg.norm(rvec))
-    x, y, z = rvec.tolist()
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) + 0.5 * cross)
-    first = (1.0 - math.cos(angle)) / angle**2
-    second = (angle - math.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
-
-
-def _quaternion(r: Array) -> tuple[float, float, float, float]:
-    """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
-    m = r.tolist()
-    parts = (m[0][0], m[1][1], m[2][2])
-    trace = sum(parts)
-    if trace > max(parts):
-        s = 2.0 * math.sqrt(max(1.0 + trace, 0.0))
-        return (m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, 0.25 * s
-    i = parts.index(max(parts))
-    j, k = (i + 1) % 3, (i + 2) % 3
-    s = 2.0 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
-    q = [0.0, 0.0, 0.0]
-    q[i], q[j], q[k] = 0.25 * s, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
-    w = (m[k][j] - m[j][k]) / s
-    sign = -1.0 if w < 0.0 else 1.0
-    return sign * q[0], sign * q[1], sign * q[2], sign * w
+def _angle(rotation: Array, rvec: Array) -> float:
+    return math.acos(min(1.0, max(-1.0, 0.5 * (likeness(rotation, rvec) - 1.0))))

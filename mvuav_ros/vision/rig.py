@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 Point = tuple[float, float, float]
+
+SAME_PLACE = 1e-3
+"""Part of a rig's size within which two markers are in one place."""
 
 
 class RigError(ValueError):
@@ -30,6 +35,17 @@ class MarkerRig:
         markers: name and position of every light, in the order of the results.
         dock: the point that a receiver steers for, from which the distance counts.
         boom: the pivot of the refuelling boom.
+
+    Example:
+        >>> from mvuav_ros import MarkerRig
+        >>> drone = MarkerRig(
+        ...     name='drone',
+        ...     markers=(('left', (0, 0.4, 0)), ('right', (0, -0.4, 0)), ('top', (-0.1, 0, 0.3))),
+        ...     dock=(0, 0, 0),
+        ...     boom=(0, 0, 0),
+        ... )
+        >>> drone.names, drone.positions.shape
+        (('left', 'right', 'top'), (3, 3))
     """
 
     name: str
@@ -70,6 +86,17 @@ TANKER_747 = MarkerRig(
 """``config/tanker_747.yaml``, for where no share folder is installed."""
 
 
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice, of which YAML would quietly keep the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        twice = sorted({str(key) for key in keys if keys.count(key) > 1})
+        if twice:
+            raise RigError(f'{", ".join(twice)} stands twice')
+        return super().construct_mapping(node, deep)
+
+
 def load_rig(path: str | Path) -> MarkerRig:
     """Read a rig file (see ``config/tanker_747.yaml``).
 
@@ -78,9 +105,11 @@ def load_rig(path: str | Path) -> MarkerRig:
     """
     try:
         text = Path(path).expanduser().read_text(encoding='utf-8')
-        content = yaml.safe_load(text)
+        content = _Loader(text).get_single_data()
     except OSError as error:
         raise RigError(f'{path}: {error.strerror}') from error
+    except RigError as error:
+        raise RigError(f'{path}: {error}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = ' '.join(str(error).split())
         raise RigError(f'{path} is not YAML: {reason}') from error
@@ -107,6 +136,7 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
     if len({name for name, _ in lights}) < len(lights):
         raise RigError('two markers have one name')
+    _refuse_same_place(lights)
     mean = np.mean([position for _, position in lights], axis=0)
     middle = (float(mean[0]), float(mean[1]), float(mean[2]))
     dock = _point('dock', content['dock']) if 'dock' in content else middle
@@ -115,6 +145,14 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if rig.reach == 0.0:
         raise RigError('all markers lie on the x axis, where no roll shows')
     return rig
+
+
+def _refuse_same_place(lights: Sequence[tuple[str, Point]]) -> None:
+    """Two markers in one place are one light."""
+    size = max(math.dist(first, second) for _, first in lights for _, second in lights)
+    for (name, first), (other, second) in combinations(lights, 2):
+        if math.dist(first, second) <= SAME_PLACE * size:
+            raise RigError(f'{name} and {other} are in one place')
 
 
 def _point(name: str, value: object) -> Point:

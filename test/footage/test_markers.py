@@ -1,6 +1,7 @@
 """Real scenes without a tanker: none must be reported."""
 
 import cv2
+import numpy as np
 import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -48,3 +49,29 @@ def test_no_tanker_in_videos(footage, name):
         assert not reports(result), index
         index += 1
     assert index > 200
+
+
+@pytest.mark.parametrize(
+    ('video', 'fps', 'count', 'frames'),
+    [
+        ('ir3_stereo_left_640x480_50fps.avi', 50, 3, 2509),
+        ('ir5_fisheye_752x480.avi', 20, 5, 402),
+    ],
+)
+def test_real_leds_keep_their_numbers_throughout(footage, video, fps, count, frames):
+    capture = cv2.VideoCapture(str(footage / 'led' / video))
+    pipeline = MarkerTracker(MarkerTrackerParameters(mode='track_any'))
+    before = {}
+    for index in range(frames):
+        grabbed, image = capture.read()
+        assert grabbed
+        result = pipeline.process(Image(image, 'bgr8'), index * 1_000_000_000 // fps)
+        assert sorted(result.ids) == list(range(1, count + 1)), index
+        now = {i: (m.x, m.y) for i, m in zip(result.ids, result.markers, strict=True)}
+        detected = all(m.state is MarkerState.DETECTED for m in result.markers)
+        if detected and before:
+            # A switch would be a jump to where another light was.
+            for number, place in now.items():
+                distances = {i: np.hypot(*np.subtract(place, p)) for i, p in before.items()}
+                assert min(distances, key=distances.get) == number, index
+        before = now if detected else {}

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.images import IMAGE, choose_image_topic, decode_message, image_problem
+from mvuav_ros.recordings.images import IMAGE, choose_image_topic, decode_message
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.serialization.image_decoding import decode_image
 from mvuav_ros.recordings.summary import summarise
 
 
@@ -22,8 +23,10 @@ def test_amber(bags: Path) -> None:
     with open_recording(folder) as recording:
         assert choose_image_topic(recording).type == IMAGE
         images = [decode_message(m.type, m.data) for m in recording.messages()]
-        assert [image_problem(image) for image in images] == ['', '']
-        assert {(i.width, i.height, i.encoding) for i in images} == {(640, 480, 'rgb8')}
+        assert len(images) == 2
+        assert {(i.width, i.height, i.encoding) for i in map(decode_image, images)} == {
+            (640, 480, 'rgb8')
+        }
         # metadata.yaml is that of thirteen files, of which one is there.
         missing, unlisted = recording.losses
         assert missing.startswith('12 of the 13 files that metadata.yaml lists are missing')
@@ -64,8 +67,11 @@ def test_malformed_images(bags: Path, name: str) -> None:
         if t.images
     }
     assert problems == {
-        'Image': (2, 'it holds 30 bytes instead of 921600'),
-        'CompressedImage': (2, 'its 10 bytes are no JPEG or PNG'),
+        'Image': (2, '640 x 480 rgb8 with step 1920 needs 921600 bytes, the message has 30'),
+        'CompressedImage': (
+            2,
+            "10 bytes of compressed data do not decode: no JPEG, PNG, WebP or TIFF (format 'jpeg')",
+        ),
     }
     assert summary.messages == 188
     assert summary.losses == []

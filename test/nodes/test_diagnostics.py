@@ -7,7 +7,7 @@ import pytest
 from support.live_stream import KEEP_EVERYTHING, Stream
 
 from mvuav_ros.nodes.image_input import Backlog, InputEvents
-from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, silence
+from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, explain_no_images
 from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
@@ -56,7 +56,7 @@ def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(grap
         graph.spin(0.01)
     graph.spin(1.5)
     values = graph.diagnostics('runway_detector')
-    answered, gone = int(values['frames_answered']), int(values['frames_missing'])
+    answered, gone = int(values['frames_processed']), int(values['frames_missing'])
     skipped = int(values['frames_skipped'])
     assert 0 < answered < 0.9 * sent
     assert skipped > 0
@@ -131,12 +131,12 @@ def test_problems_are_those_of_the_last_seconds():
 
 def test_reasons_for_silence():
     events = InputEvents()
-    assert silence('/image_raw', [], events) == 'nothing publishes /image_raw'
-    assert 'sends nothing' in silence('/image_raw', ['/cam'], events)
+    assert explain_no_images('/image_raw', [], events) == 'nothing publishes /image_raw'
+    assert 'sends nothing' in explain_no_images('/image_raw', ['/cam'], events)
     events.lost = 3
-    assert 'every image is lost' in silence('/image_raw', ['/cam'], events)
+    assert 'every image is lost' in explain_no_images('/image_raw', ['/cam'], events)
     events.incompatible, events.incompatible_policy = 1, 'RELIABILITY'
-    assert 'RELIABILITY' in silence('/image_raw', ['/cam'], events)
+    assert 'RELIABILITY' in explain_no_images('/image_raw', ['/cam'], events)
 
 
 def test_a_handover_never_holds_up_the_source():

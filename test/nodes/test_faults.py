@@ -43,6 +43,9 @@ def test_sizes_and_encodings_that_change_with_every_frame(graph):
     sent = 0
     for encoding in ENCODINGS:
         for width, height in sizes:
+            if ENCODINGS[encoding].chroma_below:
+                # Its colours are half a frame more of rows: see test_image_decoding.
+                continue
             if 'yuv' in encoding or 'uyvy' in encoding or 'yuyv' in encoding:
                 width += width % 2
             image = any_image(encoding, width, height)
@@ -52,7 +55,7 @@ def test_sizes_and_encodings_that_change_with_every_frame(graph):
             graph.spin(0.002)
     graph.until(
         lambda: all(
-            int(values['frames_answered']) + int(values['frames_refused']) == sent
+            int(values['frames_processed']) + int(values['frames_rejected']) == sent
             for values in (graph.diagnostics(name) for name in BOTH)
         ),
         'every frame to be answered or refused',
@@ -60,8 +63,8 @@ def test_sizes_and_encodings_that_change_with_every_frame(graph):
     for name in BOTH:
         values = graph.diagnostics(name)
         # A mosaic has no colours below two rows and columns; everything else is answered.
-        assert values.get('refused_internal_error') is None, values['last_refusal']
-        assert int(values['frames_answered']) == len(stream.answers[name]) >= sent * 0.9
+        assert values.get('rejected_internal_error') is None, values['last_rejection']
+        assert int(values['frames_processed']) == len(stream.answers[name]) >= sent * 0.9
     before = stream.counts()['marker_tracker']
     stream.play(0.5)
     stream.until_answered(before + 30)
@@ -90,14 +93,14 @@ def test_stamps_that_repeat_stand_still_and_jump(graph):
         stamp for stamp, last in zip(stamps, [None, *stamps], strict=False) if stamp != last
     ]
     values = graph.diagnostics('marker_tracker')
-    assert values['refused_duplicate_stamp'] == str(len(stamps) - answered) == '20'
+    assert values['rejected_duplicate_stamp'] == str(len(stamps) - answered) == '20'
     assert values['stamp_jumps_back'] == '2'
     assert values['stamp_jumps_forward'] >= '1'
-    assert values.get('refused_internal_error') is None
+    assert values.get('rejected_internal_error') is None
 
 
 def test_nan_and_nonsense(graph):
-    stream = Stream(graph, *BOTH)
+    stream = Stream(graph, *BOTH, **KEEP_EVERYTHING)
     client = graph.probe.create_client(SetParameters, '/marker_tracker/set_parameters')
     graph.until(client.service_is_ready, 'the parameter service')
     # rclpy itself stumbles over this one, while it spins.
@@ -207,7 +210,7 @@ def test_subscribers_come_and_go(graph):
     stream.until_answered(sent)
     assert stream.counts() == dict.fromkeys(BOTH, sent)
     for name in BOTH:
-        assert graph.diagnostics(name)['frames_refused'] == '0'
+        assert graph.diagnostics(name)['frames_rejected'] == '0'
 
 
 def test_simulated_time_that_loops_and_stands_still(graph):
@@ -227,7 +230,7 @@ def test_simulated_time_that_loops_and_stands_still(graph):
     sent = stream.play(3.0, hz=50, beside=tick)
     stream.until_answered(sent)
     values = graph.diagnostics('marker_tracker')
-    assert values['frames_answered'] == str(sent)
+    assert values['frames_processed'] == str(sent)
     stamps = {m.header.stamp.sec for m in graph.received['/diagnostics']}
     assert stamps and all(90 <= stamp <= 150 for stamp in stamps)
 
@@ -300,4 +303,4 @@ def test_a_publisher_that_is_killed_and_restarted(graph):
     assert len(delays) == KILLS
     assert max(delays) < 1.0
     stream.check_alive()
-    assert graph.diagnostics('marker_tracker')['frames_refused'] == '0'
+    assert graph.diagnostics('marker_tracker')['frames_rejected'] == '0'

@@ -130,7 +130,7 @@ def hand_made() -> list[bytes]:
 
 
 @pytest.mark.parametrize('is_compressed', [False, True], ids=['raw', 'compressed'])
-def test_malformed_messages_are_counted_and_good_frames_answered(graph, is_compressed):
+def test_malformed_messages_are_counted_and_good_frames_processed(graph, is_compressed):
     transport = 'compressed' if is_compressed else 'raw'
     nodes = ['marker_tracker'] if is_compressed else ['marker_tracker', 'runway_detector']
     stream = Stream(
@@ -184,8 +184,8 @@ def test_malformed_messages_are_counted_and_good_frames_answered(graph, is_compr
     assert bad >= COUNT // (5 if is_compressed else 1)
     for name in nodes:
         values = graph.diagnostics(name)
-        assert values['frames_refused'] == values['refused_bad_image'] == str(bad)
-        assert values['frames_answered'] == str(good) == str(len(stream.answers[name]))
-        assert 'images refused' in values['message'] and values['level'] == 1
+        assert values['frames_rejected'] == values['rejected_bad_image'] == str(bad)
+        assert values['frames_processed'] == str(good) == str(len(stream.answers[name]))
+        assert 'images rejected' in values['message'] and values['level'] == 1
     assert stream.states() == [1] * 5
     stream.check_alive()

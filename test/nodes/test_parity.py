@@ -78,9 +78,7 @@ def replayed(
     found: dict[str, list[bytes]] = {topic: [] for topic in topics}
     with open_recording(out) as recording:
         for message in recording.messages(topics):
-            # RTPS hands data on in whole words.
-            padding = bytes(-len(message.data) % 4)
-            found[message.topic].append(bytes(message.data) + padding)
+            found[message.topic].append(bytes(message.data))
     return found
 
 

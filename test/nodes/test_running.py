@@ -9,8 +9,12 @@ import time
 from pathlib import Path
 
 import pytest
-from support.graph import CLEAN, ROOT
+from rcl_interfaces.msg import Log
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from support.graph import CLEAN, ROOT, image_message
 from support.live_stream import Stream
+from support.marker_scenes import draw, tanker_at
 
 MOMENTS = int(os.environ.get('MVUAV_SIGNALS', '5'))
 CONSOLE_SCRIPT = 'import sys; from mvuav_ros.__main__ import {0}; sys.exit({0}())'
@@ -28,12 +32,12 @@ def catches_signals(pid: int) -> bool:
     return False
 
 
-def start(name, how, *arguments):
-    domain = str(random.SystemRandom().randint(1, 100))
+def start(name, how, *arguments, domain=None):
+    number = random.SystemRandom().randint(1, 100) if domain is None else domain.domain_id
     process = subprocess.Popen(
         [sys.executable, *STARTS[how](name), '--ros-args', *arguments],
         cwd=ROOT,
-        env={**CLEAN, 'ROS_DOMAIN_ID': domain},
+        env={**CLEAN, 'ROS_DOMAIN_ID': str(number)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -117,3 +121,45 @@ def test_a_mistake_on_the_command_line_is_no_traceback(arguments, words):
     assert process.returncode == 2, output
     assert 'Traceback' not in output
     assert words in output
+
+
+def test_a_dump_of_all_parameters_can_be_loaded_again(graph):
+    """Most of them are read-only: qos_overrides, and what is set at the start."""
+    graph.start('runway_detector')
+    request = ListParameters.Request()
+    names = graph.call(ListParameters, '/runway_detector/list_parameters', request).result.names
+    assert sum(name.startswith('qos_overrides') for name in names) > 20
+    values = graph.call(
+        GetParameters, '/runway_detector/get_parameters', GetParameters.Request(names=names)
+    ).values
+    dump = [
+        ParameterMessage(name=name, value=value) for name, value in zip(names, values, strict=True)
+    ]
+    request = SetParameters.Request(parameters=dump)
+    results = graph.call(SetParameters, '/runway_detector/set_parameters', request).results
+    assert [result.reason for result in results if not result.successful] == []
+    dump[names.index('image_transport')].value.string_value = 'compressed'
+    dump[names.index('num_peaks')].value.integer_value = 4
+    results = graph.call(SetParameters, '/runway_detector/set_parameters', request).results
+    rejected = [name for name, result in zip(names, results, strict=True) if not result.successful]
+    assert rejected == ['image_transport']
+    assert graph.get_parameter('runway_detector', 'num_peaks') == 4
+
+
+def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_path):
+    settings = tmp_path / 'mine.yaml'
+    settings.write_text('/**:\n  ros__parameters:\n    mode: detect\n')
+    process = start('marker_tracker', 'python -m', '--params-file', str(settings), domain=graph)
+    graph.until(lambda: graph.probe.count_subscribers('/image_raw') == 1, 'the node')
+    logs = graph.listen('/rosout', Log)
+    graph.until(lambda: any('no images' in log.msg for log in logs), 'the warning')
+    graph.publish_images([image_message(draw(tanker_at()), 0)])
+    graph.until(lambda: any('first image' in log.msg for log in logs), 'the first image')
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=10)
+    lines = [line.partition('[marker_tracker]: ')[2] for line in output.strip().splitlines()]
+    assert lines == [
+        f'mode detect, images from /image_raw, parameter files: {settings}',
+        'no images for 5 s: nothing publishes /image_raw',
+        "first image: 640x480 mono8, frame 'nose'",
+    ]

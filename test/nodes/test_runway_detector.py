@@ -157,6 +157,7 @@ def test_error_thresholds_and_warmup_take_effect(frames):
         ('peak_neighborhood_rho', 10, 'odd'),
         ('peak_neighborhood_theta', 2, 'odd'),
         ('opening_length', 4, 'odd'),
+        ('opening_shape', 'round', 'vertical_line'),
         ('end_row', 50, 'start_row'),
         ('end_row', 0, 'start_row'),
         ('start_row', 130, 'start_row (130)'),
@@ -284,7 +285,7 @@ def test_a_change_of_resolution_and_odd_frames(frames):
         for value in (0, 255):
             assert found(frames.show(np.full(shape, value, np.uint8))) == 0
     assert found(frames.show(runway(size=(640, 480)))) == 3
-    assert graph.diagnostics(NODE)['frames_refused'] == '0'
+    assert graph.diagnostics(NODE)['frames_rejected'] == '0'
 
 
 @pytest.mark.parametrize(('mode', 'waits'), [('thesis', False), ('approach', True)])

@@ -90,7 +90,7 @@ def test_one_process_gives_the_same_topics_and_answers(graph, folder):
     for node in RESULTS:
         values = graph.diagnostics(node)
         assert values['image_publishers'] == 'this process'
-        assert values['frames_refused'] == '0'
+        assert values['frames_rejected'] == '0'
     assert graph.diagnostics('video_source')['state'] == 'playing'
     assert graph.set_parameter('runway_detector', 'num_peaks', 5).successful
     answers['runway_detector'].clear()

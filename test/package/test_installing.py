@@ -1,6 +1,7 @@
 """The package as users install it: pip and colcon, and what `ros2 run` would find."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,9 @@ TRACKED = [
     'package.xml',
     'pyproject.toml',
     'LICENSE',
+    'test/conftest.py',
+    'test/parameters',
+    'test/support',
 ]
 
 
@@ -41,6 +45,7 @@ def source(tmp_path_factory):
                 ignore=shutil.ignore_patterns('__pycache__'),
             )
         else:
+            (copy / name).parent.mkdir(exist_ok=True)
             shutil.copy(ROOT / name, copy / name)
     return copy
 
@@ -122,29 +127,31 @@ def test_pip_installs_what_ros2_run_finds(source, tmp_path):
         assert not [name for name in archive.namelist() if 'test' in Path(name).parts]
 
 
-def test_colcon_builds_what_ros2_run_finds(source, tmp_path):
+WAYS = {
+    'isolated': [],
+    'merged': ['--merge-install'],
+    'symlinked': ['--symlink-install'],
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('way', WAYS)
+def test_colcon_builds_what_ros2_run_finds_and_runs_the_tests(source, tmp_path, way):
     colcon = Path(sys.executable).parent / 'colcon'
     if not colcon.exists():
         pytest.skip('colcon is not installed here')
     environment = environment_with(AMENT_PREFIX_PATH=str(Path(sys.executable).parent.parent))
-    subprocess.run(
-        [
-            colcon,
-            '--log-base',
-            tmp_path / 'log',
-            'build',
-            '--base-paths',
-            source,
-            '--build-base',
-            tmp_path / 'build',
-            '--install-base',
-            tmp_path / 'install',
-        ],
-        env=environment,
-        cwd=tmp_path,
-        check=True,
-        timeout=300,
-    )
+    bases = ['--build-base', tmp_path / 'build', '--install-base', tmp_path / 'install']
+
+    def call(verb, *arguments, environment=environment):
+        command = [colcon, '--log-base', tmp_path / 'log', verb, *arguments]
+        run = subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=500
+        )
+        assert run.returncode == 0, run.stdout + run.stderr
+        return run.stdout
+
+    call('build', '--base-paths', source, *bases, *WAYS[way])
     sourced = subprocess.run(
         ['bash', '-c', f'source {tmp_path}/install/setup.bash && env -0'],
         env=environment,
@@ -153,6 +160,11 @@ def test_colcon_builds_what_ros2_run_finds(source, tmp_path):
         text=True,
     ).stdout
     variables = dict(line.split('=', 1) for line in sourced.split('\0') if '=' in line)
-    prefix = tmp_path / 'install' / 'mvuav_ros'
+    prefix = tmp_path / 'install' / ('' if way == 'merged' else 'mvuav_ros')
     assert str(prefix) in variables['AMENT_PREFIX_PATH'].split(':')
     check_prefix(prefix, variables)
+    # A room of the tests stands for all of them, which take minutes.
+    merged = WAYS[way] if way == 'merged' else []
+    call('test', '--base-paths', source, *bases, *merged, environment=variables)
+    summary = call('test-result', '--test-result-base', tmp_path / 'build', '--verbose')
+    assert re.search(r'Summary: [1-9]\d+ tests, 0 errors, 0 failures', summary), summary

@@ -1,13 +1,19 @@
 """Imports point inward; generated files follow from the code."""
 
+import doctest
 import importlib.util
+import shutil
 import subprocess
 import sys
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import pytest
 from support.places import ROOT
 
-from mvuav_ros.parameters.parameter_file import load_parameters
+import mvuav_ros
+from mvuav_ros.parameters.parameter_file import read_parameter_values
 
 WITHOUT_ROS = ['parameters', 'vision', 'simulation', 'recordings']
 BLOCKED = ['rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces', 'geometry_msgs']
@@ -30,25 +36,71 @@ def test_the_inner_layers_do_without_ros(layer):
     subprocess.run([sys.executable, '-c', script], check=True, cwd=ROOT)
 
 
+def _lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
+    # The command puts the folder that it runs in first on the path.
+    command = [str(Path(sys.executable).parent / 'lint-imports'), '--no-cache']
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+
+
+def test_imports_point_inward():
+    run = _lint_imports(ROOT)
+    assert run.returncode == 0, run.stdout
+
+
 @pytest.mark.parametrize(
-    ('layer', 'outer'),
+    ('module', 'line'),
     [
-        ('parameters', 'vision simulation recordings processing offline nodes panel cli'),
-        ('vision', 'simulation recordings processing offline nodes panel cli'),
-        ('simulation', 'recordings processing offline nodes panel cli'),
-        ('recordings', 'processing offline nodes panel cli'),
-        ('processing', 'offline nodes panel cli'),
-        ('offline', 'nodes panel cli'),
-        ('nodes', 'offline panel cli'),
-        ('panel', 'cli'),
+        ('vision/camera.py', 'from mvuav_ros.recordings.errors import RecordingError'),
+        ('parameters/declaration.py', 'import mvuav_ros.vision.camera'),
+        ('offline/replay/job.py', 'def late():\n    from mvuav_ros.nodes import transport'),
+        ('attic/forgotten.py', '"""A room that the contract does not know."""'),
     ],
 )
-def test_imports_point_inward(layer, outer):
-    for path in (ROOT / 'mvuav_ros' / layer).rglob('*.py'):
-        for line in path.read_text().splitlines():
-            if line.lstrip().startswith(('import ', 'from ')):
-                for name in outer.split():
-                    assert f'mvuav_ros.{name}' not in line, f'{path.name}: {line}'
+def test_the_contract_fails_where_an_import_points_outward(tmp_path, module, line):
+    shutil.copytree(ROOT / 'mvuav_ros', tmp_path / 'mvuav_ros')
+    shutil.copy(ROOT / 'pyproject.toml', tmp_path)
+    path = tmp_path / 'mvuav_ros' / module
+    if not path.parent.exists():
+        path.parent.mkdir()
+        (path.parent / '__init__.py').touch()
+    with path.open('a') as file:
+        file.write(f'\n{line}\n')
+    run = _lint_imports(tmp_path)
+    assert run.returncode != 0
+    assert 'mvuav_ros.' + module.split('/')[0] in run.stdout
+
+
+def test_the_readme_lists_the_rooms_as_the_contract_has_them():
+    with (ROOT / 'pyproject.toml').open('rb') as file:
+        (contract,) = tomllib.load(file)['tool']['importlinter']['contracts']
+    listed = (ROOT / 'README.md').read_text().split('<!-- rooms -->')[1].split('```')[1]
+    rooms = [line.split('  ')[0] for line in listed.strip().splitlines()]
+    assert rooms == contract['layers']
+
+
+def test_one_version():
+    package = ET.parse(ROOT / 'package.xml').getroot()
+    assert package.findtext('version') == mvuav_ros.__version__
+    assert f'## {mvuav_ros.__version__} ' in (ROOT / 'CHANGELOG.md').read_text()
+
+
+def test_importing_the_package_is_cheap():
+    script = (
+        'import sys, mvuav_ros\n'
+        'heavy = {"numpy", "cv2", "scipy", "rclpy", "yaml"} & set(sys.modules)\n'
+        'assert not heavy, heavy\n'
+        'for name in mvuav_ros.__all__: getattr(mvuav_ros, name)\n'
+        'ros = {"rclpy", "sensor_msgs", "std_msgs"} & set(sys.modules)\n'
+        'assert not ros, ros\n'
+    )
+    subprocess.run([sys.executable, '-c', script], check=True, cwd=ROOT)
+
+
+def test_every_public_name_is_documented_with_an_example():
+    for name in set(mvuav_ros.__all__) - {'__version__'}:
+        public = getattr(mvuav_ros, name)
+        finder = doctest.DocTestFinder(recurse=False)
+        assert any(test.examples for test in finder.find(public, name)), name
 
 
 def _generator():
@@ -77,7 +129,7 @@ def test_shipped_parameter_files_are_valid(file):
     nodes = _generator().NODES
     found = 0
     for node, parameters in nodes.items():
-        values = load_parameters(file, node)
+        values = read_parameter_values(file, node)
         parameters.from_mapping(values)
         found += len(values)
     assert found > 0
@@ -85,5 +137,5 @@ def test_shipped_parameter_files_are_valid(file):
 
 def test_default_yaml_holds_the_defaults():
     for node, parameters in _generator().NODES.items():
-        values = load_parameters(ROOT / 'config' / 'default.yaml', node)
+        values = read_parameter_values(ROOT / 'config' / 'default.yaml', node)
         assert values == parameters().as_dict()

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from mvuav_ros.panel.guard import COOKIE, Guard, is_loopback, make_token
+from mvuav_ros.panel.guard import Guard, is_loopback, make_token
 
 TOKEN = 'a-token-that-only-we-know'
 
@@ -15,6 +15,9 @@ async def inner(scope, receive, send):
         await send({'type': 'http.response.body', 'body': b'inside'})
     else:
         await send({'type': 'websocket.accept'})
+
+
+COOKIE = Guard(inner, TOKEN).cookie
 
 
 def ask(token='', kind='http', method='GET', query='', **headers):
@@ -106,6 +109,18 @@ def test_answers_forbid_other_hosts_and_frames():
     policy = headers[b'content-security-policy'].decode()
     assert "default-src 'self'" in policy and "frame-ancestors 'none'" in policy
     assert 'http' not in policy
+
+
+def test_scripts_run_only_with_the_nonce_of_their_page():
+    policies = {dict(ask()[0]['headers'])[b'content-security-policy'].decode() for _ in range(5)}
+    assert len(policies) == 5
+    for policy in policies:
+        (scripts,) = [part for part in policy.split(';') if 'script-src' in part]
+        assert 'unsafe-inline' not in scripts and "'nonce-" in scripts
+
+
+def test_two_panels_on_one_machine_have_cookies_of_their_own():
+    assert Guard(inner, 'one').cookie != Guard(inner, 'other').cookie
 
 
 def test_only_loopback_goes_without_a_token():

@@ -7,8 +7,6 @@ import json
 import shutil
 from dataclasses import replace
 
-import cv2
-import numpy as np
 import pytest
 from support.graph import ROOT
 
@@ -16,9 +14,9 @@ from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.observed import replay
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.names import NameRefusedError
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess
-from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table
-from mvuav_ros.panel.trend_figures import image_of
+from mvuav_ros.panel.page.trends import grouped_options, line_options
+from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
+from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table, varied
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
 
@@ -32,7 +30,8 @@ def run(name, store, values=VALUES, source=BAG):
     folder = store.new_folder(name)
     done = asyncio.run(
         RunProcess().run(
-            name, KIND, source, values, folder / RESULTS, lambda *step: steps.append(step)
+            RunRequest(name, KIND, source, values, folder / RESULTS),
+            lambda *step: steps.append(step),
         )
     )
     store.finish(done)
@@ -79,7 +78,8 @@ def test_a_run_can_be_cancelled(made):
 
     async def cancel_at_once():
         await process.run(
-            'cancelled', KIND, BAG, VALUES, folder / RESULTS, lambda *_: process.cancel()
+            RunRequest('cancelled', KIND, BAG, VALUES, folder / RESULTS),
+            lambda *_: process.cancel(),
         )
 
     with pytest.raises(RunFailedError, match='cancelled'):
@@ -102,7 +102,7 @@ def test_names_stay_in_the_folder_and_are_given_once(made):
 def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
     store = RunStore(tmp_path / 'runs')
     shutil.copytree(made[0].folder / 'first', store.folder / 'first')
-    for name, words in (('one', '{'), ('two', '{}'), ('three', '[]')):
+    for name, words in (('one', '{'), ('two', '{}'), ('three', '[]'), ('four', '[' * 100_000)):
         (store.folder / name).mkdir()
         (store.folder / name / 'run.json').write_text(words)
     assert [each.name for each in store.all()] == ['first']
@@ -110,16 +110,30 @@ def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
     assert store.all() == [] and not (store.folder / 'first').exists()
 
 
-def test_trends_as_csv_and_png(made):
+def test_trends_over_names_and_over_a_parameter_that_differs(made):
     _, done, _ = made
-    runs = [done, replace(done, name='second')]
+    other = replace(done, name='second', parameters={**VALUES, 'num_peaks': 1, 'mode': 'approach'})
+    runs = [done, other]
     rows = list(csv.DictReader(io.StringIO(csv_text(run_table(runs)))))
     assert [row['run'] for row in rows] == ['first', 'second']
     assert rows[0]['num_peaks'] == '2' and float(rows[0]['rho flags']) >= 0
-    for arrangement in ('single', 'subplots', 'grouped'):
-        png = image_of(runs, arrangement, 'flag counts').png
-        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-        assert np.ptp(image) > 100
+    assert varied(runs) == ['mode', 'num_peaks'] and varied([done]) == []
+    columns = ['rho flags', 'theta flags']
+    named = line_options(runs, columns, 'run')
+    assert named['xAxis']['data'] == ['first', 'second']
+    over = line_options(runs, columns, 'num_peaks')
+    assert over['xAxis']['data'] == ['num_peaks 1', 'num_peaks 2']
+    assert [line['name'] for line in over['series']] == columns
+    bars = grouped_options(runs, columns, 'run')
+    assert bars['xAxis']['data'] == columns
+    assert [bar['name'] for bar in bars['series']] == ['first', 'second']
+
+
+def test_a_saved_run_has_a_report(made):
+    store, _, _ = made
+    page = store.report('first')
+    assert page is not None and 'Results against truth' in page.read_text()
+    assert store.report('../first') is None and store.report('none') is None
 
 
 def test_numbers_that_are_missing_survive_json(made):

@@ -1,12 +1,15 @@
 """Named sets of the panel: ordinary parameter files that cannot leave their folder."""
 
+from itertools import pairwise
+
 import pytest
 
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.panel.package_data import built_in_sets
 from mvuav_ros.panel.sets import SetStore, differences
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.parameters.parameter_file import read_parameter_values
 
 KIND = 'marker_tracker'
 OUTSIDE = [
@@ -54,9 +57,9 @@ def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tm
     values = {**MarkerTrackerParameters().as_dict(), 'threshold': 0.55, 'mode': 'detect'}
     path = store.save('night', KIND, values)
     assert path.parent == tmp_path / 'sets'
-    assert load_parameters(path, KIND) == values
+    assert read_parameter_values(path, KIND) == values
     assert store.load('night', KIND) == values
-    assert MarkerTrackerParameters.from_mapping(load_parameters(path, KIND)).threshold == 0.55
+    assert MarkerTrackerParameters.from_mapping(read_parameter_values(path, KIND)).threshold == 0.55
     assert store.names(KIND) == ['night']
     assert store.names('runway_detector') == []
     store.delete('night')
@@ -90,3 +93,26 @@ def test_differences_of_two_sets():
     assert (found.name, found.left, found.right) == ('threshold', 0.7, 0.6)
     names = [each.name for each in differences(left, right, all_of_them=True)]
     assert names == ['threshold', 'mode', 'min_area', 'max_area']
+
+
+def test_a_file_from_elsewhere_is_taken_in_if_it_is_one_of_ours(tmp_path):
+    store = SetStore(tmp_path / 'sets')
+    good = b'marker_tracker: {ros__parameters: {threshold: 0.5}}'
+    assert store.add('night', good) == [KIND]
+    assert store.load('night', KIND) == {'threshold': 0.5} and store.content('night') == good
+    laughs = '\n'.join(f'{b}: &{b} [*{a}, *{a}]' for a, b in pairwise('abcdefgh'))
+    for content in (
+        b'',
+        b'{',
+        b'\xff\xfe',
+        b'[' * 50_000,
+        b'other: {ros__parameters: {x: 1}}',
+        f'a: &a [1]\n{laughs}'.encode(),
+        good + b' ' * 200_000,
+    ):
+        with pytest.raises(ParameterError):
+            store.add('bad', content)
+    for name in ('night', '../out', ''):
+        with pytest.raises(NameRefusedError):
+            store.add(name, good)
+    assert [path.name for path in store.folder.iterdir()] == ['night.yaml']

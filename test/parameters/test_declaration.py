@@ -7,7 +7,7 @@ import pytest
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 
@@ -134,7 +134,7 @@ def test_the_defaults_are_the_contracts(kind):
 def test_parameter_files_name_nodes_as_ros_does(tmp_path, text):
     path = tmp_path / 'p.yaml'
     path.write_text(text)
-    assert load_parameters(path, 'marker_tracker') == {'threshold': 0.5}
+    assert read_parameter_values(path, 'marker_tracker') == {'threshold': 0.5}
 
 
 def test_other_nodes_are_left_alone_and_names_are_nested(tmp_path):
@@ -143,7 +143,7 @@ def test_other_nodes_are_left_alone_and_names_are_nested(tmp_path):
         'other:\n  ros__parameters:\n    threshold: 0.5\n'
         'marker_tracker:\n  ros__parameters:\n    a:\n      b: 1\n'
     )
-    assert load_parameters(path, 'marker_tracker') == {'a.b': 1}
+    assert read_parameter_values(path, 'marker_tracker') == {'a.b': 1}
 
 
 @pytest.mark.parametrize(
@@ -159,12 +159,12 @@ def test_bad_parameter_files_are_refused(tmp_path, text, reason):
     path = tmp_path / 'p.yaml'
     path.write_text(text)
     with pytest.raises(ParameterError, match=reason):
-        load_parameters(path, 'marker_tracker')
+        read_parameter_values(path, 'marker_tracker')
 
 
 def test_a_missing_parameter_file(tmp_path):
     with pytest.raises(ParameterError, match='No such file'):
-        load_parameters(tmp_path / 'none.yaml', 'marker_tracker')
+        read_parameter_values(tmp_path / 'none.yaml', 'marker_tracker')
 
 
 @pytest.mark.parametrize(

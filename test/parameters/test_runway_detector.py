@@ -16,6 +16,7 @@ CONTRACT = {
     'channel': 'red',
     'edge_threshold': 0.0,
     'edge_thinning': False,
+    'opening_shape': 'vertical_line',
     'opening_length': 3,
     'rho_resolution': 2.0,
     'theta_resolution_deg': 1.0,
@@ -30,6 +31,9 @@ CONTRACT = {
     'association': 'nearest',
     'image_transport': 'raw',
     'opencv_threads': 1,
+    'autostart': True,
+    'publish_tf': True,
+    'runway_frame': 'runway',
 }
 
 
@@ -44,6 +48,7 @@ def test_names_and_defaults_are_the_contracts():
         ('peak_neighborhood_theta', 4, 'odd'),
         ('opening_length', 2, 'odd'),
         ('opening_length', 0, 'odd'),
+        ('opening_shape', 'round', 'vertical_line'),
         ('rho_resolution', 0.0, '0.1'),
         ('theta_resolution_deg', 0.0, '0.1'),
         ('theta_resolution_deg', 46.0, '45'),
@@ -84,3 +89,11 @@ def test_every_parameter_is_described_and_every_range_is_closed():
         assert spec.description.endswith('.'), spec.name
         if spec.type in (int, float):
             assert spec.minimum is not None and spec.maximum is not None, spec.name
+
+
+@pytest.mark.parametrize('shape', ['disk', 'diamond'])
+def test_round_elements_are_bounded_and_straight_ones_are_not(shape):
+    Parameters(opening_shape=shape, opening_length=31)
+    with pytest.raises(ParameterError, match='at most 31'):
+        Parameters(opening_shape=shape, opening_length=33)
+    Parameters(opening_shape='square', opening_length=999)

@@ -27,7 +27,6 @@ from mvuav_ros.recordings.images import (
     COMPRESSED_IMAGE,
     choose_image_topic,
     decode_message,
-    image_problem,
     is_image_type,
 )
 from mvuav_ros.recordings.reading import open_recording
@@ -51,8 +50,8 @@ def test_image_is_decoded_without_copying_pixels(little_endian: bool, type_name:
     decoded = decode_message(type_name, data)
     assert decoded.data.dtype == np.uint8
     assert np.array_equal(decoded.data, original.data)
-    decoded.data = original.data
-    assert decoded == original
+    for name in ('header', 'height', 'width', 'encoding', 'is_bigendian', 'step'):
+        assert getattr(decoded, name) == getattr(original, name)
     if little_endian:
         pixels = decode_message(type_name, data).data
         assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
@@ -92,25 +91,7 @@ def test_malformed_messages_raise_one_error() -> None:
         decode_message('no_such/msg/Type', data)
 
 
-def test_image_problem() -> None:
-    assert image_problem(image(1)) == ''
-    short = image(1)
-    short.data = short.data[:-1]
-    assert image_problem(short) == 'it holds 3071 bytes instead of 3072'
-    narrow = image(1)
-    narrow.step = 63
-    assert '63 bytes' in image_problem(narrow)
-    assert '0x48' in image_problem(image(1, 0, 48))
-    for extension in ('.jpg', '.png', '.webp'):
-        assert image_problem(decode_message(COMPRESSED_IMAGE, compressed(1, extension))) == ''
-    broken = decode_message(COMPRESSED_IMAGE, compressed(1))
-    broken.data = broken.data[:10]
-    assert image_problem(broken) == 'its 10 bytes are no JPEG or PNG'
-    broken.data = broken.data[:0]
-    assert image_problem(broken) == 'it holds no data'
-
-
-@pytest.mark.parametrize('extension', ['.jpg', '.png'])
+@pytest.mark.parametrize('extension', ['.jpg', '.png', '.webp', '.tiff'])
 def test_compressed_size(extension: str) -> None:
     assert compressed_size(decode_message(COMPRESSED_IMAGE, compressed(1, extension)).data) == (
         64,

@@ -165,7 +165,6 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / 'two').mkdir()
     write_mcap(tmp_path / 'two' / 'a.mcap', SAMPLES)
     write_mcap(tmp_path / 'two' / 'b.mcap', SAMPLES)
-    write_mcap(tmp_path / 'nothing.mcap', [])
     for name, words in {
         'missing': 'does not exist',
         'empty': 'holds no recording',
@@ -175,7 +174,6 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
         'old.bag': 'version 1.2',
         'other.db3': 'no readable topic',
         'two': 'give one of them: a.mcap, b.mcap',
-        'nothing.mcap': 'no readable topic',
     }.items():
         with pytest.raises(RecordingError) as refusal:
             open_recording(tmp_path / name)

@@ -6,10 +6,10 @@ import pytest
 from support.places import ROOT
 
 from mvuav_ros.simulation.camera import PinholeCamera, parse_distortion
-from mvuav_ros.simulation.rotation import from_rpy
 from mvuav_ros.simulation.runway_truth import clip_segment, normal_form
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.vision.frames import from_rpy
 from mvuav_ros.vision.rig import TANKER_747, RigError, load_rig, parse_rig
 
 CONFIG = ROOT / 'config' / 'tanker_747.yaml'
@@ -32,7 +32,7 @@ def test_flight_truth_agrees_with_opencv_from_the_pose():
         truth = sim.truth(index)
         vector, _ = cv2.Rodrigues(truth.rotation)
         expected, _ = cv2.projectPoints(
-            sim.layout.positions,
+            sim.rig.positions,
             vector,
             truth.translation,
             truth.camera.matrix,

@@ -7,8 +7,8 @@ from support.image_measuring import edge_offsets
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.runway import RunwayFlight
-from mvuav_ros.simulation.runway_truth import LineRole
 from mvuav_ros.simulation.settings import RUNWAY_MOTIONS, RunwaySettings
+from mvuav_ros.vision.runway.results import LineRole
 
 EDGES = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE)
 

@@ -46,7 +46,8 @@ def test_the_same_settings_give_the_same_frames_and_another_seed_others():
     [
         {},
         {'encoding': 'bgr8', 'motion': 'translation'},
-        {'motion': 'erratic', 'shake': 3},
+        # During an exposure a vibration of 66 Hz bends the path: its mean is not its middle.
+        {'motion': 'erratic', 'shake': 3, 'exposure': 0.0},
         {'motion': 'roll_360', 'distortion': '-0.2, 0.05, 0.001, -0.001'},
         {'motion': 'docking', 'detail': 0.2},
         {'background': 'plain', 'gain_steps': 0.2},
@@ -78,10 +79,11 @@ def test_roll_is_positive_with_the_right_wing_down():
 
 def test_velocities_are_those_of_the_places():
     sim = flight(motion='roll_translation', shake=1, fps=1000.0, frames=500)
-    before, now, after = (sim.truth(index) for index in (399, 400, 401))
+    step = 1e-5
+    before, now, after = (sim.truth_at(0.4 + d) for d in (-step, 0.0, step))
     for a, marker, b in zip(before.markers, now.markers, after.markers, strict=True):
-        assert marker.vx == pytest.approx((b.x - a.x) / 0.002, abs=0.05)
-        assert marker.vy == pytest.approx((b.y - a.y) / 0.002, abs=0.05)
+        assert marker.vx == pytest.approx((b.x - a.x) / (2 * step), abs=0.05)
+        assert marker.vy == pytest.approx((b.y - a.y) / (2 * step), abs=0.05)
     assert max(abs(m.vx) for m in now.markers) > 10.0
 
 

@@ -43,6 +43,9 @@ def mvuav(*arguments: Any) -> Run:
     out, err = StringIO(), StringIO()
     argv = sys.argv
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    if arguments[0] == 'replay' and '--jobs' not in arguments:
+        # This process has threads and must not fork.
+        arguments = (*arguments, '--jobs', '1')
     sys.argv = ['mvuav', *map(str, arguments)]
     try:
         with redirect_stdout(out), redirect_stderr(err):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -55,6 +56,7 @@ class Graph:
     def __init__(self) -> None:
         self.domain_id, self._claim = _claim_domain()
         self._processes: list[subprocess.Popen[str]] = []
+        self._others: list[tuple[SingleThreadedExecutor, threading.Thread, Any]] = []
         prepare_transport()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=self.domain_id)
@@ -63,6 +65,16 @@ class Graph:
         self._executor.add_node(self.probe)
         self.received: dict[str, list[Any]] = defaultdict(list)
         self._image_publisher = None
+
+    def add_node(self, name: str) -> Any:
+        """One more node of ours, without parameter services; spins by itself until the end."""
+        node = rclpy.create_node(name, context=self._context, start_parameter_services=False)
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread.start()
+        self._others.append((executor, thread, node))
+        return node
 
     def close(self) -> None:
         for process in self._processes:
@@ -75,6 +87,10 @@ class Graph:
                 process.kill()
                 process.communicate()
         self._executor.shutdown()
+        for executor, thread, node in self._others:
+            executor.shutdown()
+            thread.join(5.0)
+            node.destroy_node()
         self.probe.destroy_node()
         rclpy.shutdown(context=self._context)
         self._claim.close()

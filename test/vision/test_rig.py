@@ -15,6 +15,7 @@ from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import load_rig
@@ -135,6 +136,30 @@ def test_a_layout_that_cannot_be_used_is_refused(tmp_path, text, reason):
         MarkerTrackerProcessor().configure(MarkerTrackerParameters(layout=str(path)))
     assert refusal.value.name == 'layout'
     assert str(path) in str(refusal.value)
+
+
+SQUARE = 'markers: {a: [0, 1, 1], b: [0, -1, 1], c: [0, -1, -1], d: [0, 1, -1]}'
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('markers: {a: [0, 1, 0], b: [0, 2, 1]}', 'too few for a pose'),
+        ('markers: {a: [0, 1, 0], b: [0, 2, 0], c: [0, 4, 0]}', 'one line'),
+        (SQUARE, 'a -> b -> c -> d are exchanged by a turn of 90 deg'),
+    ],
+)
+def test_a_doubtful_layout_needs_to_be_allowed(tmp_path, text, reason):
+    path = tmp_path / 'layout.yaml'
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=reason) as refusal:
+        MarkerTrackerProcessor().configure(MarkerTrackerParameters(layout=str(path)))
+    assert refusal.value.name == 'layout'
+    processor = MarkerTrackerProcessor()
+    processor.configure(MarkerTrackerParameters(layout=str(path), allow_ambiguous=True))
+    image = np.zeros((48, 64), np.uint8)
+    processor.process(Frame(1, 'cam', Image(image, 'mono8')))
+    assert reason in processor.status
 
 
 def test_the_shipped_layout_is_the_built_in_one():

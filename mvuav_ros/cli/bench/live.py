@@ -21,7 +21,7 @@ import numpy as np
 from mvuav_ros.recordings.sources.frame import SourceError
 
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
-LIMITS = {'marker_tracker': 1.5, 'runway_detector': 2.5}
+LIMITS = {'marker_tracker': 1.3, 'runway_detector': 1.6}
 """Median latency at 640x480 may be this many times the floor's."""
 
 

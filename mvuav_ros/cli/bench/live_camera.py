@@ -19,8 +19,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.nodes.process_tuning import tune_process
 from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.processing.process_tuning import tune_process
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import (
     serialize_compressed_image,

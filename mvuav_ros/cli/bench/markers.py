@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 
 import cv2
@@ -10,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Case
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
 
 LIMIT = 0.7 * 255
 # Left wing, left stabilizer, rudder, right stabilizer, right wing; px from the tanker's centre.
 PLACES = np.array([(-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0)])
+NO_TANKER = np.array([(100, 100), (200, 150), (320, 300), (400, 120), (520, 330)], float)
 FRAMES = 60
 
 
@@ -80,7 +83,46 @@ def marker_cases() -> list[Case]:
         for name, image in worst.items()
         for mode in ('detect', 'detect_any', 'track')
     ]
-    return cases
+    return cases + _crowded_cases()
+
+
+def _crowded_cases() -> list[Case]:
+    """Streams of 640x480 in which there is more, or something else, than the five markers."""
+    noise = np.random.default_rng(1)
+    scenes = {
+        '5 lights that are no tanker': _stream(NO_TANKER),
+        **{f'{count} lights': _stream(_scattered(count)) for count in (12, 100, 300)},
+        '4 % salt and pepper': [_specks(noise.random((480, 640)) < 0.04) for _ in range(10)],
+    }
+    return [
+        Case(f'{mode}, 640x480, {name}', _followed(mode, frames), limit_ms=5.0)
+        for name, frames in scenes.items()
+        for mode in MODES
+    ]
+
+
+def _scattered(count: int) -> NDArray[np.float64]:
+    """Places on a grid, each moved a little, (count, 2) px."""
+    rows = math.ceil(math.sqrt(0.75 * count))
+    columns = math.ceil(count / rows)
+    step = 600 / columns, 440 / rows
+    number = np.arange(count)
+    grid = np.stack((number % columns, number // columns), axis=-1) * step
+    shift = np.random.default_rng(count).uniform(-0.2, 0.2, (count, 2)) * step
+    return np.asarray(grid + shift + (25.0, 25.0))
+
+
+def _stream(places: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
+    """Lights on a small circle; the last frame joins the first."""
+    angles = np.arange(FRAMES) * 2 * np.pi / FRAMES
+    circle = 6 * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    return [_lights(640, 480, places + offset, 3) for offset in circle]
+
+
+def _followed(mode: str, frames: list[NDArray[np.uint8]]) -> Callable[[], object]:
+    tracker = MarkerTracker(MarkerTrackerParameters(mode=mode))
+    endless, stamps = itertools.cycle(frames), itertools.count(0, 33_333_333)
+    return lambda: tracker.process(Image(next(endless), 'mono8'), next(stamps))
 
 
 def _specks(bright: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -96,10 +138,12 @@ def _flight(width: int, height: int) -> list[NDArray[np.uint8]]:
     return frames
 
 
-def _lights(width: int, height: int, places: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _lights(
+    width: int, height: int, places: NDArray[np.float64], radius: int = 4
+) -> NDArray[np.uint8]:
     image = np.full((height, width), 40, np.uint8)
     for x, y in places:
-        cv2.circle(image, (round(x * 16), round(y * 16)), 4 * 16, 255, -1, cv2.LINE_8, 4)
+        cv2.circle(image, (round(x * 16), round(y * 16)), radius * 16, 255, -1, cv2.LINE_8, 4)
     return image
 
 
@@ -134,7 +178,7 @@ def _posed_frame() -> Callable[[], object]:
     """A call that tracks the tanker of the built-in layout and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
     pipeline, poses = MarkerTracker(), PoseEstimator(TANKER_747)
-    behind = TANKER_747.positions @ FROM_BEHIND.T + (0.0, 5.0, 100.0)
+    behind = TANKER_747.positions @ OPTICAL_FROM_BODY.T + (0.0, 5.0, 100.0)
     frames = []
     for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
         points = np.add(behind, (4.0 * np.cos(angle), 4.0 * np.sin(angle), 0.0))

@@ -1,17 +1,14 @@
-"""How many times faster than real time recordings are replayed, on one core and on two."""
+"""How fast one recording is replayed, by one process and by two, beside what anybody needs."""
 
 from __future__ import annotations
 
+import atexit
 import importlib.util
-import multiprocessing
 import os
-import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
-from unittest.mock import patch
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,138 +16,153 @@ from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Case
 
-if TYPE_CHECKING:
-    from mvuav_ros.offline.replay.job import ReplayJob
-
 _RATE = 30
 _TIMES_REAL_TIME = 15
-_TWO_JOBS_GAIN = 1.7
+_TWO_JOBS_GAIN = 1.6
+_FLOOR_LIMIT = 1.6
+_THRESHOLD = 128
+_NODES = ('marker_tracker', 'runway_detector')
 _LEDS = ((-200, 0), (-72, -26), (0, -84), (72, -26), (200, 0))
 
 
-def replay_cases(frames: int = _RATE * 15) -> list[Case]:
-    """Both nodes over so many frames of 640x480 mono8; no cases where ROS is not installed.
+class _Replay(NamedTuple):
+    """A replay of a bag with nodes by so many processes, each with a core; no nodes: the floor."""
 
-    Every replay runs in a process that is there already, held on one core.
+    bag: Path
+    nodes: tuple[str, ...]
+    processes: int = 1
+
+
+def replay_cases(frames: int = _RATE * 15) -> list[Case]:
+    """Bags of raw 640x480 and of JPEG 1920x1080; no cases where ROS is not installed.
+
+    Every replay runs in a process that is there already.
     """
     if importlib.util.find_spec('rclpy') is None:
         return []
-    cores = sorted(os.sched_getaffinity(0))
+    from mvuav_ros.offline.processes import Done, Worker
+
     folder = TemporaryDirectory(prefix='mvuav_bench_')
-    bags = [Path(folder.name) / f'{name}.mcap' for name in ('a', 'b')]
-    for seed, bag in enumerate(bags):
-        _write_bag(bag, frames, seed)
-    pool = ProcessPoolExecutor(len(bags), multiprocessing.get_context('spawn'))
+    worker = Worker(_do, may_fork=True)
+    atexit.register(worker.end)
 
-    def run(*chosen: Path) -> object:
-        # The folder lives as long as the cases do.
-        assert folder.name
-        futures = [
-            pool.submit(_replay, bag, cores[index % len(cores)]) for index, bag in enumerate(chosen)
-        ]
-        return [future.result() for future in futures]
+    def action(replay: _Replay) -> Callable[[], object]:
+        def run() -> object:
+            # The folder lives as long as the cases do.
+            assert folder.name
+            worker.send(0, replay)
+            done = worker.receive()
+            assert isinstance(done, Done)
+            if done.error is not None:
+                raise done.error
+            return done.result
 
-    run(*bags)
+        return run
+
+    cases: list[Case] = []
+    for name, count, size in (
+        (f'{frames} frames 640x480', frames, None),
+        (f'{max(1, frames // 5)} frames JPEG 1920x1080', max(1, frames // 5), (1920, 1080)),
+    ):
+        bag = Path(folder.name) / f'{len(cases)}.mcap'
+        _write_bag(bag, count, size)
+        cases += _cases_of(name, bag, count, action)
+    return cases
+
+
+def _cases_of(
+    name: str, bag: Path, frames: int, action: Callable[[_Replay], Callable[[], object]]
+) -> list[Case]:
+    one = action(_Replay(bag, _NODES))
+    floor = action(_Replay(bag, ()))
+    raw = '640x480' in name
     cases = [
         Case(
-            f'replay {frames} frames 640x480, both nodes, one core',
-            lambda: run(bags[0]),
-            limit_ms=frames / _RATE / _TIMES_REAL_TIME * 1e3,
-            note=pool.submit(_shares, bags[0], cores[0]).result(),
+            f'replay {name}, both nodes, one core',
+            one,
+            limit_ms=frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None,
         )
     ]
-    if len(cores) > 1:
+    cases += [
+        Case(
+            f'replay {name}, {node}',
+            action(_Replay(bag, (node,))),
+            'read, decode, threshold',
+            floor,
+            limit_ratio=_FLOOR_LIMIT,
+        )
+        for node in _NODES
+    ]
+    if len(os.sched_getaffinity(0)) > 1:
         cases.append(
             Case(
-                'replay two such bags in two processes',
-                lambda: run(*bags),
-                'one bag',
-                lambda: run(bags[0]),
-                limit_ratio=2 / _TWO_JOBS_GAIN,
+                f'replay {name}, both nodes, --jobs 2',
+                action(_Replay(bag, _NODES, 2)),
+                '--jobs 1',
+                one,
+                limit_ratio=1 / _TWO_JOBS_GAIN,
                 note=f'{_TWO_JOBS_GAIN} times the frames/s at the limit',
             )
         )
     return cases
 
 
-def _replay(bag: Path, core: int) -> int:
-    from mvuav_ros.offline.replay.job import ReplayOutcome, run_job
+def _do(replay: _Replay, _report: object, stop: Any) -> int:
+    """Runs in the worker: as many cores as processes, and the frames that were replayed."""
+    from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 
-    job = _job(bag, core)
-    outcome = ReplayOutcome(job.source, job.output)
-    run_job(job, outcome, lambda _: None, ahead=False)
-    assert outcome.answered == outcome.frames
-    return outcome.answered
-
-
-def _job(bag: Path, core: int) -> ReplayJob:
-    """Hold this process on a core, as ``taskset`` does, and describe the job."""
-    from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
-    from mvuav_ros.offline.replay.memory import keep_freed_memory
-    from mvuav_ros.processing.registry import PROCESSORS
-
-    os.sched_setaffinity(0, {core})
-    cv2.setNumThreads(1)
-    keep_freed_memory()
-    parameters = {
-        name: PROCESSORS[name].parameters_type().as_dict()
-        for name in ('marker_tracker', 'runway_detector')
-    }
-    output = bag.with_suffix('.results.mcap')
-    return ReplayJob(str(bag), output, ReplaySettings(parameters), overwrite=True)
+    cores = _CORES or sorted(os.sched_getaffinity(0))
+    _CORES[:] = cores
+    os.sched_setaffinity(0, set(cores[: replay.processes]))
+    if not replay.nodes:
+        return _floor(replay.bag)
+    settings = ReplaySettings({node: {} for node in replay.nodes})
+    job = ReplayJob(str(replay.bag), replay.bag.with_suffix('.results.mcap'), settings, True)
+    outcome = attempt(job, lambda _: None, stop, replay.processes)
+    assert outcome.processed == outcome.frames, outcome
+    return outcome.processed
 
 
-def _shares(bag: Path, core: int) -> str:
-    """Where the processor's time goes, in words."""
-    from mvuav_ros.offline.replay.inputs import open_input
-    from mvuav_ros.vision.markers.tracker import MarkerTracker
-    from mvuav_ros.vision.runway.detector import RunwayDetector
-
-    settings = _job(bag, core).settings
-    start = time.thread_time()
-    for _ in open_input(str(bag), None, None, settings.selection).items(False, False):
-        pass
-    reading = time.thread_time() - start
-    spent = [0.0]
-    with (
-        patch.object(MarkerTracker, 'process', _timed(MarkerTracker.process, spent)),
-        patch.object(RunwayDetector, 'process', _timed(RunwayDetector.process, spent)),
-    ):
-        start = time.process_time()
-        _replay(bag, core)
-        total = time.process_time() - start
-    (vision,) = spent
-    return (
-        f'{(total - reading - vision) / total:.0%} outside reading and decoding '
-        f'({reading / total:.0%}) and vision ({vision / total:.0%})'
-    )
+_CORES: list[int] = []
+"""Those that the worker was born with."""
 
 
-def _timed(method: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
-    def call(*args: Any) -> Any:
-        start = time.thread_time()
-        try:
-            return method(*args)
-        finally:
-            spent[0] += time.thread_time() - start
+def _floor(bag: Path) -> int:
+    """What any implementation needs: every frame read, decoded and compared with a threshold."""
+    from mvuav_ros.recordings.sources.bag import BagImages
 
-    return call
+    count = 0
+    source = BagImages(bag)
+    for frame in source.frames():
+        cv2.threshold(frame.image.gray(), _THRESHOLD, 255, cv2.THRESH_BINARY)  # type: ignore[union-attr]
+        count += 1
+    source.close()
+    return count
 
 
-def _write_bag(path: Path, frames: int, seed: int) -> None:
-    from mvuav_ros.recordings.images import IMAGE
-    from mvuav_ros.recordings.serialization.cdr import cdr_header
+def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> None:
+    """A flight over a runway, as raw images or enlarged as JPEG."""
+    from mvuav_ros.recordings.images import COMPRESSED_IMAGE, IMAGE
+    from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
     from mvuav_ros.recordings.serialization.serialized_image import serialize_image
     from mvuav_ros.recordings.writing import RecordingWriter
     from mvuav_ros.vision.image import Image
 
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     with RecordingWriter(path) as writer:
         for index in range(frames):
             stamp_ns = 1_700_000_000_000_000_000 + round(index * 1e9 / _RATE)
-            image = Image(_scene(index, random), 'mono8')
-            message = serialize_image(image, cdr_header(stamp_ns, 'camera'))
-            writer.write('/image_raw', IMAGE, stamp_ns, message)
+            header = cdr_header(stamp_ns, 'camera')
+            scene = _scene(index, random)
+            if jpeg_size is None:
+                message = serialize_image(Image(scene, 'mono8'), header)
+                writer.write('/image_raw', IMAGE, stamp_ns, message)
+                continue
+            colour = cv2.cvtColor(cv2.resize(scene, jpeg_size), cv2.COLOR_GRAY2BGR)
+            cdr = CdrWriter(header)
+            cdr.text('jpeg')
+            cdr.octets(cv2.imencode('.jpg', colour)[1].tobytes())
+            writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, cdr.message())
 
 
 def _scene(index: int, random: np.random.Generator) -> NDArray[np.uint8]:

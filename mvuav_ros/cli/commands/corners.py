@@ -12,7 +12,7 @@ import typer
 
 from mvuav_ros.cli.progress import frame_progress
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.parameters.parameter_file import parse_assignment, read_parameter_values
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _NODE = 'runway_detector'
@@ -71,7 +71,7 @@ def corners(
 
     values: dict[str, Any] = {'mode': 'approach'}
     if params_file is not None:
-        values |= load_parameters(params_file, _NODE)
+        values |= read_parameter_values(params_file, _NODE)
     for node, name, value in map(parse_assignment, param or []):
         if node != _NODE:
             raise ParameterError(f'{node}:{name}', f'there is only {_NODE}')

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.recordings.sources.frame import SourceError
 
 
@@ -32,9 +33,7 @@ def demo(
         from mvuav_ros.cli.demo.panel import run_panel
         from mvuav_ros.cli.demo.run import run_demo
     except ImportError as error:
-        raise SourceError(
-            f'the demo needs ROS 2: source it, or pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('demo', error)) from error
     if panel:
         run_panel(bags or sample_bags(), Console())
         return

@@ -11,8 +11,8 @@ from typer.core import TyperGroup
 
 from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters, parse_assignment
+from mvuav_ros.missing_module import explain_missing_module
+from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -107,10 +107,7 @@ def bag(
         from mvuav_ros.offline.evaluation.bag_report import bag_report
         from mvuav_ros.offline.report.writing import write_report
     except ImportError as error:
-        raise SourceError(
-            'evaluate needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('evaluate', error)) from error
 
     _refuse_to_overwrite(output, force)
     observed = None
@@ -147,20 +144,13 @@ _WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'cannot be told'}
 def _parameters(
     source: str, params_file: Path | None, assignments: list[str]
 ) -> dict[str, dict[str, Any]]:
-    """The nodes that the input's truth asks for, with their parameters."""
+    """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.observed import nodes_for
-    from mvuav_ros.processing.registry import PROCESSORS
+    from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
 
-    given: dict[str, dict[str, Any]] = {}
-    for name in nodes_for(source):
-        known = PROCESSORS[name].parameters_type.names()
-        loaded = load_parameters(params_file, name) if params_file else {}
-        given[name] = {key: value for key, value in loaded.items() if key in known}
-    for node, name, value in map(parse_assignment, assignments):
-        if node not in PROCESSORS:
-            raise ParameterError(f'{node}:{name}', f'there are {", ".join(PROCESSORS)}')
-        given.setdefault(node, {})[name] = value
-    return given
+    asked = [parse_assignment(assignment)[0] for assignment in assignments]
+    nodes = node_names(','.join([*nodes_for(source), *asked]))
+    return resolve_parameters(nodes, params_file, assignments)
 
 
 def _refuse_to_overwrite(output: Path, force: bool) -> None:

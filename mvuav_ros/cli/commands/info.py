@@ -6,7 +6,6 @@ import dataclasses
 import json
 from collections import Counter
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,13 +13,14 @@ from rich.console import Console
 from rich.table import Table
 
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.recordings.remote import is_url, local_copy
 from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise
 
 
 @dataclass
-class ImageSummary:
+class FrameSummary:
     """What a video file or a folder of images holds."""
 
     path: str
@@ -40,16 +40,18 @@ def info(
     as_json: Annotated[bool, typer.Option('--json', help='Print JSON.')] = False,
 ) -> None:
     """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
-    path = Path(source).expanduser()
-    summary: RecordingSummary | ImageSummary
-    if path.exists() and looks_like_bag(path):
-        with frame_progress() as bar:
-            task = bar.add_task(path.name, total=None)
-            summary = summarise(
-                path, lambda done, total: bar.update(task, completed=done, total=total)
-            )
-    else:
-        summary = _summarise_images(source, open_source(source, cameras=False))
+    summary: RecordingSummary | FrameSummary
+    with local_copy(source) as path:
+        if path.exists() and looks_like_bag(path):
+            with frame_progress() as bar:
+                task = bar.add_task(path.name, total=None)
+                summary = summarise(
+                    path, lambda done, total: bar.update(task, completed=done, total=total)
+                )
+        else:
+            name = str(path) if is_url(source) else source
+            summary = _summarise_images(source, open_source(name, cameras=False))
+    summary.path = source
     if as_json:
         typer.echo(json.dumps(dataclasses.asdict(summary), indent=2))
     elif isinstance(summary, RecordingSummary):
@@ -58,8 +60,8 @@ def info(
         _print_images(summary)
 
 
-def _summarise_images(text: str, frames: FrameSource) -> ImageSummary:
-    summary = ImageSummary(text, rate_hz=frames.rate)
+def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
+    summary = FrameSummary(text, rate_hz=frames.rate)
     formats: Counter[str] = Counter()
     for frame in frames.frames():
         summary.frames += 1
@@ -109,7 +111,7 @@ def _remarks(topic: TopicSummary) -> str:
     return '; '.join(remarks)
 
 
-def _print_images(summary: ImageSummary) -> None:
+def _print_images(summary: FrameSummary) -> None:
     rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
     typer.echo(
         f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '

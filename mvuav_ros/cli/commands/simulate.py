@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.missing_module import explain_missing_module
+from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
@@ -74,18 +76,23 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     try:
         from mvuav_ros.offline.simulate import truth_messages
     except ImportError as error:
-        raise SourceError(
-            'simulate needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('simulate', error)) from error
     flight = make_flight(kind, given)
     if output.exists() and not force:
         raise RecordingError(f'{output} exists; --force overwrites it')
     camera = camera_model(flight.camera)
     seed = flight.settings.seed
-    with RecordingWriter(output, overwrite=force) as writer, frame_progress() as progress:
+    with (
+        stop_on_signals() as stop,
+        RecordingWriter(output, overwrite=force) as writer,
+        frame_progress() as progress,
+    ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
             for topic, type_name, data in truth_messages(frame, camera, FRAME_ID, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
+            if stop:
+                break
+    if stop:
+        raise Interrupted(stop.number)
     typer.echo(f'{output}: {len(flight)} frames, {output.stat().st_size / 1e6:.1f} MB')

@@ -3,53 +3,59 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.parameters.parameter_file import load_parameters
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
 if TYPE_CHECKING:
-    from mvuav_ros.offline.sweep.run import Axis
+    from mvuav_ros.offline.sweep.run import RunResult
 
 CSV = 'sweep.csv'
 
 
+Sources = Annotated[
+    list[str],
+    typer.Argument(
+        metavar='INPUT...',
+        help="Bags, videos, image folders, or flights such as 'sim:tanker?motion=roll&seed=3'.",
+    ),
+]
+Param = Annotated[
+    list[str] | None,
+    typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
+]
+Output = Annotated[
+    Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
+]
+Nodes = Annotated[
+    str | None,
+    typer.Option(help='Nodes to run; those of --param if left out.', show_default=False),
+]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option(help='A ROS 2 parameter file for all runs.', show_default=False),
+]
+ImageTopic = Annotated[str | None, typer.Option(help='Image topic of bags that have several.')]
+Dask = Annotated[
+    str | None,
+    typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
+]
+
+
 def sweep(
-    sources: Annotated[
-        list[str],
-        typer.Argument(
-            metavar='INPUT...',
-            help="Bags, videos, image folders, or flights such as 'sim:tanker?motion=roll&seed=3'.",
-        ),
-    ],
-    param: Annotated[
-        list[str] | None,
-        typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
-    ] = None,
-    output: Annotated[
-        Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
-    ] = Path('out/sweep'),
-    nodes: Annotated[
-        str | None,
-        typer.Option(help='Nodes to run; those of --param if left out.', show_default=False),
-    ] = None,
-    params_file: Annotated[
-        Path | None,
-        typer.Option(help='A ROS 2 parameter file for all runs.', show_default=False),
-    ] = None,
-    image_topic: Annotated[
-        str | None, typer.Option(help='Image topic of bags that have several.')
-    ] = None,
+    sources: Sources,
+    param: Param = None,
+    output: Output = Path('out/sweep'),
+    nodes: Nodes = None,
+    params_file: ParamsFile = None,
+    image_topic: ImageTopic = None,
     jobs: Annotated[int, typer.Option(help='Runs at a time.', min=1)] = 1,
-    dask: Annotated[
-        str | None,
-        typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
-    ] = None,
+    dask: Dask = None,
     force: Annotated[bool, typer.Option('--force', help='Overwrite what is there.')] = False,
 ) -> None:
     """Run every combination of parameters on every INPUT; keep the numbers and draw trends.
@@ -58,17 +64,17 @@ def sweep(
     does not stop the others; the exit status is 1 then.
     """
     try:
+        from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
         from mvuav_ros.offline.report.writing import write_csv, write_report
         from mvuav_ros.offline.sweep import run as sweeping
         from mvuav_ros.offline.sweep.report import sweep_report, sweep_table
+        from mvuav_ros.processing.registry import PROCESSORS
     except ImportError as error:
-        raise SourceError(
-            'sweep needs the ROS 2 message packages: source ROS, or '
-            f'pip install "mvuav_ros[ros]" ({error})'
-        ) from error
+        raise SourceError(explain_missing_module('sweep', error)) from error
 
     axes = [sweeping.parse_axis(text) for text in param or []]
-    base = _nodes(nodes, axes, params_file)
+    swept = list(dict.fromkeys(axis.node for axis in axes))
+    base = resolve_parameters(node_names(nodes, swept or [*PROCESSORS]), params_file)
     runs = sweeping.plan_runs(sources, axes, base, image_topic)
     if (output / CSV).exists() and not force:
         raise RecordingError(f'{output / CSV} exists; --force overwrites it')
@@ -79,7 +85,7 @@ def sweep(
             results.append(result)
             progress.advance(task)
     results = sweeping.in_order(results)
-    settings = {
+    described = {
         'inputs': ', '.join(sources),
         'parameters swept': ', '.join(
             f'{axis.title} = {", ".join(map(str, axis.values))}' for axis in axes
@@ -89,7 +95,11 @@ def sweep(
     }
     output.mkdir(parents=True, exist_ok=True)
     write_csv(sweep_table(results, axes), output / CSV)
-    page = write_report(sweep_report(results, axes, settings), output)
+    page = write_report(sweep_report(results, axes, described), output)
+    _tell(results, page)
+
+
+def _tell(results: list[RunResult], page: Path) -> None:
     failed = [result for result in results if result.error]
     for result in failed:
         typer.echo(
@@ -99,27 +109,3 @@ def sweep(
     typer.echo(f'{page}: {len(results) - len(failed)} of {len(results)} runs')
     if failed:
         raise typer.Exit(1)
-
-
-def _nodes(
-    nodes: str | None, axes: list[Axis], params_file: Path | None
-) -> dict[str, dict[str, Any]]:
-    """The nodes to run, each with what the parameter file says."""
-    from mvuav_ros.processing.registry import PROCESSORS
-
-    swept = list(dict.fromkeys(axis.node for axis in axes))
-    names = [n.strip() for n in nodes.split(',') if n.strip()] if nodes else swept or [*PROCESSORS]
-    unknown = [name for name in names if name not in PROCESSORS]
-    if unknown or not names:
-        raise ParameterError(
-            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
-        )
-    for node in swept:
-        if node not in names:
-            raise ParameterError('--param', f'{node} is not among --nodes {nodes}')
-    base: dict[str, dict[str, Any]] = {}
-    for name in names:
-        given = load_parameters(params_file, name) if params_file else {}
-        known = PROCESSORS[name].parameters_type.names()
-        base[name] = {key: value for key, value in given.items() if key in known}
-    return base

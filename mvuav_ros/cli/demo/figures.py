@@ -25,7 +25,7 @@ def save_image(bag: Path, topic: str, target: Path) -> None:
     with open_recording(bag) as recording:
         messages = [message.data for message in recording.messages({topic})]
     if messages:
-        image = deserialize_message(messages[len(messages) // 3], Image)
+        image = deserialize_message(bytes(messages[len(messages) // 3]), Image)
         cv2.imwrite(str(target), decode_image(image).bgr())
 
 
@@ -35,11 +35,11 @@ def save_roll_plot(bag: Path, target: Path) -> None:
     with open_recording(bag) as recording:
         for message in recording.messages({'/marker_tracker/rpy', '/marker_tracker/markers'}):
             if message.topic.endswith('rpy'):
-                rpy = deserialize_message(message.data, Vector3Stamped)
+                rpy = deserialize_message(bytes(message.data), Vector3Stamped)
                 times.append(stamp_ns_of(rpy.header) * 1e-9)
                 rolls.append(np.degrees(rpy.vector.x))
             else:
-                points = deserialize_message(message.data, PointCloud2)
+                points = deserialize_message(bytes(message.data), PointCloud2)
                 if (decode_points(points)['state'] != 1).any():
                     troubled.append(stamp_ns_of(points.header) * 1e-9)
     figure = Figure(figsize=(9, 4), layout='constrained')

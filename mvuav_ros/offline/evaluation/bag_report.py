@@ -47,7 +47,7 @@ def bag_report(observed: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
         f'Results against truth: {observed.name}',
-        tuple(f'Could not be read: {loss}' for loss in observed.losses),
+        tuple(f'Could not be read: {error}' for error in observed.errors),
         {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': observed.name, **settings},
         (),
         tuple(sections),

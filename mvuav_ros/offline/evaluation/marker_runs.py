@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +15,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
@@ -27,7 +25,6 @@ class MarkerTask:
 
     flight: TankerSettings
     pipelines: Mapping[str, MarkerTrackerParameters]
-    predictions: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +90,7 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
     """Draw every frame once and show it to every pipeline."""
     flight = TankerFlight(task.flight)
     followers = {
-        name: _Follower(MarkerTracker(parameters), task.predictions)
-        for name, parameters in task.pipelines.items()
+        name: _Follower(MarkerTracker(parameters)) for name, parameters in task.pipelines.items()
     }
     places, rolls = [], []
     for frame in flight:
@@ -111,42 +107,24 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
     )
 
 
-def predict(pipeline: MarkerTracker, like: Image, stamp_ns: int) -> MarkerResult:
-    """Where a pipeline expects the markers at a time, whatever its method of prediction.
-
-    A copy of it is shown a black frame: what it does not find there, it says as predicted.
-
-    Args:
-        pipeline: left as it is.
-        like: a image of the size and encoding to expect.
-        stamp_ns: later than its last frame's.
-    """
-    black = Image(np.zeros_like(like.pixels), like.encoding)
-    return copy.deepcopy(pipeline).process(black, stamp_ns)
-
-
 class _Follower:
     """Collects one pipeline's results."""
 
-    def __init__(self, pipeline: MarkerTracker, predictions: bool) -> None:
+    def __init__(self, pipeline: MarkerTracker) -> None:
         self._pipeline = pipeline
-        self._predictions = predictions
-        self._predicted: list[list[tuple[float, float]]] = []
+        self._predicted: list[Sequence[tuple[float, float]]] = []
         self._found: list[list[tuple[float, float]]] = []
         self._states: list[list[int]] = []
         self._rolls: list[float] = []
 
     def see(self, image: Image, stamp_ns: int) -> None:
-        expected: MarkerResult | None = None
-        if self._predictions:
-            expected = predict(self._pipeline, image, stamp_ns)
         result = self._pipeline.process(image, stamp_ns)
         # A frame that is searched whole makes no use of a prediction.
-        if expected is None or not result.windows:
-            self._predicted.append([(math.nan, math.nan)] * len(result.markers))
-        else:
-            self._predicted.append(_places(expected.markers, MarkerState.PREDICTED))
-        self._found.append(_places(result.markers, MarkerState.DETECTED))
+        used = result.windows and result.predictions
+        self._predicted.append(result.predictions if used else [_NOWHERE] * len(result.markers))
+        self._found.append(
+            [(m.x, m.y) if m.state is MarkerState.DETECTED else _NOWHERE for m in result.markers]
+        )
         self._states.append([marker.state for marker in result.markers])
         self._rolls.append(result.roll)
 
@@ -159,5 +137,4 @@ class _Follower:
         )
 
 
-def _places(markers: Iterable[Any], state: MarkerState) -> list[tuple[float, float]]:
-    return [(m.x, m.y) if m.state is state else (math.nan, math.nan) for m in markers]
+_NOWHERE = (math.nan, math.nan)

@@ -20,7 +20,7 @@ def metrics_of(observed: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
     metrics = [
         Metric('frames', 'frames', '', float(observed.frames)),
-        Metric('frames', 'frames refused', '', float(observed.refused)),
+        Metric('frames', 'frames refused', '', float(observed.rejected)),
         Metric('time per frame', 'time per frame', 'ms', observed.milliseconds),
     ]
     if observed.results.markers:
@@ -65,9 +65,9 @@ def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
         statistics.add([_line(row) for row in rows])
     summary = statistics.summary()
     metrics = [
-        Metric('flag counts', 'rho flags', '', float(summary.rho_flags)),
-        Metric('flag counts', 'theta flags', '', float(summary.theta_flags)),
-        Metric('flag counts', 'combined flags', '', float(summary.corrected)),
+        Metric('flag counts', 'rho flags', 'frames', float(summary.rho_flags)),
+        Metric('flag counts', 'theta flags', 'frames', float(summary.theta_flags)),
+        Metric('flag counts', 'combined flags', 'frames', float(summary.corrected)),
     ]
     for number, line in enumerate(summary.lines):
         theta_mean, theta_std = math.degrees(line.theta_mean), math.degrees(line.theta_std)

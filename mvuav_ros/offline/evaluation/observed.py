@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -14,24 +14,23 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mvuav_ros.offline.replay import frames
 from mvuav_ros.offline.simulation_truth import (
     encode_true_lines,
     encode_true_markers,
     encode_true_rpy,
 )
 from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.processing.processor import DuplicateStampError, Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
-from mvuav_ros.recordings.sources.frame import Frame, SourceError
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.sources.simulated import FRAME_ID, PREFIX, make_flight
 from mvuav_ros.simulation.tanker_truth import TankerTruth
-from mvuav_ros.vision.image import ImageError
 
 MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
 TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
@@ -82,18 +81,18 @@ class EvaluationRun:
         results: of the nodes.
         truth: empty where the input has none.
         frames: replayed; 0 for results read from a bag.
-        refused: frames without a result.
+        rejected: frames without a result.
         milliseconds: median time of all nodes together for a frame; NaN without a replay.
-        losses: what could not be read, in words.
+        errors: what could not be read, in words.
     """
 
     name: str
     results: Observations = field(default_factory=Observations)
     truth: Observations = field(default_factory=Observations)
     frames: int = 0
-    refused: int = 0
+    rejected: int = 0
     milliseconds: float = float('nan')
-    losses: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
 
 
 def read_bag(path: Path) -> EvaluationRun:
@@ -102,21 +101,21 @@ def read_bag(path: Path) -> EvaluationRun:
     Raises:
         RecordingError: nothing can be read from there.
     """
-    observed = EvaluationRun(str(path))
+    run = EvaluationRun(str(path))
     with open_recording(path) as recording:
         unreadable = 0
         for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
             truth = message.topic in TRUTH_TOPICS
             kind = TRUTH_TOPICS.get(message.topic) or RESULT_TOPICS[message.topic]
-            target = observed.truth if truth else observed.results
+            target = run.truth if truth else run.results
             try:
                 target.add(kind, message.data)
             except (MalformedMessageError, AttributeError, KeyError, ValueError):
                 unreadable += 1
-        observed.losses = list(recording.losses)
+        run.errors = list(recording.losses)
     if unreadable:
-        observed.losses.append(f'{unreadable} messages of truth or results do not decode')
-    return observed
+        run.errors.append(f'{unreadable} messages of truth or results do not decode')
+    return run
 
 
 def replay(
@@ -134,55 +133,39 @@ def replay(
         RecordingError: the same of a bag.
         ParameterError: a parameter is not valid.
     """
-    processors = [_processor(name, values) for name, values in parameters.items()]
-    observed = EvaluationRun(text)
-    times: list[float] = []
-    for frame in _frames(text, topic, observed):
-        observed.frames += 1
-        if not isinstance(frame, Frame):
-            observed.refused += 1
-            continue
-        start = time.perf_counter()
-        answered = [_process(processor, frame, observed) for processor in processors]
-        times.append(time.perf_counter() - start)
-        observed.refused += not all(answered)
-    if not len(observed.results):
+    run = EvaluationRun(text)
+    reasons: Counter[str] = Counter()
+    seconds: list[float] = []
+    for step in frames.replay(_frames(text, topic, run), frames.make_processors(parameters)):
+        if isinstance(step, frames.FrameResults) and step.is_frame:
+            run.frames += 1
+            run.rejected += bool(step.reasons)
+            reasons.update(step.reasons)
+            seconds += [step.seconds] if step.seconds else []
+            for name, _, data in step.messages:
+                if name in RESULT_TOPICS:
+                    run.results.add(RESULT_TOPICS[name], data)
+    if not len(run.results):
         raise SourceError(f'{text}: not a single frame could be used')
-    observed.milliseconds = float(np.median(times)) * 1e3
-    return observed
+    run.errors += [
+        f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')
+    ]
+    run.milliseconds = float(np.median(seconds)) * 1e3
+    return run
 
 
-def _processor(name: str, values: Mapping[str, Any]) -> Processor:
-    processor = PROCESSORS[name]()
-    processor.configure(processor.parameters_type.from_mapping(values))
-    return processor
-
-
-def _process(processor: Processor, frame: Frame, observed: EvaluationRun) -> bool:
-    try:
-        outputs = processor.process(frame)
-    except (DuplicateStampError, ImageError):
-        return False
-    for topic, make in outputs:
-        kind = RESULT_TOPICS.get(f'/{processor.name}/{topic}')
-        if kind:
-            observed.results.add(kind, make())
-    return True
-
-
-def _frames(text: str, topic: str | None, observed: EvaluationRun) -> Iterator[object]:
-    """The input's frames; its truth goes to ``observed`` meanwhile."""
+def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
+    """The input's frames; its truth goes to ``run`` meanwhile."""
     if text.startswith(PREFIX):
-        yield from _flown(text, observed.truth)
+        yield from _flown(text, run.truth)
         return
     path = Path(text).expanduser()
     if path.exists() and looks_like_bag(path):
         stored = read_bag(path)
-        observed.truth, observed.losses = stored.truth, stored.losses
-    source = open_source(text, topic=topic, cameras=False)
-    with closing(source):
+        run.truth, run.errors = stored.truth, stored.errors
+    with closing(open_source(text, topic=topic, cameras=False)) as source:
         yield from source.frames()
-        observed.losses = list(dict.fromkeys([*observed.losses, *source.losses]))
+        run.errors = list(dict.fromkeys([*run.errors, *source.losses]))
 
 
 def _flown(text: str, truth: Observations) -> Iterator[Frame]:

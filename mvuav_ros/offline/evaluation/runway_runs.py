@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
-from mvuav_ros.simulation.runway_truth import LineRole, LineTruth, RunwayTruth
+from mvuav_ros.simulation.runway_truth import LineTruth, RunwayTruth
 from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.overlay import draw_overlay
-from mvuav_ros.vision.runway.results import RunwayResult
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.statistics import RunwaySummary
 
 ALONG = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE, LineRole.CENTRELINE)
@@ -52,6 +53,9 @@ class RunwayRun:
         visible: frames in which each of `ALONG` was on the frame at the row.
         matches: every pair of a found and a true line.
         found: lines found in all frames.
+        right: by frame, whether both edges were found where they are, each in its own row of the
+            result (mode approach tells them apart); None where an edge was not on the frame.
+        wrong: by frame, whether a row said that it holds an edge and held none.
         summary: the detector's own statistics.
         images: those asked for.
     """
@@ -59,6 +63,8 @@ class RunwayRun:
     visible: tuple[int, ...]
     matches: tuple[LineMatch, ...]
     found: int
+    right: tuple[bool | None, ...]
+    wrong: tuple[bool, ...]
     summary: RunwaySummary
     images: tuple[LineImage, ...]
 
@@ -78,7 +84,7 @@ class FlownRunway:
 def fly_runway(task: RunwayTask) -> FlownRunway:
     """Draw every frame once and show it to every detector."""
     flight = RunwayFlight(task.flight)
-    watchers = {n: _Watcher(RunwayDetector(p), task.row) for n, p in task.pipelines.items()}
+    watchers = {n: _Watcher(_detector(p), task.row) for n, p in task.pipelines.items()}
     for index in flight.indices:
         frame = flight.frame(index)
         image = frame.image.bgr()
@@ -88,15 +94,23 @@ def fly_runway(task: RunwayTask) -> FlownRunway:
     return FlownRunway(task.flight, {name: w.run() for name, w in watchers.items()})
 
 
+def _detector(parameters: RunwayDetectorParameters) -> RunwayDetector | ApproachDetector:
+    if parameters.mode == 'approach':
+        return ApproachDetector(parameters)
+    return RunwayDetector(parameters)
+
+
 class _Watcher:
     """Collects one detector's results."""
 
-    def __init__(self, pipeline: RunwayDetector, row: float) -> None:
+    def __init__(self, pipeline: RunwayDetector | ApproachDetector, row: float) -> None:
         self._pipeline = pipeline
         self._row = row
         self._visible = [0] * len(ALONG)
         self._matches: list[LineMatch] = []
         self._found = 0
+        self._right: list[bool | None] = []
+        self._wrong: list[bool] = []
         self._images: list[LineImage] = []
 
     def see(
@@ -118,16 +132,33 @@ class _Watcher:
         ]
         self._found += sum(line.found for line in result.lines)
         found = [Line(line.rho, line.theta) for line in result.lines]
-        self._matches += match_lines(found, true)
+        matches = match_lines(found, true)
+        self._matches += matches
+        self._judge(result.lines, crossing, {(m.found, m.true) for m in matches})
         if keep is not None:
             segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
-            self._images.append(LineImage(index, keep, _overlay(result), segments.reshape(-1, 4)))
+            overlay = _overlay(result) if isinstance(result, RunwayResult) else _shown(image)
+            self._images.append(LineImage(index, keep, overlay, segments.reshape(-1, 4)))
+
+    def _judge(
+        self, lines: Sequence[RunwayLine], crossing: Sequence[bool], pairs: set[tuple[int, int]]
+    ) -> None:
+        """Hold the first two rows, the edges in mode approach, against the true edges."""
+        own = [(edge, edge) in pairs for edge in _EDGES]
+        said = [len(lines) > edge and math.isfinite(lines[edge].rho) for edge in _EDGES]
+        in_view = all(crossing[edge] for edge in _EDGES)
+        self._right.append(all(own) if in_view else None)
+        self._wrong.append(
+            any(s and not o for s, o in zip(said, own, strict=True)) if in_view else False
+        )
 
     def run(self) -> RunwayRun:
         return RunwayRun(
             tuple(self._visible),
             tuple(self._matches),
             self._found,
+            tuple(self._right),
+            tuple(self._wrong),
             self._pipeline.statistics(),
             tuple(self._images),
         )
@@ -143,6 +174,14 @@ def _true(truth: LineTruth, row: float) -> TrueLine:
 
 def _crosses(line: LineTruth, row: float) -> bool:
     return line.visible and min(line.y1, line.y2) <= row <= max(line.y1, line.y2)
+
+
+_EDGES = (0, 1)
+"""Places of the left and the right edge in `ALONG` and in a result of mode approach."""
+
+
+def _shown(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def _overlay(result: RunwayResult) -> NDArray[np.uint8]:

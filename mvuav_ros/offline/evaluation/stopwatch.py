@@ -34,15 +34,26 @@ class Stopwatch:
         """Call the work with what is given and note how long it took."""
         start = time.perf_counter()
         result = work(*given)
-        elapsed = time.perf_counter() - start
+        self.note(stage, frame, time.perf_counter() - start)
+        return result
+
+    def note(self, stage: str, frame: int, elapsed: float) -> None:
+        """Take in a time (s) that was measured elsewhere."""
         times = self._times.setdefault(stage, {})
         times[frame] = min(elapsed, times.get(frame, elapsed))
-        return result
 
     @property
     def stages(self) -> list[str]:
         """In order of first use."""
         return list(self._times)
+
+    def frames(self, stage: str) -> int:
+        """Frames in which the stage ran."""
+        return len(self._times[stage])
+
+    def total_s(self, stage: str) -> float:
+        """Sum over the frames, s."""
+        return sum(self._times[stage].values())
 
     def median_ms(self, stage: str) -> float:
         """Median over the frames, ms."""

@@ -10,20 +10,16 @@ from importlib import import_module
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from mvuav_ros.offline.replay.interruptions import held_back
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
-from mvuav_ros.offline.replay.memory import keep_freed_memory
-from mvuav_ros.offline.replay.pool import Event
+from mvuav_ros.offline.replay.many import Event
+from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.processing.process_tuning import keep_freed_memory
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _POLL = 0.1
 _CONNECT_TIME = 10
 _CLOSING_TIME = 30
 """Seconds that interrupted tasks have to close their files."""
-
-
-class _InterruptedTaskError(BaseException):
-    """Passes every handler of errors, and unlike KeyboardInterrupt leaves Dask's worker alone."""
 
 
 def connect(address: str) -> tuple[Any, Any]:
@@ -47,12 +43,15 @@ def connect(address: str) -> tuple[Any, Any]:
     return client, distributed
 
 
-def run_on_cluster(jobs: Sequence[ReplayJob], address: str) -> Generator[Event, None, None]:
+def run_on_cluster(
+    jobs: Sequence[ReplayJob], address: str, interrupted: Stop
+) -> Generator[Event, None, None]:
     """Do the jobs on a cluster, as many at a time as its workers have threads.
 
     Args:
         jobs: with absolute paths.
         address: the scheduler's, such as ``tcp://10.0.0.1:8786``.
+        interrupted: when to end early.
 
     Yields:
         Each job's progress and, at its end, its outcome.
@@ -71,43 +70,40 @@ def run_on_cluster(jobs: Sequence[ReplayJob], address: str) -> Generator[Event, 
             for number, job in enumerate(jobs)
         }
         waiting = set(numbers)
-        try:
-            while waiting:
-                time.sleep(_POLL)
-                yield from _drained(progress)
-                for future in [future for future in waiting if future.done()]:
-                    waiting.discard(future)
-                    number = numbers[future]
-                    yield number, _outcome(future, jobs[number])
-        finally:
-            if waiting:
-                with held_back():
-                    stop.set()
-                    _wait(waiting)
+        asked = 0.0
+        while waiting and not (asked and time.monotonic() > asked + _CLOSING_TIME):
+            if interrupted and not asked:
+                asked = time.monotonic()
+                stop.set()
+            time.sleep(_POLL)
+            yield from _drained(progress)
+            for future in [future for future in waiting if future.done()]:
+                waiting.discard(future)
+                number = numbers[future]
+                yield number, _outcome(future, jobs[number])
 
 
 def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
     """Runs on a worker."""
     distributed: Any = import_module('distributed')
     worker = distributed.get_worker()
-    stop = distributed.Event(run)
-    asked = time.monotonic()
+    asked_for = distributed.Event(run)
+    stop = Stop()
+    looked = time.monotonic()
 
     def report(progress: JobProgress) -> None:
-        nonlocal asked
+        nonlocal looked
         worker.log_event(run, [number, *progress])
-        if progress.done == 0 or time.monotonic() > asked + 0.5:
-            asked = time.monotonic()
-            if stop.is_set():
-                raise _InterruptedTaskError
+        if progress.done == 0 or time.monotonic() > looked + 0.5:
+            looked = time.monotonic()
+            if asked_for.is_set():
+                stop.request()
 
     keep_freed_memory()
-    outcome = ReplayOutcome(job.source, job.output)
     try:
-        attempt(job, outcome, report)
-    except _InterruptedTaskError:
-        outcome.error = 'interrupted'
-    return outcome
+        return attempt(job, report, stop)
+    finally:
+        stop.close()
 
 
 def _progress(message: Any) -> tuple[int, JobProgress]:
@@ -128,10 +124,4 @@ def _outcome(future: Any, job: ReplayJob) -> ReplayOutcome:
         outcome: ReplayOutcome = future.result()
         return outcome
     reason = future.exception() if future.status == 'error' else future.status
-    return ReplayOutcome(job.source, job.output, error=f'Dask: {" ".join(str(reason).split())}')
-
-
-def _wait(futures: set[Any]) -> None:
-    end = time.monotonic() + _CLOSING_TIME
-    while time.monotonic() < end and not all(future.done() for future in futures):
-        time.sleep(_POLL)
+    return ReplayOutcome(job.source, job.output, failure=f'Dask: {" ".join(str(reason).split())}')

@@ -1,101 +1,138 @@
-"""Processors over a whole source, without a ROS graph and as fast as the machine goes."""
+"""One frame after the other through the nodes' code, without a ROS graph."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
-from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor
+from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.type_name import type_name
+from mvuav_ros.recordings.sources.bag import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.image import ImageError
 
-_MOST_REASONS = 100
+DEFECT = 'internal error of'
+"""What the reason begins with where the fault is ours."""
 
 
-@dataclass
-class ReplayCounts:
-    """What became of the frames.
+class ResultMessage(NamedTuple):
+    """A node's result: its topic's full name, 'pkg/msg/Type', and CDR bytes."""
+
+    topic: str
+    type: str
+    data: bytes
+
+
+@dataclass(slots=True)
+class FrameResults:
+    """What the nodes made of one frame.
 
     Attributes:
-        frames: read from the source, unusable ones included.
-        answered: processed by every node.
-        refused: number of frames without a result, by reason.
+        stamp_ns: the frame's, ns.
+        messages: the results, node after node.
+        reasons: why a node has none; empty where every node could use the frame.
+        seconds: that the nodes took for it.
+        is_frame: False for what nodes say once, at the end.
     """
 
-    frames: int = 0
-    answered: int = 0
-    refused: Counter[str] = field(default_factory=Counter)
-
-    def refuse(self, reason: str) -> None:
-        """Count a frame without a result; very many different reasons are counted as one."""
-        if reason not in self.refused and len(self.refused) >= _MOST_REASONS:
-            reason = 'other reasons'
-        self.refused[reason] += 1
+    stamp_ns: int
+    messages: list[ResultMessage] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    is_frame: bool = True
 
 
-Write = Callable[[str, str, int, bytes], None]
-"""Takes topic, type, stamp (ns) and CDR bytes of one result."""
+def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
+    """The nodes' work, by their names, with the parameters that differ from the defaults.
+
+    Raises:
+        ParameterError: a parameter is unknown, or its value not valid.
+    """
+    processors = []
+    for name, values in parameters.items():
+        processor = PROCESSORS[name]()
+        processor.configure(processor.parameters_type.from_mapping(values))
+        processors.append(processor)
+    return processors
 
 
 def replay(
-    frames: Iterable[Frame | BadFrame],
+    items: Iterable[Frame | BadFrame | EncodedFrame | RecordedMessage],
     processors: Sequence[Processor],
-    write: Write,
     *,
     debug: bool = False,
-) -> Iterator[ReplayCounts]:
-    """Process every frame and write every result under its fully qualified topic.
+) -> Iterator[FrameResults | RecordedMessage]:
+    """The nodes' results for every frame, under the topics of the live nodes.
 
     Args:
-        frames: what a source yields.
+        items: what an input yields.
         processors: the nodes, each with a name of its own.
-        write: called with each result.
         debug: also make the debug images.
 
     Yields:
-        The counts so far, the same object after each frame.
+        The frames' results in their order, messages as they are, and last what the nodes say at
+        the end.
     """
-    counts = ReplayCounts()
     last: Frame | None = None
-    for frame in frames:
-        counts.frames += 1
-        if isinstance(frame, BadFrame):
-            counts.refuse(frame.reason)
+    for item in items:
+        if isinstance(item, EncodedFrame):
+            item = item.decoded()
+        if isinstance(item, RecordedMessage):
+            yield item
+        elif isinstance(item, BadFrame):
+            yield FrameResults(item.stamp_ns, reasons=[item.reason])
         else:
-            last = frame
-            reasons = _process(frame, processors, write, debug)
-            for reason in reasons:
-                counts.refuse(reason)
-            counts.answered += not reasons
-        yield counts
+            last = item
+            yield merged(item.stamp_ns, [process(item, p, debug) for p in processors])
     if last is not None:
-        header = cdr_header(last.stamp_ns, last.frame_id)
-        for processor in processors:
-            _write(processor, processor.periodic(header), last.stamp_ns, write)
+        yield merged(last.stamp_ns, [conclude(last, p) for p in processors], is_frame=False)
 
 
-def _process(frame: Frame, processors: Sequence[Processor], write: Write, debug: bool) -> list[str]:
-    """Each node's results, whether or not another node can use the frame; why one cannot."""
-    reasons = []
-    for processor in processors:
-        try:
-            outputs = processor.process(frame, processor.debug_topics if debug else ())
-        except DuplicateStampError:
-            reasons.append('the stamp of the frame before')
-        except ImageError as error:
-            reasons.append(str(error))
-        except Exception as error:
-            # As in a live node, a defect of ours costs a frame and not the flight.
-            reasons.append(f'internal error of {processor.name}: {type(error).__name__}: {error}')
-        else:
-            _write(processor, outputs, frame.stamp_ns, write)
-    return list(dict.fromkeys(reasons))
+def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
+    """One node's results for one frame."""
+    results = FrameResults(frame.stamp_ns)
+    start = time.perf_counter()
+    try:
+        outputs = processor.process(frame, processor.debug_topics if debug else ())
+    except DuplicateStampError:
+        results.reasons.append('the stamp of the frame before')
+    except ImageError as error:
+        results.reasons.append(str(error))
+    except Exception as error:
+        # As in a live node, a defect of ours costs a frame and not the flight.
+        results.reasons.append(f'{DEFECT} {processor.name}: {type(error).__name__}: {error}')
+    else:
+        results.messages += _messages(processor, outputs)
+    results.seconds = time.perf_counter() - start
+    return results
 
 
-def _write(processor: Processor, outputs: list[Output], stamp_ns: int, write: Write) -> None:
-    for topic, make in outputs:
-        kind = type_name(processor.type_of(topic))
-        write(f'/{processor.name}/{topic}', kind, stamp_ns, make())
+def conclude(frame: Frame, processor: Processor) -> FrameResults:
+    """What a node says at the end, in the name of the last frame that could be read."""
+    outputs = processor.periodic(cdr_header(frame.stamp_ns, frame.frame_id))
+    return FrameResults(frame.stamp_ns, _messages(processor, outputs))
+
+
+def merged(stamp_ns: int, parts: Sequence[FrameResults], *, is_frame: bool = True) -> FrameResults:
+    """The results of all nodes, in their order."""
+    return FrameResults(
+        stamp_ns,
+        [message for part in parts for message in part.messages],
+        list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
+        sum(part.seconds for part in parts),
+        is_frame,
+    )
+
+
+def _messages(processor: Processor, outputs: Iterable[Output]) -> list[ResultMessage]:
+    return [
+        ResultMessage(
+            resolve(topic, f'/{processor.name}'), type_name(processor.type_of(topic)), make()
+        )
+        for topic, make in outputs
+    ]

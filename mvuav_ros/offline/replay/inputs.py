@@ -9,19 +9,19 @@ from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.recordings.sources.bag import BagImages, EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.writing import RELIABLE_QOS
 
-Item = Frame | BadFrame | RecordedMessage
+Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
 
 
 class Input(Protocol):
-    """An input; as `FrameSource`, with ``remarks`` on what is unusual without a loss."""
+    """An input; ``errors`` are what cannot be read, ``warnings`` what is unusual without a loss."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -30,10 +30,10 @@ class Input(Protocol):
     def count(self) -> int | None: ...  # noqa: D102
 
     @property
-    def losses(self) -> list[str]: ...  # noqa: D102
+    def errors(self) -> list[str]: ...  # noqa: D102
 
     @property
-    def remarks(self) -> list[str]: ...  # noqa: D102
+    def warnings(self) -> list[str]: ...  # noqa: D102
 
     def items(
         self, keep: bool, camera: bool, attitude: bool = False
@@ -73,11 +73,11 @@ class _Bag:
         return self._bag.count
 
     @property
-    def losses(self) -> list[str]:
+    def errors(self) -> list[str]:
         return self._bag.losses
 
     @property
-    def remarks(self) -> list[str]:
+    def warnings(self) -> list[str]:
         return self._bag.remarks
 
     def items(
@@ -95,10 +95,10 @@ class _Images:
         self._selection = selection
         self.name = source.name
         self.count = selection.count(source.count, source.rate)
-        self.remarks: list[str] = []
+        self.warnings: list[str] = []
 
     @property
-    def losses(self) -> list[str]:
+    def errors(self) -> list[str]:
         return self._source.losses
 
     def items(

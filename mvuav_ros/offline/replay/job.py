@@ -5,25 +5,27 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mvuav_ros
-from mvuav_ros.offline.replay.frames import ReplayCounts
-from mvuav_ros.offline.replay.frames import replay as process
+from mvuav_ros.offline.processes import ProcessDiedError
+from mvuav_ros.offline.replay.ahead import ReplayAhead
+from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
 from mvuav_ros.offline.replay.inputs import Input, Item, open_input
-from mvuav_ros.offline.replay.interruptions import held_back
-from mvuav_ros.offline.replay.prefetching import prefetched
 from mvuav_ros.offline.replay.records import DESCRIPTION, RESULT, State, fingerprint, state_of
+from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import Processor
-from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.sources.gamma import gamma_corrected
 from mvuav_ros.recordings.sources.opening import looks_like_bag
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -43,6 +45,7 @@ class ReplaySettings:
         selection: the part of the recording.
         keep_inputs: whether the input's messages go along.
         debug_images: whether debug images are made.
+        gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
     """
 
     parameters: Mapping[str, Mapping[str, Any]]
@@ -51,6 +54,7 @@ class ReplaySettings:
     selection: Selection = EVERYTHING
     keep_inputs: bool = False
     debug_images: bool = False
+    gamma: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -75,31 +79,42 @@ class ReplayOutcome:
         source: the recording.
         output: the file written.
         frames: read, unusable ones included.
-        answered: processed by every node.
-        refused: number of frames without a result, by reason.
-        losses: what of the recording could not be read, in words.
-        remarks: what is unusual without a loss.
+        processed: by every node.
+        rejected: number of frames without a result, by reason.
+        errors: what of the recording could not be read, in words.
+        warnings: what is unusual without a loss.
         done_before: the output was finished before.
-        error: why it failed, in words; empty otherwise.
+        interrupted: the end was asked for; the file is complete up to there.
+        failure: why it came to nothing, in words; empty otherwise.
     """
 
     source: str
     output: Path
     frames: int = 0
-    answered: int = 0
-    refused: dict[str, int] = field(default_factory=dict)
-    losses: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
+    processed: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    errors: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     done_before: bool = False
-    error: str = ''
+    interrupted: bool = False
+    failure: str = ''
 
     @property
     def lossy(self) -> bool:
-        """Whether anything was lost or refused."""
-        return bool(self.refused or self.losses)
+        """Whether anything was lost or rejected."""
+        return bool(self.rejected or self.errors)
+
+    def count(self, results: FrameResults) -> None:
+        """Take in a frame; very many different reasons are counted as one."""
+        self.frames += 1
+        self.processed += not results.reasons
+        for reason in results.reasons:
+            full = reason not in self.rejected and len(self.rejected) >= _MOST_REASONS
+            self.rejected['other reasons' if full else reason] += 1
 
 
-_RESULT_FIELDS = ('frames', 'answered', 'refused', 'losses', 'remarks')
+_MOST_REASONS = 100
+_RESULT_FIELDS = ('frames', 'processed', 'rejected', 'errors', 'warnings')
 
 
 class JobProgress(NamedTuple):
@@ -111,35 +126,23 @@ class JobProgress(NamedTuple):
 
 
 Progress = Callable[[JobProgress], None]
-
-
-def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
-    """The nodes with their parameters.
-
-    Raises:
-        ParameterError: a parameter is unknown, or its value not valid.
-    """
-    processors = []
-    for name, values in parameters.items():
-        processor = PROCESSORS[name]()
-        processor.configure(processor.parameters_type.from_mapping(values))
-        processors.append(processor)
-    return processors
+Replaying = Callable[[Iterable[Item]], Iterator[FrameResults | RecordedMessage]]
 
 
 def run_job(
-    job: ReplayJob, outcome: ReplayOutcome, progress: Progress, *, ahead: bool = True
+    job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: Stop, processes: int = 1
 ) -> None:
     """Replay a recording.
 
-    Interrupted by the user (KeyboardInterrupt, SystemExit), the output is a complete file, though
-    not a finished one in the sense of `state_of`.
+    Interrupted, the output is a complete file, though not a finished one in the sense of
+    `state_of`.
 
     Args:
         job: what to replay, and where to.
         outcome: kept up to date; it holds also after an error.
         progress: told now and then how far it is.
-        ahead: whether a thread reads ahead; without a core to spare it would cost and gain nothing.
+        stop: when to end early.
+        processes: that share the work; with 1 all of it is done in this one.
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.
@@ -158,92 +161,117 @@ def run_job(
         raise RecordingError(_exists(job))
     settings = job.settings
     processors = make_processors(settings.parameters)
-    source = open_input(job.source, settings.image_topic, settings.fps, settings.selection)
-    with closing(source):
+    # The processes first: they are forked, which is right only before the input has threads.
+    with _replaying(processors, settings, processes) as replaying, _opened(job, stop) as source:
+        if source is None:
+            outcome.interrupted = True
+            return
         progress(JobProgress(source.name, 0, source.count))
-        writer = RecordingWriter(job.output, redo, {DESCRIPTION: description})
-        with _closed_at_the_end(writer):
-            items = source.items(
-                settings.keep_inputs,
-                any(p.uses_camera_info for p in processors),
-                any(p.awaits_attitude for p in processors),
-            )
-            copier = _Copier(processors, writer)
-            try:
-                with closing(prefetched(items) if ahead else items) as items:
-                    frames = copier.frames(items)
-                    counts = process(frames, processors, writer.write, debug=settings.debug_images)
-                    _follow(counts, outcome, source, progress)
-            finally:
-                outcome.losses = list(source.losses)
-                outcome.remarks = [*source.remarks, *copier.remarks]
-            if outcome.answered == 0:
-                raise SourceError(f'{job.source}: not a single frame could be used')
-            result = {name: getattr(outcome, name) for name in _RESULT_FIELDS}
-            writer.conclude(RESULT, {'json': json.dumps(result)})
+        with RecordingWriter(job.output, redo, {DESCRIPTION: description}) as writer:
+            camera = any(processor.uses_camera_info for processor in processors)
+            attitude = any(processor.awaits_attitude for processor in processors)
+            items = source.items(settings.keep_inputs, camera, attitude)
+            items = gamma_corrected(items, settings.gamma)
+            with closing(items):
+                output = _Output(job, writer, outcome)
+                _write(replaying(items), output, source, progress, stop)
+            if not outcome.interrupted:
+                if outcome.processed == 0:
+                    raise SourceError(f'{job.source}: not a single frame could be used')
+                result = {name: getattr(outcome, name) for name in _RESULT_FIELDS}
+                writer.conclude(RESULT, {'json': json.dumps(result)})
 
 
-def attempt(
-    job: ReplayJob, outcome: ReplayOutcome, progress: Progress, *, ahead: bool = True
-) -> None:
+def attempt(job: ReplayJob, progress: Progress, stop: Stop, processes: int = 1) -> ReplayOutcome:
     """`run_job`, with what goes wrong told in the outcome."""
+    outcome = ReplayOutcome(job.source, job.output)
     try:
-        run_job(job, outcome, progress, ahead=ahead)
-    except (SourceError, RecordingError, ParameterError, OSError) as error:
-        outcome.error = ' '.join(str(error).split())
+        run_job(job, outcome, progress, stop, processes)
+    except (SourceError, RecordingError, ParameterError, ProcessDiedError, OSError) as error:
+        outcome.failure = ' '.join(str(error).split())
     except Exception as error:
         # A defect of ours costs one recording and not all the others.
-        outcome.error = ' '.join(f'{job.source}: {type(error).__name__}: {error}'.split())
+        outcome.failure = ' '.join(f'{job.source}: {type(error).__name__}: {error}'.split())
+    return outcome
 
 
-def _follow(
-    all_counts: Iterable[ReplayCounts], outcome: ReplayOutcome, source: Input, progress: Progress
+@contextmanager
+def _replaying(
+    processors: list[Processor], settings: ReplaySettings, processes: int
+) -> Iterator[Replaying]:
+    if processes == 1:
+        yield partial(replay, processors=processors, debug=settings.debug_images)
+        return
+    with closing(ReplayAhead(processors, processes, debug=settings.debug_images)) as ahead:
+        yield ahead.replay
+
+
+@contextmanager
+def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
+    """The job's input, None where the end was asked for first."""
+    settings = job.settings
+
+    def open_it() -> Input:
+        return open_input(job.source, settings.image_topic, settings.fps, settings.selection)
+
+    source = stop.unless_requested(open_it)
+    try:
+        yield source
+    finally:
+        if source is not None:
+            source.close()
+
+
+def _write(
+    steps: Iterator[FrameResults | RecordedMessage],
+    output: _Output,
+    source: Input,
+    progress: Progress,
+    stop: Stop,
 ) -> None:
+    """Write what the nodes say, until the input or the user's patience ends."""
+    outcome = output.outcome
     reported = time.monotonic()
-    for counts in all_counts:
-        outcome.frames, outcome.answered = counts.frames, counts.answered
-        outcome.refused = counts.refused
-        if time.monotonic() >= reported + PROGRESS_INTERVAL:
-            progress(JobProgress(source.name, counts.frames, source.count))
-            reported = time.monotonic()
+    try:
+        for step in steps:
+            output.take(step)
+            if stop:
+                outcome.interrupted = True
+                break
+            if time.monotonic() >= reported + PROGRESS_INTERVAL:
+                progress(JobProgress(source.name, outcome.frames, source.count))
+                reported = time.monotonic()
+    finally:
+        outcome.errors = list(source.errors)
+        outcome.warnings = [*source.warnings, *output.warnings]
     progress(JobProgress(source.name, outcome.frames, outcome.frames))
 
 
-class _Copier:
-    """Copies the input's messages on their way past, except onto the results' own topics."""
+class _Output:
+    """Writes results, and copies of the input's messages except onto the results' own topics."""
 
-    def __init__(self, processors: list[Processor], writer: RecordingWriter) -> None:
-        self._results = tuple(f'/{processor.name}/' for processor in processors)
+    def __init__(self, job: ReplayJob, writer: RecordingWriter, outcome: ReplayOutcome) -> None:
+        self.outcome = outcome
+        self._results = tuple(f'/{name}/' for name in job.settings.parameters)
         self._writer = writer
         self._left_out: dict[str, None] = {}
 
     @property
-    def remarks(self) -> list[str]:
+    def warnings(self) -> list[str]:
         return [
             f'{topic} of the input is not copied: it is written anew' for topic in self._left_out
         ]
 
-    def frames(self, items: Iterable[Item]) -> Iterator[Frame | BadFrame]:
-        for item in items:
-            if not isinstance(item, RecordedMessage):
-                yield item
-            elif item.topic.startswith(self._results):
-                self._left_out[item.topic] = None
-            else:
-                self._writer.copy(item)
-
-
-@contextmanager
-def _closed_at_the_end(writer: RecordingWriter) -> Iterator[None]:
-    """As the writer's own context, but a second Ctrl-C does not interrupt the closing."""
-    try:
-        yield
-    except BaseException as error:
-        with held_back():
-            writer.__exit__(type(error), error, error.__traceback__)
-        raise
-    with held_back():
-        writer.close()
+    def take(self, step: FrameResults | RecordedMessage) -> None:
+        if isinstance(step, FrameResults):
+            for topic, kind, data in step.messages:
+                self._writer.write(topic, kind, step.stamp_ns, data)
+            if step.is_frame:
+                self.outcome.count(step)
+        elif step.topic.startswith(self._results):
+            self._left_out[step.topic] = None
+        else:
+            self._writer.copy(step)
 
 
 def _description(job: ReplayJob) -> dict[str, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.remote import is_url
 from mvuav_ros.recordings.sources.simulated import PREFIX
 
 _SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
@@ -33,6 +34,8 @@ def plan(
         RecordingError: the output does not fit, or two recordings have the same name.
         OSError: the folder cannot be made.
     """
+    if output.parts[:1] and output.parts[0].endswith(':'):  # what a Path makes of an URL
+        raise RecordingError(f'{output}: outputs are written to files of this machine, not to URLs')
     if len(sources) == 1 and output.suffix == '.mcap':
         return [_job(sources[0], output, settings, overwrite, False, absolute)]
     if output.suffix and not output.is_dir():
@@ -67,7 +70,7 @@ def _job(
 ) -> ReplayJob:
     if absolute:
         output = output.absolute()
-        if not source.startswith(PREFIX):
+        if not source.startswith(PREFIX) and not is_url(source):
             source = str(Path(source).expanduser().absolute())
     return ReplayJob(source, output, settings, overwrite, resume)
 

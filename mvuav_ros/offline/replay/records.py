@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 from mcap.records import Header, Metadata
 from mcap.stream_reader import StreamReader
 
+from mvuav_ros.recordings.remote import is_url, remote_state
 from mvuav_ros.recordings.writing import LIBRARY
 
 DESCRIPTION = 'mvuav_replay'
@@ -72,6 +73,9 @@ def _beginning(output: Path) -> dict[str, str] | None:
 
 def fingerprint(source: str) -> dict[str, str]:
     """The input's path, and a digest of the names, sizes and times of its files."""
+    if is_url(source):
+        size, mark = remote_state(source)
+        return {'input': source, 'input_bytes': str(size), 'input_files': mark}
     path = Path(source).expanduser()
     digest = hashlib.sha256()
     total = 0

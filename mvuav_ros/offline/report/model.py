@@ -6,10 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-Cell = str | float | int | None
+from mvuav_ros.offline.report.comparison import Compared, ComparedCell
 
-NOT_AVAILABLE = 'not available to us'
-"""Stands where the thesis has a number that we do not have; never replaced by a guess."""
+Cell = str | float | int | Compared | None
+
+
+_GROUPED = 10_000
+"""Counts from here on are written with commas."""
 
 
 @dataclass(frozen=True)
@@ -50,18 +53,31 @@ class Table:
                 raise ValueError(f'{self.key}: {len(row)} cells for {len(self.columns)} columns')
 
     def records(self) -> list[dict[str, Cell]]:
-        """The rows with their columns' headings, missing numbers as None."""
+        """The rows with their columns' headings; missing numbers as None, compared ones plain."""
         headings = [column.heading for column in self.columns]
         return [dict(zip(headings, map(_known, row), strict=True)) for row in self.rows]
 
     def text(self, row: int, column: int) -> str:
         """One cell as people read it."""
-        value = _known(self.rows[row][column])
+        digits = self.columns[column].digits
+        given = self.rows[row][column]
+        value = _known(given)
         if value is None:
             return '–'  # noqa: RUF001
+        if isinstance(given, Compared):
+            return given.text(digits)
         if isinstance(value, float):
-            return f'{value:.{self.columns[column].digits}f}'
-        return str(value)
+            return f'{value:.{digits}f}'
+        return f'{value:,}' if isinstance(value, int) and value >= _GROUPED else str(value)
+
+    def comparisons(self) -> list[ComparedCell]:
+        """Every cell that is held against the thesis, in order."""
+        return [
+            ComparedCell(self.title.partition(':')[0], _row_name(row), column.name, cell)
+            for row in self.rows
+            for column, cell in zip(self.columns, row, strict=True)
+            if isinstance(cell, Compared)
+        ]
 
 
 @dataclass(frozen=True)
@@ -116,12 +132,33 @@ class Report:
         """All tables in order."""
         return [i for section in self.sections for i in section.items if isinstance(i, Table)]
 
+    def comparisons(self) -> list[ComparedCell]:
+        """Every cell that is held against the thesis, in order."""
+        return [cell for table in self.tables() for cell in table.comparisons()]
+
     def figures(self) -> list[Figure]:
         """All figures in order."""
         return [i for section in self.sections for i in section.items if isinstance(i, Figure)]
 
 
-def _known(value: Cell) -> Cell:
+def _row_name(row: tuple[Cell, ...]) -> str:
+    """The words with which a row begins."""
+    words = []
+    for cell in row:
+        if not isinstance(cell, str) or is_number(cell):
+            break
+        words.append(cell)
+    return ', '.join(words[:3])
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number as somebody else prints it, with its interval or its bound."""
+    return text in ('N/A', '') or text.lstrip('<-')[:1].isdigit()
+
+
+def _known(value: Cell) -> str | float | int | None:
+    if isinstance(value, Compared):
+        value = value.value
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

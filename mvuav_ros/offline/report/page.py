@@ -5,7 +5,15 @@ from __future__ import annotations
 import base64
 from html import escape
 
-from mvuav_ros.offline.report.model import NOT_AVAILABLE, Claim, Figure, Report, Section, Table
+from mvuav_ros.offline.report.comparison import (
+    METHOD,
+    SHIPPED,
+    Compared,
+    ComparedCell,
+    count_text,
+    worst_first,
+)
+from mvuav_ros.offline.report.model import Claim, Figure, Report, Section, Table, is_number
 
 _CSS = """
 :root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #d5dbe3;
@@ -32,19 +40,28 @@ figcaption, .note { color: var(--soft); font-size: .88rem; margin-top: .45rem; m
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; min-width: 45%;
   font-variant-numeric: tabular-nums; }
-td.missing, td.whole { white-space: nowrap; }
+td.whole { white-space: nowrap; }
 th, td { padding: .32rem .7rem; text-align: right; border-bottom: 1px solid var(--line);
   vertical-align: top; }
 th { text-align: right; font-weight: 600; vertical-align: bottom;
   border-bottom: 2px solid var(--line); }
 th .unit { display: block; font-weight: 400; color: var(--soft); white-space: nowrap; }
 th.word, td.word { text-align: left; }
+.wide table { font-size: .76rem; }
+.wide th, .wide td { padding: .3rem .4rem; }
 tbody tr:nth-child(even) { background: var(--band); }
 tr.first td { border-top: 2px solid var(--line); }
-td.missing { color: var(--soft); font-style: italic; }
+td .range { display: block; color: var(--soft); font-size: .9em; white-space: nowrap; }
+td .verdict { display: block; font-size: .9em; }
+.equal { color: var(--soft); font-weight: 600; white-space: nowrap; }
+ol.worse { padding-left: 1.6rem; font-size: .9rem; }
+ol.worse li { margin: .15rem 0; }
 .yes { color: var(--good); font-weight: 600; white-space: nowrap; }
 .no { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
+@media (max-width: 600px) { main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
+  th, td { padding: .28rem .45rem; } td.whole { white-space: normal; }
+  nav a { display: inline-block; padding: .2rem 0; } }
 footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
 @media print {
@@ -57,6 +74,8 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
   .scroll { overflow: visible; }
   table { font-size: 8pt; min-width: 0; }
   th, td { padding: .15rem .38rem; }
+  .wide table { font-size: 5.6pt; }
+  .wide th, .wide td { padding: .1rem .16rem; }
   thead { display: table-header-group; }
   tr { break-inside: avoid; }
   figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
@@ -65,13 +84,16 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 """
 _SHORT = 22
 """Tables with at most so many rows are kept on one printed page."""
+_WIDE = 9
+"""Tables with more columns are set smaller."""
 _WHOLE = 26
 """Texts of at most so many characters are not broken into lines."""
 
 
 def render_page(report: Report) -> str:
     """The whole page."""
-    sections = [('summary', 'Summary')] if report.claims else []
+    cells = report.comparisons()
+    sections = [('summary', 'Summary')] if report.claims or cells else []
     sections += [(_anchor(s.title), s.title) for s in report.sections]
     sections.append(('settings', 'Settings'))
     links = ''.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
@@ -79,6 +101,8 @@ def render_page(report: Report) -> str:
         f'<h1>{escape(report.title)}</h1>',
         *(f'<p class="lead">{escape(text)}</p>' for text in report.lead),
         f'<nav>{links}</nav>',
+        '<h2 id="summary">Summary</h2>' if report.claims or cells else '',
+        _comparisons(cells),
         _claims(report.claims),
         *map(_section, report.sections),
         _settings(report),
@@ -92,27 +116,52 @@ def render_page(report: Report) -> str:
     )
 
 
+def _comparisons(cells: list[ComparedCell]) -> str:
+    """The worse cells by name, then how many there are of each kind."""
+    if not cells:
+        return ''
+    parts = []
+    for by in (METHOD, SHIPPED):
+        chosen = [cell for cell in cells if cell.compared.by == by]
+        worse = worst_first(chosen)
+        parts.append(
+            f'<p id="count-{by.split()[-1]}"><strong>{escape(by.capitalize())}</strong>: of '
+            f'{len(chosen)} cells beside the thesis {count_text(chosen)}'
+            f'{". The worse ones, the worst first:" if worse else "."}</p>'
+        )
+        if worse:
+            items = ''.join(f'<li>{escape(cell.text)}</li>' for cell in worse)
+            parts.append(f'<ol class="worse">{items}</ol>')
+    return '\n'.join(parts)
+
+
 def _claims(claims: tuple[Claim, ...]) -> str:
     if not claims:
         return ''
     rows = ''.join(
         f'<tr><td class="word">{escape(c.statement)}</td><td class="word">{escape(c.thesis)}</td>'
         f'<td class="word">{escape(c.ours)}</td><td class="word">{_verdict(c.holds)}</td></tr>'
-        for c in claims
+        for c in sorted(claims, key=lambda c: _ORDER[c.holds])
     )
     heads = ''.join(
-        f'<th class="word">{text}</th>' for text in ('statement', 'thesis', 'here', 'holds')
+        f'<th class="word">{text}</th>' for text in ('statement', 'thesis, or limit', 'here', '')
     )
     return (
-        '<h2 id="summary">Summary</h2><div class="table short"><div class="scroll"><table>'
+        '<div class="table short"><div class="scroll"><table>'
         f'<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></div>'
     )
+
+
+_ORDER: dict[bool | None, int] = {False: 0, None: 1, True: 2}
+"""What fails is read first."""
 
 
 def _verdict(holds: bool | None) -> str:
     if holds is None:
         return '<span class="unknown">? cannot be told</span>'
-    return '<span class="yes">✓ yes</span>' if holds else '<span class="no">✗ no</span>'
+    return (
+        '<span class="yes">✓ holds</span>' if holds else '<span class="no">✗ does not hold</span>'
+    )
 
 
 def _section(section: Section) -> str:
@@ -124,7 +173,7 @@ def _section(section: Section) -> str:
 
 def _table(table: Table) -> str:
     words = [
-        any(isinstance(row[number], str) for row in table.rows)
+        any(isinstance(cell := row[number], str) and not is_number(cell) for row in table.rows)
         for number in range(len(table.columns))
     ]
     heads = ''.join(
@@ -144,6 +193,7 @@ def _table(table: Table) -> str:
         rule = ' class="first"' if grouped and first else ''
         rows.append(f'<tr{rule}>{"".join(cells)}</tr>')
     short = ' short' if len(table.rows) <= _SHORT else ''
+    short += ' wide' if len(table.columns) > _WIDE else ''
     return (
         f'<div class="table{short}" id="{escape(table.key)}"><h3>{escape(table.title)}</h3>'
         f'<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
@@ -152,10 +202,22 @@ def _table(table: Table) -> str:
 
 
 def _cell(table: Table, row: int, column: int, word: bool) -> str:
+    value = table.rows[row][column]
+    if isinstance(value, Compared):
+        return f'<td>{_compared(value, table.columns[column].digits)}</td>'
     text = table.text(row, column)
-    if text == NOT_AVAILABLE:
-        return f'<td class="missing{" word" if word else ""}">{text}</td>'
     return f'<td{_word(word, text)}>{escape(text)}</td>'
+
+
+_CLASSES = {'better': 'yes', 'equal': 'equal', 'worse': 'no'}
+
+
+def _compared(cell: Compared, digits: int) -> str:
+    number, _, rest = cell.text(digits).partition(' ')
+    verdict = cell.verdict.value
+    interval = rest.removesuffix(verdict).strip()
+    shown = f'<span class="range">{escape(interval)}</span>' if interval else ''
+    return f'{number}{shown} <span class="verdict {_CLASSES[verdict]}">{verdict}</span>'
 
 
 def _word(word: bool, text: str = '') -> str:

@@ -58,6 +58,7 @@ def as_data(report: Report) -> dict[str, object]:
         'title': report.title,
         'settings': dict(report.settings),
         'claims': [vars(claim) for claim in report.claims],
+        'comparisons': [cell.record() for cell in report.comparisons()],
         'tables': {table.key: table.records() for table in report.tables()},
         'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
     }

@@ -10,8 +10,9 @@ from typing import Any
 from mvuav_ros.offline.evaluation.metric import Metric
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.observed import replay
-from mvuav_ros.offline.evaluation.processes import Done, each
+from mvuav_ros.offline.processes import Done
 from mvuav_ros.offline.replay.cluster import connect
+from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.processing.registry import PROCESSORS
@@ -95,8 +96,11 @@ def plan_runs(
         topic: image topic of bags that have several.
 
     Raises:
-        ParameterError: a parameter occurs twice.
+        ParameterError: a parameter occurs twice, or its node is not to run.
     """
+    for axis in axes:
+        if axis.node not in base:
+            raise ParameterError(axis.title, f'{axis.node} is not among {", ".join(base)}')
     titles = [axis.title for axis in axes]
     for title in titles:
         if titles.count(title) > 1:

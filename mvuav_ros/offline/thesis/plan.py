@@ -6,9 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from mvuav_ros.offline.evaluation import integrity_runs
 from mvuav_ros.offline.evaluation.identity_runs import SCENES
 from mvuav_ros.offline.evaluation.marker_runs import supported
-from mvuav_ros.offline.evaluation.processes import all_of
+from mvuav_ros.offline.report.comparison import SHIPPED
+from mvuav_ros.offline.tasks import all_of
+from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import PREDICTIONS, MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -16,64 +19,82 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 TaskT = TypeVar('TaskT')
 ResultT = TypeVar('ResultT')
 
-SHIPPED = 'as shipped'
-"""The marker tracker with its default parameters, beside the thesis's programs."""
 METHODS = tuple(sorted(PREDICTIONS, key=lambda m: m == MarkerTrackerParameters().prediction))
 """Every method of prediction, the default last."""
 RUNS = (*METHODS, SHIPPED)
-THESIS_RUN = 'velocity'
-"""Stands for the thesis's tracking where its results do not depend on the prediction."""
-TRIAL_FPS = 15.0
-"""As in the reference runs of the thesis's programs: half of a camera's 30, so the harder case."""
-VIBRATION_FPS = 30.0
+PROGRAM_OF = {known.VELOCITY: 'velocity', known.FULL: 'acceleration_program'}
+"""The method of prediction that the thesis measured under each name."""
+PROGRAM = PROGRAM_OF[known.FULL]
+"""Appendix C as coded: what the thesis calls full estimation."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The extent of the experiments.
+    """The extent of the experiments; durations and rates are the thesis's.
 
     Attributes:
         seed: of all flights.
         jobs: processes.
-        trial_frames: frames of each trial.
+        trial_seconds: length of each trial.
+        trial_repeats: flights of each trial, which differ in their seeds.
+        prediction_flights: of each kind of motion and frame rate.
         passes: how often each timed flight is processed.
-        timed_frames: frames of the timed flights.
-        spectrum_seconds: length of the flights whose vibration is analysed.
         repeats: flights per cell of Table 5.5.
-        runway_frames: frames of each runway scene.
+        measurements: of roll on each of those.
+        runway_seconds: length of each runway scene.
         identity_scenes: how many of the scenes in which names can be lost.
         identity_repeats: flights of each of those.
+        integrity_scenes: how many of the scenes in which other lights take the names.
+        integrity_repeats: flights of each of those.
         pose_frames: frames of each docking approach.
     """
 
     seed: int = 2006
     jobs: int = 2
-    trial_frames: int = 300
-    passes: int = 9
-    timed_frames: int = 90
-    spectrum_seconds: float = 60.0
-    repeats: int = 10
-    runway_frames: int = 240
+    trial_seconds: float = known.TRIAL_SECONDS
+    trial_repeats: int = 5
+    prediction_flights: int = 30
+    passes: int = 3
+    repeats: int = 5
+    measurements: int = known.MEASUREMENTS
+    runway_seconds: float = known.RUNWAY_SECONDS
     identity_scenes: int = len(SCENES)
     identity_repeats: int = 1
+    integrity_scenes: int = len(integrity_runs.SCENES)
+    integrity_repeats: int = 3
     pose_frames: int = 1000
 
     @classmethod
     def quick(cls, seed: int, jobs: int) -> Plan:
-        """Enough to see that everything works, in seconds; the numbers are rough."""
+        """Enough to see that everything works; the numbers are rough."""
         return cls(
             seed=seed,
             jobs=jobs,
-            trial_frames=60,
-            passes=3,
-            timed_frames=45,
-            spectrum_seconds=12.0,
-            repeats=3,
-            runway_frames=45,
+            trial_repeats=2,
+            prediction_flights=2,
+            passes=1,
+            repeats=2,
+            measurements=20,
+            runway_seconds=1.5,
             identity_scenes=2,
-            identity_repeats=1,
+            integrity_scenes=2,
+            integrity_repeats=1,
             pose_frames=200,
         )
+
+    @property
+    def trial_frames(self) -> int:
+        """Of each trial."""
+        return round(self.trial_seconds * known.TRIAL_FPS)
+
+    @property
+    def runway_frames(self) -> int:
+        """Of each runway scene."""
+        return round(self.runway_seconds * known.RUNWAY_FPS)
+
+    def seed_of(self, repeat: int) -> int:
+        """The seed of a repeated flight."""
+        return (self.seed + 1000 * repeat) % 2**31
 
 
 @dataclass(frozen=True)
@@ -89,8 +110,8 @@ class ExperimentRunner:
 
 
 def tracker(**values: Value) -> MarkerTrackerParameters:
-    """The marker tracker's parameters with the thesis's centroid."""
-    given = supported(MarkerTrackerParameters, {'centroid': 'binary'})
+    """The marker tracker's parameters with the thesis's centroid and channel."""
+    given = supported(MarkerTrackerParameters, {'centroid': 'binary', 'channel': 'intensity'})
     return MarkerTrackerParameters.from_mapping({**given, **values})
 
 
@@ -100,10 +121,14 @@ def tracking_pipelines() -> dict[str, MarkerTrackerParameters]:
     return {**by_method, SHIPPED: MarkerTrackerParameters()}
 
 
-def detector() -> RunwayDetectorParameters:
-    """The runway detector's parameters for the thesis's scheme."""
-    given = supported(RunwayDetectorParameters, {'mode': 'thesis'})
-    return RunwayDetectorParameters.from_mapping(given)
+def thesis_detector() -> RunwayDetectorParameters:
+    """The runway detector's parameters of ``config/thesis.yaml``."""
+    return RunwayDetectorParameters(
+        start_row=49,
+        peak_threshold=1,
+        max_hold=0,
+        association='index',
+    )
 
 
 def words(name: str) -> str:

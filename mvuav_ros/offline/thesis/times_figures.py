@@ -20,7 +20,7 @@ from mvuav_ros.offline.report.style import (
 )
 from mvuav_ros.offline.thesis import known
 
-_SHOWN_AT_START = 12
+_SHOWN_AT_START = 10
 
 
 class Loss(NamedTuple):
@@ -31,30 +31,36 @@ class Loss(NamedTuple):
     found: Mapping[str, Array]
 
 
-def method_figure(times: Mapping[str, Array]) -> Figure:
-    """Time of every frame, by method."""
-    with drawing(9.6, 4.6) as canvas:
-        axes = canvas.figure.subplots()
-        for number, (name, ms) in enumerate(times.items()):
-            axes.plot(np.arange(1, len(ms) + 1), ms, lw=1.2, label=name, **line_of(number))
-        axes.axhline(known.FULL_FRAME_MS, color=THESIS, ls='--', label='thesis, whole frame: 85 ms')
-        axes.axhline(known.TRACKED_MS, color=THESIS, ls=':', label='thesis, tracked: 30 ms')
-        plain_log(axes)
-        axes.set_ylim(top=2 * known.FULL_FRAME_MS)
-        axes.set_xlim(1, max(len(ms) for ms in times.values()))
-        label(axes, '', 'frame', 'time per frame [ms]')
-        legend_below(canvas.figure, axes, columns=4)
+def method_figure(trials: Mapping[int, Mapping[str, Array]]) -> Figure:
+    """Time of every frame by method, a panel for each trial."""
+    with drawing(9.6, 6.4) as canvas:
+        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
+        for axes, (trial, times) in zip(panels.flat, trials.items(), strict=True):
+            for number, (name, ms) in enumerate(times.items()):
+                axes.plot(np.arange(1, len(ms) + 1), ms, lw=1.0, label=name, **line_of(number))
+            for dashes, program in zip(('--', '-.', ':'), known.PROGRAMS, strict=True):
+                printed = known.cell('figures', f'Figure 5.1: {program}', 'number').value
+                axes.axhline(
+                    1e3 * printed, color=THESIS, ls=dashes, lw=1.0, label=f'{program}, thesis'
+                )
+            plain_log(axes)
+            label(axes, f'Trial {trial}')
+        for axes in panels[-1]:
+            axes.set_xlabel('frame')
+        for axes in panels[:, 0]:
+            axes.set_ylabel('time per frame [ms]')
+        legend_below(canvas.figure, panels.flat[0], columns=4)
     return Figure(
         'figure_5_1',
-        'Figure 5.1: time per frame by method',
+        'Figure 5.1: time per frame by method, all trials',
         canvas.png,
-        'time of each frame for each mode and method of prediction, logarithmic',
-        ('Frames that track start like whole ones: see Figure 5.2.',),
+        'time of each frame for each method in four trials, logarithmic',
+        ("Red: the thesis's averages.",),
     )
 
 
 def transient_figure(times: Mapping[str, Array]) -> Figure:
-    """The first frames of tracking."""
+    """The first frames of trial 4."""
     with drawing(9.6, 3.9) as canvas:
         axes = canvas.figure.subplots()
         frames = np.arange(1, _SHOWN_AT_START + 1)
@@ -67,13 +73,10 @@ def transient_figure(times: Mapping[str, Array]) -> Figure:
         legend_below(canvas.figure, axes, columns=5)
     return Figure(
         'figure_5_2',
-        'Figure 5.2: the transient at the start of tracking',
+        'Figure 5.2: the transient at the start, trial 4',
         canvas.png,
-        'time of the first twelve frames, high in the first three',
-        (
-            'The first three frames are searched whole, since an acceleration needs three '
-            "positions. The thesis's steps: 85 ms, then 30 ms.",
-        ),
+        'time of the first ten frames by method',
+        ('The first three frames are searched whole: an acceleration needs three positions.',),
     )
 
 
@@ -92,13 +95,11 @@ def loss_figure(times: Mapping[str, Array], loss: Loss) -> Figure:
         legend_below(canvas.figure, upper, columns=5)
     return Figure(
         'figure_5_3',
-        'Figure 5.3: the loss variant',
+        'Figure 5.3: time per frame of the loss variant and the others',
         canvas.png,
         'lights found and time per frame while lights are out',
         (
-            'One light out from 0.6 s, two from 0.8 to 1.0 s, all from 1.6 to 1.8 s. Detection '
-            "with names needs all five; without names (detect_any, Appendix B's purpose) it finds "
-            "what is there. The thesis's program takes five or six lights only; its times are not "
-            'available to us.',
+            'One light is out from 2 s, two from 2.5 to 3 s, all from 6 to 6.6 s. Detection with '
+            'names needs all five; any number of markers takes what is there, without names.',
         ),
     )

@@ -1,224 +1,296 @@
-"""Figures 5.4 to 5.9."""
+"""Figures 5.4 to 5.9, and the error bars of Appendix C."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
-from mvuav_ros.offline.evaluation.numbers import distance_rms
+from mvuav_ros.offline.report.comparison import SHIPPED
 from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.style import (
     COLORS,
-    GRID,
     THESIS,
     TRUTH,
     drawing,
     label,
     legend_below,
-    plain_log,
 )
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import RUNS, SHIPPED, THESIS_RUN, words
-from mvuav_ros.vision.markers.results import TANKER_LABELS
+from mvuav_ros.offline.thesis.plan import PROGRAM, PROGRAM_OF
+from mvuav_ros.offline.thesis.statements import inside_text
+from mvuav_ros.offline.thesis.trials import Trial, lengths
 
-MARKER_NAMES = tuple(words(label.name.lower()) for label in TANKER_LABELS)
-_WING = len(MARKER_NAMES) - 1
+LEFT_WING = 0
+ESTIMATED, ACTUAL = COLORS[1], COLORS[0]
+START, END = COLORS[2], THESIS
+_TURN_REACH = 9
+"""Frames shown before and after the turn."""
+_SHORT_NAMES = [name.replace(' ', '\n') for name in known.MARKERS]
 
 
-def tracking_figures(steady: Sequence[FlownMarkers]) -> list[Figure]:
-    """All of them, of the four trials without vibration."""
-    rolling = [f for f in steady if 'roll' in f.settings.motion]
+def tracking_figures(trials: Sequence[Trial]) -> list[Figure]:
+    """All of them; the estimates are those of the program of Appendix C, as in the thesis."""
     return [
-        _paths(steady),
-        _positions(steady),
-        _errors(steady, 'velocity', 'figure_5_6', '5.6'),
-        _errors(steady, 'acceleration', 'figure_5_7', '5.7'),
-        _rolls(rolling),
-        _bars(steady),
+        _paths(trials),
+        _coordinates(trials),
+        _turn(trials[0]),
+        _errors(trials),
+        _rolls(trials),
+        _bars(trials),
+        _error_bars(trials),
     ]
 
 
-def _paths(steady: Sequence[FlownMarkers]) -> Figure:
-    with drawing(9.6, 7.6) as canvas:
+def _paths(trials: Sequence[Trial]) -> Figure:
+    with drawing(9.6, 7.8) as canvas:
         panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, flight in zip(panels.flat, steady, strict=True):
-            found = flight.runs[THESIS_RUN].found
-            for index, name in enumerate(MARKER_NAMES):
-                color = COLORS[index]
-                true = flight.places[:, index]
-                axes.plot(true[:, 0], true[:, 1], color=color, lw=0.9, alpha=0.75)
-                axes.plot(
-                    found[:, index, 0], found[:, index, 1], '.', color=color, ms=3.2, label=name
-                )
+        for axes, trial in zip(panels.flat, trials, strict=True):
+            flight = trial.first
+            run = flight.runs[PROGRAM]
+            for index in range(len(known.MARKERS)):
+                estimated, actual = run.predicted[:, index], run.found[:, index]
+                axes.plot(*estimated.T, color=ESTIMATED, lw=1.0, label='estimated')
+                axes.plot(*actual.T, color=ACTUAL, lw=0.9, label='actual')
+                axes.plot(*_first(actual), 'o', color=START, ms=5, label='start')
+                axes.plot(*_first(actual[::-1]), 'o', color=END, ms=5, label='end')
             axes.set_aspect('equal')
             axes.set_xlim(0, flight.settings.width)
             axes.set_ylim(flight.settings.height, 0)
-            label(axes, words(flight.settings.motion))
-        for axes in panels[-1]:
-            axes.set_xlabel('x [px]')
-        for axes in panels[:, 0]:
-            axes.set_ylabel('y [px], down')
+            label(axes, trial.title)
+        _label_outer(panels, 'x [px]', 'y [px], down')
         legend_below(canvas.figure, panels.flat[0])
     return Figure(
         'figure_5_4',
-        'Figure 5.4: estimated against actual position, on the frame',
+        'Figure 5.4: estimated against actual position, all trials',
         canvas.png,
-        'paths of five markers in four trials',
-        ('Dots: found; lines: truth. Axes are the whole frame.',),
+        'paths of five markers in four trials with start and end',
+        ('Full estimation (program of Appendix C). Axes are the whole frame.',),
     )
 
 
-def _positions(steady: Sequence[FlownMarkers]) -> Figure:
-    with drawing(9.6, 6.4) as canvas:
-        panels = canvas.figure.subplots(2, len(steady), sharex=True)
-        for column, flight in enumerate(steady):
-            run = flight.runs[THESIS_RUN]
+def _first(places: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> list[float]:
+    seen = places[np.isfinite(places).all(axis=1)]
+    return [float(seen[0, 0]), float(seen[0, 1])] if len(seen) else [np.nan, np.nan]
+
+
+def _coordinates(trials: Sequence[Trial]) -> Figure:
+    with drawing(9.6, 5.6) as canvas:
+        panels = canvas.figure.subplots(2, 2, sharex=True, squeeze=False)
+        for column, trial in enumerate((trials[2], trials[1])):
+            run = trial.first.runs[PROGRAM]
+            frames = np.arange(1, len(trial.first.time) + 1)
             for row, axis in enumerate('xy'):
                 axes = panels[row, column]
-                axes.plot(
-                    flight.time, flight.places[:, _WING, row], color=TRUTH, lw=2.6, label='truth'
+                axes.plot(frames, run.predicted[:, LEFT_WING, row], color=ESTIMATED, lw=1.2)
+                axes.plot(frames, run.found[:, LEFT_WING, row], color=ACTUAL, lw=1.0)
+                axes.lines[0].set_label('estimated')
+                axes.lines[1].set_label('actual')
+                label(
+                    axes,
+                    '' if row else trial.title,
+                    'frame' if row else '',
+                    '' if column else f'{axis} [px]',
                 )
-                axes.plot(
-                    flight.time, run.found[:, _WING, row], color=COLORS[5], lw=1.2, label='found'
-                )
-                axes.plot(
-                    flight.time,
-                    run.predicted[:, _WING, row],
-                    '--',
-                    color=COLORS[1],
-                    lw=1.0,
-                    label='predicted (velocity)',
-                )
-                title = words(flight.settings.motion) if row == 0 else ''
-                label(axes, title, 'time [s]' if row else '', f'{axis} [px]' if not column else '')
         legend_below(canvas.figure, panels[0, 0])
     return Figure(
         'figure_5_5',
-        'Figure 5.5: estimated against actual position over time, right wing',
+        'Figure 5.5: estimated against actual coordinates of the left wing',
         canvas.png,
-        'x and y of the right wing over time in four trials',
-        (
-            'At this scale the three curves of each panel coincide; Figures 5.6 and 5.7 show the '
-            'differences.',
-        ),
+        'x and y of the left wing over the frames of trials 3 and 2',
+        ("The thesis's caption says trial 3, its text trial 2: both are drawn.",),
     )
 
 
-def _errors(steady: Sequence[FlownMarkers], method: str, key: str, number: str) -> Figure:
-    with drawing(9.6, 5.4) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, flight in zip(panels.flat, steady, strict=True):
-            error = flight.runs[method].prediction_error
-            lengths = np.hypot(error[..., 0], error[..., 1])
-            for index, name in enumerate(MARKER_NAMES):
-                axes.plot(flight.time, lengths[:, index], color=COLORS[index], lw=0.7, label=name)
-            against = flight.predicted_error(method)
-            true = np.sqrt(np.mean(np.sum(against**2, axis=2), axis=1))
-            axes.plot(flight.time, true, color=TRUTH, lw=1.6, label='against truth, rms of five')
-            axes.axhline(
-                known.PREDICTION_RMS_PX,
-                color=THESIS,
-                ls='--',
-                lw=1.2,
-                label="thesis's bound of the RMS",
-            )
-            pooled = distance_rms(error)
-            label(axes, f'{words(flight.settings.motion)}: RMS {pooled:.3f} px')
-        for axes in panels[-1]:
-            axes.set_xlabel('time [s]')
-        for axes in panels[:, 0]:
-            axes.set_ylabel('error [px]')
-        panels.flat[0].set_ylim(bottom=0)
-        legend_below(canvas.figure, panels.flat[0], columns=4)
-    return Figure(
-        key,
-        f'Figure {number}: error of prediction over time, {method}',
-        canvas.png,
-        f'distance between predicted and found markers over time, {method}',
-        ('Thin: predicted minus found, by marker. Black: predicted minus truth.',),
-    )
-
-
-def _rolls(rolling: Sequence[FlownMarkers]) -> Figure:
-    with drawing(9.6, 5.2) as canvas:
-        panels = canvas.figure.subplots(
-            2, len(rolling), sharex=True, sharey='row', height_ratios=(2, 1)
+def _turn(trial: Trial) -> Figure:
+    run = trial.first.runs[PROGRAM]
+    places = run.found[:, LEFT_WING]
+    middle = turning_frame(places)
+    shown = slice(max(middle - _TURN_REACH, 0), middle + _TURN_REACH + 1)
+    with drawing(9.6, 4.4) as canvas:
+        axes = canvas.figure.subplots()
+        axes.plot(
+            *run.predicted[shown, LEFT_WING].T, 'o-', color=ESTIMATED, ms=4, label='estimated'
         )
-        for column, flight in enumerate(rolling):
-            upper, lower = panels[:, column]
-            upper.plot(flight.time, np.degrees(flight.roll), color=TRUTH, lw=2.6, label='truth')
-            upper.plot(
-                flight.time,
-                np.degrees(flight.runs[THESIS_RUN].roll),
-                color=COLORS[5],
-                lw=1.2,
-                label='estimated',
-            )
-            label(upper, words(flight.settings.motion), '', '' if column else 'roll [°]')
-            for name, color in ((THESIS_RUN, COLORS[1]), (SHIPPED, COLORS[2])):
-                error = np.degrees(flight.roll_error(name))
-                by = SHIPPED if name == SHIPPED else "the thesis's programs"
-                lower.plot(flight.time, error, color=color, lw=0.8, label=f'error, {by}')
-            lower.axhline(0.0, color=GRID, lw=1.0)
-            label(lower, '', 'time [s]', '' if column else 'error [°]')
-        legend_below(canvas.figure, panels[0, 0], panels[1, 0], columns=4)
+        axes.plot(*places[shown].T, 'o-', color=ACTUAL, ms=4, label='actual')
+        axes.invert_yaxis()
+        axes.set_aspect('equal', adjustable='datalim')
+        label(axes, '', 'x [px]', 'y [px], down')
+        legend_below(canvas.figure, axes)
     return Figure(
-        'figure_5_8',
-        'Figure 5.8: roll, estimated against actual, and its error',
+        'figure_5_6',
+        'Figure 5.6: estimated against actual position of the left wing where it turns, trial 1',
         canvas.png,
-        'roll and its error over time',
-        (
-            'Roll from the wings alone, as the thesis has it; truth is the roll between the '
-            'projected wings.',
-        ),
+        'the path of the left wing around the frame in which it turns',
+        (f'Frames {shown.start + 1} to {shown.stop}, around the slowest one.',),
     )
 
 
-def _bars(steady: Sequence[FlownMarkers]) -> Figure:
+def turning_frame(places: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> int:
+    """The frame between the ends of a path (n, 2) at which it is slowest."""
+    steps = np.hypot(*np.diff(places, axis=0).T)
+    inner = steps[_TURN_REACH:-_TURN_REACH]
+    if not np.isfinite(inner).any():
+        return len(places) // 2
+    return int(np.nanargmin(inner)) + _TURN_REACH
+
+
+def _errors(trials: Sequence[Trial]) -> Figure:
+    said = []
     with drawing(9.6, 5.8) as canvas:
         panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        width = 0.84 / len(RUNS)
-        for axes, flight in zip(panels.flat, steady, strict=True):
-            for number, method in enumerate(RUNS):
-                error = flight.runs[method].prediction_error
-                heights = [distance_rms(error[:, index]) for index in range(len(MARKER_NAMES))]
-                offset = (number - 0.5 * (len(RUNS) - 1)) * width
+        for axes, trial in zip(panels.flat, trials, strict=True):
+            distances = lengths(trial.first, PROGRAM)
+            frames = np.arange(1, len(distances) + 1)
+            for index, name in enumerate(known.MARKERS):
+                axes.plot(frames, distances[:, index], color=COLORS[index], lw=0.8, label=name)
+            axes.axhline(known.ERROR_PX, color=THESIS, ls='--', lw=1.2, label='2 px')
+            label(axes, trial.title)
+            seen = distances[np.isfinite(distances)]
+            inside = int(np.sum(seen < known.ERROR_PX))
+            said.append(f'trial {trial.number}: {inside_text(inside, len(seen))}')
+        _label_outer(panels, 'frame', 'error [px]')
+        panels.flat[0].set_ylim(bottom=0)
+        legend_below(canvas.figure, panels.flat[0])
+    return Figure(
+        'figure_5_7',
+        'Figure 5.7: error of the estimated positions, absolute distance',
+        canvas.png,
+        'distance between estimated and actual places over the frames of four trials',
+        (f'Full estimation (program of Appendix C). Below 2 px: {"; ".join(said)}.',),
+    )
+
+
+def _rolls(trials: Sequence[Trial]) -> Figure:
+    with drawing(9.6, 5.4) as canvas:
+        panels = canvas.figure.subplots(2, 2, sharex=True)
+        for axes, trial in zip(panels.flat, trials, strict=True):
+            flight = trial.first
+            frames = np.arange(1, len(flight.time) + 1)
+            axes.plot(frames, np.degrees(flight.roll), color=TRUTH, lw=2.6, label='truth')
+            measured = np.degrees(flight.runs[PROGRAM].roll)
+            axes.plot(frames, measured, color=COLORS[5], lw=1.2, label='measured')
+            label(axes, trial.title)
+        _label_outer(panels, 'frame', 'roll [°]')
+        legend_below(canvas.figure, panels.flat[0])
+    missing = sum(int(np.isnan(t.first.runs[PROGRAM].roll).sum()) for t in trials)
+    return Figure(
+        'figure_5_8',
+        'Figure 5.8: roll measured from the wings, all trials',
+        canvas.png,
+        'roll over the frames of four trials',
+        (f'Frames without a roll: {missing}. Truth is the roll between the projected wings.',),
+    )
+
+
+def _bars(trials: Sequence[Trial]) -> Figure:
+    kinds = [
+        *((f'{kind}, thesis', None, kind) for kind in known.ESTIMATIONS),
+        *((f'{kind}, here', PROGRAM_OF[kind], kind) for kind in known.ESTIMATIONS),
+        (SHIPPED, SHIPPED, None),
+    ]
+    with drawing(9.6, 6.4) as canvas:
+        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
+        width = 0.84 / len(kinds)
+        for axes, trial in zip(panels.flat, trials, strict=True):
+            for number, (name, method, kind) in enumerate(kinds):
+                heights = (
+                    [trial.error(method, i).value for i in range(len(known.MARKERS))]
+                    if method
+                    else [
+                        known.cell('table_5_3', f'Trial {trial.number}, {kind}', m).value
+                        for m in known.MARKERS
+                    ]
+                )
+                offset = (number - 0.5 * (len(kinds) - 1)) * width
                 axes.bar(
-                    np.arange(len(MARKER_NAMES)) + offset,
+                    np.arange(len(known.MARKERS)) + offset,
                     heights,
                     width,
-                    color=COLORS[number],
-                    label=words(method),
+                    label=name,
+                    **_bar_style(number),
                 )
-            axes.axhline(
-                known.PREDICTION_RMS_PX,
-                color=THESIS,
-                ls='--',
-                lw=1.2,
-                label='thesis: below 1 px in all trials',
-            )
-            plain_log(axes)
+            axes.axhline(known.PREDICTION_RMS_PX, color=THESIS, ls='--', lw=1.2, label='1 px')
             axes.grid(axis='x', visible=False)
-            axes.set_xticks(
-                range(len(MARKER_NAMES)), [name.replace(' ', '\n') for name in MARKER_NAMES]
-            )
-            label(axes, words(flight.settings.motion))
+            axes.set_xticks(range(len(known.MARKERS)), _SHORT_NAMES)
+            label(axes, trial.title)
         for axes in panels[:, 0]:
             axes.set_ylabel('RMS of prediction [px]')
-        least = min(
-            distance_rms(flight.runs[name].prediction_error) for flight in steady for name in RUNS
-        )
-        panels.flat[0].set_ylim(bottom=0.4 * max(least, 0.01))
-        legend_below(canvas.figure, panels.flat[0], columns=4)
+        legend_below(canvas.figure, panels.flat[0], columns=3)
     return Figure(
         'figure_5_9',
-        'Figure 5.9: RMS of prediction by marker, method and trial',
+        'Figure 5.9: RMS of prediction, comparison of methods, all trials',
         canvas.png,
         'bars of the numbers of Table 5.3',
+        ('The numbers of Table 5.3; pale: the thesis.',),
+    )
+
+
+def _bar_style(number: int) -> dict[str, object]:
+    color = (COLORS[0], COLORS[1], COLORS[0], COLORS[1], COLORS[2])[number]
+    if number < 2:
+        return {'color': color, 'alpha': 0.35}
+    return {'color': color}
+
+
+def _error_bars(trials: Sequence[Trial]) -> Figure:
+    with drawing(9.6, 5.6) as canvas:
+        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
+        for axes, trial in zip(panels.flat, trials, strict=True):
+            means, deviations = mean_and_deviation(trial.first)
+            places = np.arange(len(known.MARKERS))
+            axes.bar(places, means, 0.6, color=COLORS[5], label='mean')
+            _whiskers(axes, places, means, deviations)
+            axes.grid(axis='x', visible=False)
+            axes.set_xticks(places, _SHORT_NAMES)
+            label(axes, trial.title)
+        for axes in panels[:, 0]:
+            axes.set_ylabel('error of prediction [px]')
+        panels.flat[0].set_ylim(bottom=0)
+        legend_below(canvas.figure, panels.flat[0])
+    return Figure(
+        'figure_appendix_c',
+        'Appendix C: mean and standard deviation of the error by marker',
+        canvas.png,
+        'bars of the mean error of each marker with its standard deviation',
         (
-            'The numbers of Table 5.3; logarithmic, because keeping the last position ("none") is '
-            'so much worse.',
+            "The program's two bar charts in one, for full estimation. The thesis's three whole "
+            'frames, whose estimate is their place, are left out.',
         ),
     )
+
+
+def mean_and_deviation(flight: FlownMarkers) -> tuple[list[float], list[float]]:
+    """Of the error of full estimation, by marker, px; the deviation as MATLAB's ``std``."""
+    distances = lengths(flight, PROGRAM)
+    means = np.nanmean(distances, axis=0)
+    deviations = np.nanstd(distances, axis=0, ddof=1)
+    return [float(m) for m in means], [float(d) for d in deviations]
+
+
+def _whiskers(
+    axes: Axes,
+    places: np.ndarray[tuple[int, ...], np.dtype[np.integer]],
+    means: Sequence[float],
+    deviations: Sequence[float],
+) -> None:
+    below = np.minimum(deviations, means)
+    axes.errorbar(
+        places,
+        means,
+        yerr=np.array([below, deviations]),
+        fmt='none',
+        ecolor=TRUTH,
+        capsize=4,
+        lw=1.2,
+        label='standard deviation',
+    )
+
+
+def _label_outer(panels: np.ndarray[tuple[int, ...], np.dtype[np.object_]], x: str, y: str) -> None:
+    for axes in panels[-1]:
+        axes.set_xlabel(x)
+    for axes in panels[:, 0]:
+        axes.set_ylabel(y)

@@ -1,100 +1,101 @@
-"""Figures 5.10 and 5.11, and roll against vibration."""
+"""Figures 5.10 and 5.11."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from mvuav_ros.offline.evaluation.numbers import Interval, Spectrum
 from mvuav_ros.offline.report.model import Figure
-from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
+from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below, plain_log
+from mvuav_ros.offline.thesis import known
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.thesis.roll_cells import RollCell
+    from mvuav_ros.offline.thesis.vibration import Measured
+
+_AXIS_NAMES = ('pitch', 'yaw', 'roll')
 
 
-class Curve(NamedTuple):
-    """One vibration's spectrum: measured, true if it is worth drawing, and what was set (Hz)."""
-
-    name: str
-    measured: Spectrum
-    true: Spectrum | None
-    frequencies: tuple[float, ...]
-
-
-def spectrum_figure(
-    key: str, title: str, unit: str, curves: Sequence[Curve], notes: tuple[str, ...]
-) -> Figure:
-    """Densities over frequency; triangles at the frequencies that were set."""
-    with drawing(9.6, 4.2) as canvas:
-        axes = canvas.figure.subplots()
-        for color, curve in zip(COLORS, curves, strict=False):
-            # The first bin holds what is left of the mean.
-            axes.semilogy(
-                curve.measured.frequency[1:],
-                curve.measured.density[1:],
-                color=color,
-                label=curve.name,
-            )
-            if curve.true is not None:
-                axes.semilogy(
-                    curve.true.frequency[1:], curve.true.density[1:], ':', color=color, lw=1.0
+def spectrum_figure(measured: Sequence[Measured]) -> Figure:
+    """Densities over frequency for each condition; triangles at Table 5.4's frequencies."""
+    with drawing(9.6, 6.0) as canvas:
+        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
+        for axes, condition in zip(panels.flat, measured, strict=True):
+            axes.set_yscale('log')
+            for number, name, curve in zip((1, 2, 0), _AXIS_NAMES, condition.spectra, strict=True):
+                # The three swing with the same frequencies: the strongest is drawn below.
+                axes.plot(
+                    curve.frequency[1:],
+                    np.maximum(curve.density[1:], _FLOOR),
+                    color=COLORS[number],
+                    lw=(3.0, 1.6, 0.8)[number],
+                    zorder=2 + number,
+                    label=name,
                 )
-            top = [float(np.interp(f, *curve.measured)) for f in curve.frequencies]
-            axes.plot(curve.frequencies, [3.0 * t for t in top], 'v', color=color, ms=6)
-        axes.plot([], [], 'v', color=SOFT, label='frequency set')
-        axes.plot([], [], ':', color=SOFT, label='truth')
-        floor = min(float(np.median(curve.measured.density[1:])) for curve in curves)
-        axes.set_ylim(bottom=0.02 * floor)
-        axes.set_xlim(0, float(curves[0].measured.frequency[-1]))
-        label(axes, '', 'frequency [Hz]', unit)
-        legend_below(canvas.figure, axes)
-    return Figure(key, title, canvas.png, f'{title}: one curve for each vibration', notes)
-
-
-def roll_figure(cells: Sequence[RollCell]) -> Figure:
-    """Measured swing and error over the vibration in px, with intervals."""
-    with drawing(9.6, 4.0) as canvas:
-        left, right = canvas.figure.subplots(1, 2)
-        for number, roll in enumerate(sorted({cell.roll_deg for cell in cells})):
-            of_roll = [cell for cell in cells if cell.roll_deg == roll]
-            pointing = [cell.pointing for cell in of_roll]
-            color, name = COLORS[number], f'roll {roll:g}°'
-            _bars(left, pointing, [cell.swing for cell in of_roll], color, name)
-            first = [next(iter(cell.error.values())) for cell in of_roll]
-            _bars(right, pointing, first, color, name)
-        x = "vibration, RMS of the markers' movement [px per axis]"
-        label(left, 'About the mean', x, 'RMS of roll [°]')
-        label(right, 'Against truth', x, 'RMS error of roll [°]')
-        for axes in (left, right):
-            axes.set_ylim(bottom=0)
-        legend_below(canvas.figure, left)
+            if not condition.listed_hz:
+                axes.text(0.5, 0.5, 'nothing moves', transform=axes.transAxes, ha='center')
+            roll = condition.spectra[-1]
+            tops = [4.0 * float(np.interp(hz, *roll)) for hz in condition.listed_hz]
+            axes.plot(condition.listed_hz, tops, 'v', color=COLORS[6], ms=5, label='Table 5.4')
+            label(axes, condition.name)
+        panels.flat[0].set_ylim(bottom=_FLOOR)
+        panels.flat[0].set_xlim(0, _SHOWN_HZ)
+        for axes in panels[-1]:
+            axes.set_xlabel('frequency [Hz]')
+        for axes in panels[:, 0]:
+            axes.set_ylabel('density [°²/Hz]')
+        legend_below(canvas.figure, *panels.flat)
     return Figure(
-        'figure_roll_vibration',
-        'Roll against vibration, the cells of Table 5.5',
+        'figure_5_10',
+        'Figure 5.10: power spectral density of the vibrations',
         canvas.png,
-        'RMS of roll about its mean and against truth over vibration',
+        'spectral density of pitch, yaw and roll for four conditions',
         (
-            'Bars: 95 % confidence. About the mean the camera itself is measured; the error '
-            'against truth is what the measurement adds.',
+            "Welch's method on the camera's attitude. The thesis shows accelerations on three "
+            'axes of an inertial sensor.',
         ),
     )
 
 
-def _bars(axes: Axes, x: list[float], values: list[Interval], color: str, name: str) -> None:
-    below = [max(v.value - v.low, 0.0) for v in values]
-    above = [max(v.high - v.value, 0.0) for v in values]
-    axes.errorbar(
-        x,
-        [v.value for v in values],
-        yerr=np.nan_to_num(np.array([below, above])),
-        fmt='o-',
-        color=color,
-        ms=4,
-        capsize=3,
-        lw=1.0,
-        label=name,
+_FLOOR = 1e-8
+_SHOWN_HZ = 75.0
+"""Table 5.4 ends at 66.58 Hz."""
+
+
+def roll_figure(cells: Sequence[RollCell]) -> Figure:
+    """RMS of roll by condition: the thesis's twelve numbers and ours."""
+    with drawing(9.6, 4.4) as canvas:
+        axes = canvas.figure.subplots()
+        places = np.arange(len(known.CONDITIONS))
+        for number, roll in enumerate(known.ROLLS_DEG):
+            of_roll = [cell.swing for cell in cells if cell.roll_deg == roll]
+            color, name = COLORS[number], known.roll_name(roll)
+            printed = [
+                known.cell('table_5_5', condition, name).value for condition in known.CONDITIONS
+            ]
+            below = [max(v.value - v.low, 0.0) for v in of_roll]
+            above = [max(v.high - v.value, 0.0) for v in of_roll]
+            axes.errorbar(
+                places + 0.06 * (number - 1),
+                [v.value for v in of_roll],
+                yerr=np.nan_to_num(np.array([below, above])),
+                fmt='o-',
+                color=color,
+                ms=4,
+                capsize=3,
+                label=f'{name}, here',
+            )
+            axes.plot(places, printed, 's--', color=color, ms=4, alpha=0.6, label=f'{name}, thesis')
+        plain_log(axes)
+        axes.set_xticks(places, known.CONDITIONS)
+        label(axes, '', '', 'RMS of roll [°]')
+        legend_below(canvas.figure, axes, columns=3)
+    return Figure(
+        'figure_5_11',
+        'Figure 5.11: RMS of roll for the vibrations',
+        canvas.png,
+        'RMS of roll about its mean for four conditions and three roll angles',
+        ('The numbers of Table 5.5, logarithmic; bars: 95 % confidence.',),
     )

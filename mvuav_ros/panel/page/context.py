@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from nicegui import Event
+
+from mvuav_ros.panel.history import History
 from mvuav_ros.panel.images import ImageFeed
 from mvuav_ros.panel.live_system import LiveNode, LiveSystem
+from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value
@@ -19,40 +23,81 @@ class Services:
     """Of the whole process.
 
     Attributes:
+        ros: our own node.
         system: the running nodes.
         feed: their images.
         sets: named parameters.
         runs: saved runs.
         bags: folders and files with recordings.
         scratch: folder for runs that are not kept.
+        recordings: folder of what is recorded here.
+        sets_changed: a set was saved, taken in or deleted, on whatever page.
+        runs_changed: a run was saved or deleted, or a recording made.
     """
 
+    ros: RosThread
     system: LiveSystem
     feed: ImageFeed
     sets: SetStore
     runs: RunStore
     bags: tuple[Path, ...]
     scratch: Path
+    recordings: Path
+    sets_changed: Event[()] = field(default_factory=Event)
+    runs_changed: Event[()] = field(default_factory=Event)
 
 
-@dataclass
 class Page:
-    """Of one page: which node is looked at, and with which set it is compared."""
+    """Of one browser tab: which node is looked at, and what is to survive a reload."""
 
-    services: Services
-    selected: str = ''
-    chosen_set: str = ''
-    on_select: list[Callable[[], Any]] = field(default_factory=list)
+    def __init__(self, services: Services, kept: MutableMapping[str, Any]) -> None:
+        """Take up where the tab was.
+
+        Args:
+            services: of the process.
+            kept: the tab's memory.
+        """
+        self.services = services
+        self.kept = kept
+        self.on_select: list[Callable[[], Any]] = []
+        self._histories: dict[str, History] = {}
+
+    @property
+    def selected(self) -> str:
+        """Name of the node that parameters, results and runs are about."""
+        return str(self.kept.get('node', ''))
+
+    @property
+    def chosen_set(self) -> str:
+        """The set that the node's values are held against; may be empty."""
+        return str(self.kept.setdefault('sets', {}).get(self.selected, ''))
+
+    @chosen_set.setter
+    def chosen_set(self, name: str) -> None:
+        self.kept.setdefault('sets', {})[self.selected] = name
+
+    @property
+    def edits(self) -> MutableMapping[str, Value]:
+        """Values entered for the selected node that it has not taken (yet)."""
+        edits: MutableMapping[str, Value] = self.kept.setdefault('edits', {}).setdefault(
+            self.selected, {}
+        )
+        return edits
+
+    @property
+    def history(self) -> History:
+        """What was changed on the selected node."""
+        return self._histories.setdefault(self.selected, History())
 
     @property
     def node(self) -> LiveNode | None:
-        """The node that parameters, results and runs are about."""
+        """The selected node."""
         return self.services.system.nodes.get(self.selected)
 
     def select(self, name: str) -> None:
         """Look at another node."""
         if name != self.selected:
-            self.selected, self.chosen_set = name, ''
+            self.kept['node'] = name
             for changed in self.on_select:
                 changed()
 

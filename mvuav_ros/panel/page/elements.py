@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-COLORS = ('#3d8fd6', '#e0752d', '#17a07a', '#c77bab', '#c99700', '#5bb8e8', '#8a6fc0', '#a3793f')
+from mvuav_ros.panel import foreign
 
-
-class LocalSlider(ui.slider):
-    """A slider that follows the hand, not what the server heard of it a while ago."""
-
-    LOOPBACK = False
+_CHART = Path(__file__).parent.with_name('static') / 'chart.json'
 
 
 def box(classes: str = '', tag: str = 'div') -> ui.element:
@@ -23,10 +22,16 @@ def box(classes: str = '', tag: str = 'div') -> ui.element:
 
 def text(words: object, classes: str = '', tag: str = '') -> ui.label:
     """Words, shown as they are whatever they contain."""
-    label = ui.label(str(words)).classes(classes)
+    label = ui.label(foreign.words(words, foreign.LONGEST_DESCRIPTION)).classes(classes)
     if tag:
         label.tag = tag
     return label
+
+
+def set_prop(element: ui.element, name: str, value: object) -> None:
+    """Set an attribute; unlike by ``props`` itself, nothing is sent where it is that already."""
+    if element.props.get(name) != value:
+        element.props[name] = value
 
 
 def button(
@@ -42,7 +47,15 @@ def icon_button(icon: str, words: str, on_click: Callable[..., Any]) -> ui.butto
     made = ui.button(icon=icon, on_click=on_click).props('flat round dense size=sm')
     made.props['aria-label'] = words
     with made:
-        ui.tooltip(words)
+        ui.tooltip(words).props('delay=400')
+    return made
+
+
+def choice(options: Any, label: str, value: Any = None, **more: Any) -> ui.select:
+    """A menu to choose from."""
+    made = ui.select(options, value=value, label=label, **more)
+    made.props('outlined dense options-dense')
+    made.props['aria-label'] = label
     return made
 
 
@@ -53,86 +66,77 @@ def empty(title: str, words: str) -> None:
         text(words)
 
 
-def ask_to_delete(question: str, delete: Callable[[], None]) -> None:
-    """Call ``delete`` if the user says so."""
-    with ui.dialog() as dialog, ui.card().classes('card'):
-        text(question, 'title')
+@contextmanager
+def dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
+    """A dialog, opened; it is gone for good when it is closed."""
+    with ui.dialog() as made, ui.card().classes('card wide' if wide else 'card'):
+        made.props['aria-label'] = foreign.words(title)
+        text(title, 'title', tag='h2')
+        yield made
+    made.on('hide', made.delete)
+    made.open()
+
+
+def ask(question: str, yes: str, act: Callable[[], None]) -> None:
+    """Call ``act`` if the user says so."""
+    with dialog(question) as asking, box('line'):
 
         def confirmed() -> None:
-            # First: what delete() draws anew may hold the dialog.
-            dialog.close()
-            delete()
+            # First: what act() draws anew may hold the dialog.
+            asking.close()
+            act()
 
-        with box('line'):
-            button('Delete', confirmed, main=True)
-            button('Keep', dialog.close)
-    dialog.on('hide', dialog.delete)
-    dialog.open()
+        button(yes, confirmed, main=True)
+        button('Cancel', asking.close)
 
 
 def tell(words: str, *, bad: bool = False) -> None:
     """A short message at the bottom."""
-    ui.notify(words, type='negative' if bad else None, position='bottom', timeout=4000)
+    shown = foreign.words(words)
+    ui.notify(shown, type='negative' if bad else None, position='bottom', timeout=5000)
 
 
-def sheet(rows: list[list[str]]) -> None:
-    """A table of text without a head."""
-    with box('scroll'), box('sheet', 'table'), box(tag='tbody'):
-        for row in rows:
-            with box(tag='tr'):
-                for cell in row:
-                    text(cell, tag='td')
+class Sheet:
+    """A small table of text whose cells change."""
+
+    def __init__(self, label: str, heads: Sequence[str] = (), classes: str = '') -> None:
+        self._cells: list[list[ui.label]] = []
+        # A region that scrolls must be reached by the keyboard.
+        with box(f'scroll {classes}').props('tabindex=0 role=region') as region:
+            region.props['aria-label'] = label
+            with box('sheet', 'table'):
+                if heads:
+                    with box(tag='thead'), box(tag='tr'):
+                        for head in heads:
+                            text(head, tag='th').props('scope=col')
+                self._body = box(tag='tbody')
+
+    def show(self, rows: Sequence[Sequence[str]]) -> None:
+        """Show these rows; only what has changed goes to the page."""
+        if [len(row) for row in rows] != [len(row) for row in self._cells]:
+            self._body.clear()
+            self._cells = []
+            with self._body:
+                for row in rows:
+                    with box(tag='tr'):
+                        self._cells.append([text(words, tag='td') for words in row])
+            return
+        for labels, row in zip(self._cells, rows, strict=True):
+            for label, words in zip(labels, row, strict=True):
+                label.set_text(words)
 
 
-def axes(
-    title: str, unit: str, *, seconds: bool = False, categories: list[str] | None = None
-) -> Any:
-    """An empty ECharts chart that can be read on light and dark."""
-    grey, line = '#8592a1', 'rgba(133, 146, 161, .28)'
-    label = {'color': grey, 'fontSize': 11}
-    rule = {'lineStyle': {'color': line}}
-    x: dict[str, Any] = {
-        'axisLabel': label,
-        'axisLine': {**rule, 'onZero': False},
-        'splitLine': {'show': False},
-    }
-    if seconds:
-        x |= {'type': 'value', 'min': -30, 'max': 0, 'interval': 10}
-        x['axisLabel'] = {**label, 'formatter': '{value} s'}
+def axes(title: str, unit: str, categories: Sequence[str] | None = None) -> Any:
+    """An ECharts chart without curves, over categories, or over the last seconds without them.
+
+    It can be read on light and dark and saved as an image. Its tooltips are rich text, not HTML:
+    names in them come from bags and files.
+    """
+    options = json.loads(_CHART.read_text())
+    options['title']['text'] = f'{title} [{unit}]' if unit else title
+    if categories is None:
+        options['xAxis'] |= {'type': 'value', 'min': -30, 'max': 0, 'interval': 10}
+        options['xAxis']['axisLabel']['formatter'] = '{value} s'
     else:
-        x |= {'type': 'category', 'data': categories or []}
-        x['axisLabel'] = {**label, 'hideOverlap': True}
-    name = f'{title} [{unit}]' if unit else title
-    return {
-        'animation': False,
-        'color': list(COLORS),
-        'title': {
-            'text': name,
-            'left': 12,
-            'top': 10,
-            'textStyle': {'color': grey, 'fontSize': 12, 'fontWeight': 600},
-        },
-        'grid': {'left': 56, 'right': 16, 'top': 40, 'bottom': 48},
-        'legend': {
-            'bottom': 6,
-            'type': 'scroll',
-            'textStyle': label,
-            'itemWidth': 10,
-            'icon': 'roundRect',
-            'itemHeight': 10,
-            'pageTextStyle': label,
-        },
-        # Rich text, not HTML: names in it come from bags and files.
-        'tooltip': {'trigger': 'axis', 'renderMode': 'richText', 'confine': True},
-        'xAxis': x,
-        'yAxis': {
-            'type': 'value',
-            'scale': True,
-            'axisLine': {'show': False},
-            'axisTick': {'show': False},
-            'axisLabel': label,
-            'splitLine': rule,
-            'splitNumber': 4,
-        },
-        'series': [],
-    }
+        options['xAxis']['data'] = list(categories)
+    return options

@@ -6,14 +6,14 @@ from nicegui import ui
 
 from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, icon_button, text
+from mvuav_ros.panel.page.elements import box, icon_button, set_prop, text
 
 _FIGURES = {
     'input_rate_hz': ('in', 'Hz'),
     'output_rate_hz': ('out', 'Hz'),
     'latency_p50_ms': ('latency p50', 'ms'),
     'latency_p95_ms': ('p95', 'ms'),
-    'frames_refused': ('refused', ''),
+    'frames_rejected': ('rejected', ''),
 }
 
 
@@ -21,7 +21,7 @@ class _NodeButton:
     """Chooses a node and shows whether it lives."""
 
     def __init__(self, name: str, page: Page) -> None:
-        self._button = box('node', 'button').props('type=button')
+        self._button = box('node', 'button').props('type=button aria-pressed=false')
         self._button.on('click', lambda: page.select(name))
         with self._button:
             self._dot = box('dot')
@@ -37,7 +37,7 @@ class _NodeButton:
             self._shown = (state, color, chosen)
             self._state.set_text(state)
             self._dot.classes(replace=f'dot {color}')
-            self._button.props(f'aria-pressed={str(chosen).lower()}')
+            set_prop(self._button, 'aria-pressed', str(chosen).lower())
 
 
 class Head:
@@ -71,8 +71,10 @@ class Head:
         nodes = self._page.services.system.nodes
         if self._page.node is None and nodes:
             alive = [name for name, node in nodes.items() if node.alive]
-            self._page.select((alive or list(nodes))[0])
-            return
+            # What was chosen before a reload may need a moment to be found again.
+            if alive or not self._page.selected:
+                self._page.select((alive or list(nodes))[0])
+                return
         if list(nodes) != list(self._buttons) or not nodes:
             # Only then: a button that is made anew loses the keyboard's focus.
             self._nodes.clear()
@@ -90,7 +92,7 @@ class Head:
         status = node.status if node is not None and node.alive else {}
         for key, label in self._figures.items():
             value = status.get(key, '-')
-            label.set_text('-' if value == 'nan' else value)
+            label.set_text('-' if value == 'nan' else value[:12])
         if node is None:
             words = 'Start marker_tracker or runway_detector; it appears here by itself.'
         elif not node.alive and node.controls:

@@ -4,68 +4,81 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from nicegui import background_tasks, ui
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import (
-    ask_to_delete,
-    box,
-    button,
-    empty,
-    icon_button,
-    sheet,
-    tell,
-    text,
-)
+from mvuav_ros.panel.page.elements import Sheet, ask, box, button, choice, empty, tell, text
+from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.page.trends import Trends
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess
+from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
 from mvuav_ros.panel.runs import RESULTS, SavedRun, find_bags
+from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
+
+_HEADS = {
+    'name': 'run',
+    'kind': 'node',
+    'source': 'recording',
+    'frames': 'frames',
+    'changed': 'other than default',
+    'made': 'made',
+}
+# Quasar's own checkboxes in a table have no name for who cannot see them.
+_CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
+Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
 
 
 class Runs:
     """Start runs, keep them, and look at those kept."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
+    def __init__(self, page: Page, load: Load) -> None:
+        """Make the part in the place where elements now go.
+
+        Args:
+            page: whose node runs.
+            load: gives a run's parameters to the node.
+        """
+        self._page, self._load = page, load
         self._process: RunProcess | None = None
-        self._chosen: list[str] = []
         self._bags: dict[str, Path] = {}
-        with (
-            box('part runs', 'section').props('aria-label=Runs') as self._place,
-            box('stack'),
-        ):
+        self._runs: list[SavedRun] = []
+        with box('part runs', 'section').props('role=tabpanel aria-label=Runs'), box('stack'):
             with box('card'):
                 text('A run over a recording, with the values that the node has now', tag='h2')
                 self._form()
             self._result = box('card')
             self._result.set_visibility(False)
             with box('card'):
-                with box('line').style('padding: 8px 8px 4px 14px'):
-                    text('Saved runs', 'title grow')
-                self._list = box()
-            self._trends = Trends(page.services)
+                self._saved()
+            self._trends = Trends()
         page.on_select.append(self._other_node)
+        page.services.runs_changed.subscribe(self.refresh)
         self.refresh()
+
+    @property
+    def _ticked(self) -> list[str]:
+        return list(self._page.kept.setdefault('ticks', []))
 
     def _form(self) -> None:
         with box('form'):
             with box('line wrap'):
-                self._bag = ui.select([], label='Recording').props('outlined dense options-dense')
-                self._bag.classes('grow').style('min-width: 200px')
+                self._bag = choice([], 'Recording').classes('grow').style('min-width: 200px')
                 self._name = ui.input('Name').props('outlined dense')
                 self._name.style('flex: 1 1 120px; max-width: 200px')
-                with box('actions'):
-                    self._run = button('Run', lambda: self._start(keep=False), 'play_arrow')
-                    self._save = button(
-                        'Run and save', lambda: self._start(keep=True), 'save', main=True
-                    )
+            with box('line wrap'):
+                self._buttons = [
+                    button('Run', lambda: self._start(keep=False), 'play_arrow'),
+                    button('Run and save', lambda: self._start(keep=True), 'save', main=True),
+                    button('Save to set, run and save', self._save_and_run, 'playlist_add_check'),
+                ]
             with box('line').style('min-height: 32px'):
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
                 self._bar.classes('grow').props['aria-label'] = 'Progress'
@@ -73,15 +86,46 @@ class Runs:
                 self._cancel = button('Cancel', self._cancel_run)
                 self._cancel.disable()
 
+    def _saved(self) -> None:
+        with box('line titled wrap'):
+            text('Saved runs', 'title grow', tag='h2')
+            self._with_one = [
+                button('Load its values', self._load_run),
+                button('Report', self._show_report),
+            ]
+            self._with_any = button('Delete', self._ask_to_delete)
+        self._table = ui.table(
+            rows=[],
+            columns=[
+                {'name': key, 'label': head, 'field': key, 'align': 'left', 'sortable': True}
+                for key, head in _HEADS.items()
+            ],
+            row_key='name',
+            selection='multiple',
+            on_select=self._tick,
+        ).props('flat dense hide-pagination :rows-per-page-options="[0]" binary-state-sort')
+        self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
+        self._table.add_slot('body-selection', _CHECKBOX.format('props.row.name'))
+        self._none = box()
+        with self._none:
+            empty('No run saved yet', '“Run and save” keeps parameters, results and input.')
+
     def refresh(self) -> None:
         """Look for recordings and runs."""
-        self._bags = find_bags(self._page.services.bags)
+        services = self._page.services
+        self._bags = find_bags([*services.bags, services.recordings])
         names = list(self._bags)
         value = self._bag.value if self._bag.value in names else self._likely(names)
         self._bag.set_options(names, value=value)
-        if not self._name.value:
-            self._name.value = self._page.services.runs.free_name()
-        self._show_list()
+        if not self._name.value or (services.runs.folder / self._name.value).exists():
+            self._name.value = services.runs.free_name()
+        self._runs = services.runs.all()
+        rows = [_row(run) for run in reversed(self._runs)]
+        self._table.rows = rows
+        self._table.selected = [row for row in rows if row['name'] in self._ticked]
+        self._table.set_visibility(bool(rows))
+        self._none.set_visibility(not rows)
+        self._show_ticked()
 
     def _other_node(self) -> None:
         self._bag.value = self._likely(list(self._bags))
@@ -92,88 +136,73 @@ class Runs:
         fitting = [name for name in names if word and word in name]
         return next(iter([*fitting, *names]), None)
 
-    def _show_list(self) -> None:
-        runs = self._page.services.runs.all()
-        names = [run.name for run in runs]
-        self._chosen = [name for name in self._chosen if name in names]
-        self._list.clear()
-        with self._list:
-            if not runs:
-                empty('No run saved yet', '“Run and save” keeps parameters, results and input.')
-            else:
-                self._table(runs)
-        self._show_trends()
+    def _tick(self) -> None:
+        self._page.kept['ticks'] = [row['name'] for row in self._table.selected]
+        self._show_ticked()
 
-    def _table(self, runs: list[SavedRun]) -> None:
-        with box('scroll'), box('sheet words', 'table'):
-            with box(tag='thead'), box(tag='tr'):
-                for head in ('', 'run', 'node', 'recording', 'frames', 'other than default', ''):
-                    text(head, tag='th')
-            with box(tag='tbody'):
-                for run in reversed(runs):
-                    self._table_row(run)
+    def _chosen(self) -> list[SavedRun]:
+        return [run for run in self._runs if run.name in self._ticked]
 
-    def _table_row(self, run: SavedRun) -> None:
-        changed = ', '.join(
-            f'{name} {value_text(value)}' for name, value in changed_values(run).items()
-        )
-        with box(tag='tr') as row:
-            row.props['data-run'] = run.name
-            with box(tag='td'):
-                check = ui.checkbox(
-                    value=run.name in self._chosen,
-                    on_change=lambda e: self._choose(run.name, bool(e.value)),
-                ).props('dense size=sm')
-                check.props['aria-label'] = f'{run.name} in the trends'
-            text(run.name, tag='td').tooltip(
-                f'{time.strftime("%Y-%m-%d %H:%M", time.localtime(run.made))}, '
-                f'mvuav_ros {run.version}'
-            )
-            text(run.kind, tag='td')
-            text(Path(run.source).name, tag='td')
-            text(f'{run.answered} of {run.frames}', tag='td')
-            text(changed or 'nothing', tag='td').style(
-                'max-width: 320px; overflow: hidden; text-overflow: ellipsis'
-            ).tooltip(changed or 'nothing')
-            with box(tag='td'):
-                icon_button('delete_outline', f'Delete {run.name}', lambda: self._ask(run.name))
+    def _show_ticked(self) -> None:
+        chosen = self._chosen()
+        for each in self._with_one:
+            each.set_enabled(len(chosen) == 1)
+        self._with_any.set_enabled(bool(chosen))
+        self._trends.show(chosen)
 
-    def _choose(self, name: str, chosen: bool) -> None:
-        self._chosen = [each for each in self._chosen if each != name]
-        if chosen:
-            self._chosen.append(name)
-        self._show_trends()
+    async def _load_run(self) -> None:
+        (run,) = self._chosen()
+        node = self._page.node
+        if node is None or node.kind != run.kind:
+            tell(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
+            return
+        await self._load(run.parameters, run.name)
 
-    def _show_trends(self) -> None:
-        runs = self._page.services.runs.all()
-        self._trends.show([run for run in runs if run.name in self._chosen])
+    def _show_report(self) -> None:
+        (run,) = self._chosen()
+        if self._page.services.runs.report(run.name) is None:
+            tell(f'{run.name} was made by an older version, without a report.', bad=True)
+            return
+        ui.navigate.to(f'/report/{run.name}', new_tab=True)
 
-    def _ask(self, name: str) -> None:
+    def _ask_to_delete(self) -> None:
+        names, services = [run.name for run in self._chosen()], self._page.services
+
         def delete() -> None:
-            self._page.services.runs.delete(name)
-            self._show_list()
+            for name in names:
+                services.runs.delete(name)
+            services.runs_changed.emit()
 
-        ask_to_delete(f'Delete {name} with its results?', delete)
+        ask(f'Delete {", ".join(names)} with all results?', 'Delete', delete)
 
-    def _start(self, *, keep: bool) -> None:
-        node, bag = self._page.node, self._bags.get(self._bag.value or '')
+    def _save_and_run(self) -> None:
+        if self._can_start() and save_set(self._page, self._name.value or ''):
+            self._start(keep=True)
+
+    def _can_start(self) -> bool:
+        node = self._page.node
         if node is None or not node.controls:
             tell('There is no node whose values a run could take.', bad=True)
-        elif bag is None:
+        elif (self._bag.value or '') not in self._bags:
             tell('Choose a recording first.', bad=True)
-        elif self._process is None:
-            try:
-                folder = self._folder(keep)
-            except (NameRefusedError, OSError) as error:
-                tell(str(error), bad=True)
-                return
-            known = PROCESSORS[node.kind].parameters_type.names()
-            values = {k: v for k, v in self._page.own_values().items() if k in known}
-            self._process = RunProcess()
-            name = folder.name
-            background_tasks.create(
-                self._work(self._process, name, node.kind, bag, values, folder, keep)
-            )
+        else:
+            return self._process is None
+        return False
+
+    def _start(self, *, keep: bool) -> None:
+        node = self._page.node
+        if not self._can_start() or node is None:
+            return
+        try:
+            folder = self._folder(keep)
+        except (NameRefusedError, OSError) as error:
+            tell(str(error), bad=True)
+            return
+        known = PROCESSORS[node.kind].parameters_type.names()
+        values = {k: v for k, v in self._page.own_values().items() if k in known}
+        self._process = RunProcess()
+        bag = self._bags[self._bag.value]
+        background_tasks.create(self._work(self._process, node.kind, bag, values, folder, keep))
 
     def _folder(self, keep: bool) -> Path:
         if keep:
@@ -185,24 +214,21 @@ class Runs:
     async def _work(
         self,
         process: RunProcess,
-        name: str,
         kind: str,
         bag: Path,
         values: dict[str, Any],
         folder: Path,
         keep: bool,
     ) -> None:
+        name = folder.name if keep else ''
         self._busy(True)
-        settings = self._page.chosen_set
         try:
-            run = await process.run(
-                name, kind, bag, values, folder / RESULTS, self._progress, settings
-            )
+            request = RunRequest(name, kind, bag, values, folder / RESULTS, self._page.chosen_set)
+            run = await process.run(request, self._progress)
             if keep:
                 self._page.services.runs.finish(run)
-                self._chosen.append(run.name)
-                self._name.value = self._page.services.runs.free_name()
-            self._done(run, keep)
+                self._page.kept['ticks'] = [*self._ticked, run.name]
+            self._done(run)
         except (RunFailedError, RecordingError, OSError) as error:
             self._words.set_text('cancelled' if process.cancelled else f'failed: {error}')
             keep = False
@@ -211,11 +237,11 @@ class Runs:
                 shutil.rmtree(folder, ignore_errors=True)
             self._process = None
             self._busy(False)
-            self._show_list()
+            self._page.services.runs_changed.emit()
 
     def _busy(self, busy: bool) -> None:
-        self._run.set_enabled(not busy)
-        self._save.set_enabled(not busy)
+        for each in self._buttons:
+            each.set_enabled(not busy)
         self._cancel.set_enabled(busy)
         if busy:
             self._bar.set_value(0.0)
@@ -229,25 +255,36 @@ class Runs:
         if self._process is not None:
             self._process.cancel()
 
-    def _done(self, run: SavedRun, keep: bool) -> None:
+    def _done(self, run: SavedRun) -> None:
         self._bar.set_value(1.0)
         self._words.set_text(f'{run.answered} of {run.frames} frames')
         self._result.set_visibility(True)
         self._result.clear()
         with self._result:
-            title = run.name if keep else 'The last run (not saved)'
-            text(f'{title}: {Path(run.source).name}', tag='h2')
-            rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
+            text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
+            rows = [[foreign.from_one(m.name), number_text(m.value), m.unit] for m in run.metrics]
             half = -(-len(rows) // 2)
-            with box('charts').style('gap: 0 12px; padding: 4px 0 8px'):
-                sheet(rows[:half])
-                sheet(rows[half:])
+            with box('charts'):
+                Sheet('Numbers of the run').show(rows[:half])
+                Sheet('More numbers of the run').show(rows[half:])
 
 
 def changed_values(run: SavedRun) -> dict[str, Any]:
     """The parameters of a run that are not the default."""
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
     return {k: v for k, v in run.parameters.items() if k in defaults and defaults[k] != v}
+
+
+def _row(run: SavedRun) -> dict[str, str]:
+    changed = (f'{name} {value_text(value)}' for name, value in changed_values(run).items())
+    return {
+        'name': run.name,
+        'kind': run.kind,
+        'source': Path(run.source).name,
+        'frames': f'{run.answered} of {run.frames}',
+        'changed': ', '.join(changed) or 'nothing',
+        'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
+    }
 
 
 def number_text(value: float) -> str:

@@ -1,8 +1,9 @@
-"""Choosing, loading, saving and comparing named sets."""
+"""Choosing, loading, saving, exchanging and comparing named sets."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -10,12 +11,12 @@ from nicegui import ui
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import ask_to_delete, box, button, icon_button, tell, text
-from mvuav_ros.panel.sets import differences
+from mvuav_ros.panel.page.elements import Sheet, ask, box, button, choice, dialog, tell, text
+from mvuav_ros.panel.sets import LARGEST_SET, differences
 from mvuav_ros.parameters.declaration import ParameterError, Value
 
 LIVE = 'live values'
-Load = Callable[[dict[str, Value]], Awaitable[dict[str, str]]]
+Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
 
 
 class SetBar:
@@ -26,29 +27,29 @@ class SetBar:
 
         Args:
             page: whose node and set it is about.
-            load: gives values to the node; returns what it refused.
+            load: gives values to the node.
             changed: called when another set was chosen or a set has changed.
         """
         self._page, self._load, self._changed = page, load, changed
-        self._values: dict[str, object] = {}
-        self._loaded_name = ''
+        self._kind = page.node.kind if page.node is not None else ''
+        self._values: dict[str, Value] = {}
         with box('sets'):
             with box('line'):
-                self._choice = ui.select([], label='Set', on_change=self._choose)
-                self._choice.props('outlined dense options-dense').classes('grow')
-                self._choice.props['aria-label'] = 'Set'
+                self._choice = choice([], 'Set', on_change=self._choose).classes('grow')
                 button('Load', self._load_chosen)
                 button('Save', self._ask_name)
-                icon_button('compare_arrows', 'Compare two sets', self._compare)
-                self._delete = icon_button('delete_outline', 'Delete the set', self._ask_delete)
+                with ui.button(icon='more_vert').props('flat round dense size=sm') as more:
+                    more.props['aria-label'] = 'More about sets'
+                    with ui.menu():
+                        ui.menu_item('Compare two sets', self._compare)
+                        self._download = ui.menu_item('Download the set', self._send_file)
+                        ui.menu_item('Upload a set', self._ask_file)
+                        self._delete = ui.menu_item('Delete the set', self._ask_delete)
             self._match = text('', 'match').props('role=status')
-        self._list()
+        self.reload()
 
-    @property
-    def _kind(self) -> str:
-        return self._page.node.kind if self._page.node is not None else ''
-
-    def _list(self) -> None:
+    def reload(self) -> None:
+        """After a set was saved, taken in or deleted."""
         names = self._page.services.sets.names(self._kind)
         if self._page.chosen_set not in names:
             self._page.chosen_set = ''
@@ -64,10 +65,10 @@ class SetBar:
     def _read(self) -> None:
         name = self._page.chosen_set
         self._values = self._values_of(name) if name else {}
-        built_in = not name or self._page.services.sets.is_built_in(name)
-        self._delete.set_enabled(not built_in)
+        self._download.set_enabled(bool(name))
+        self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
 
-    def _values_of(self, name: str) -> dict[str, object]:
+    def _values_of(self, name: str) -> dict[str, Value]:
         if name == LIVE:
             return dict(self._page.own_values())
         try:
@@ -76,7 +77,7 @@ class SetBar:
             tell(str(error), bad=True)
             return {}
 
-    def refresh(self, live: Mapping[str, object]) -> dict[str, object]:
+    def refresh(self, live: Mapping[str, object]) -> dict[str, Value]:
         """Say whether the live values are the chosen set's; returns that set."""
         name = self._page.chosen_set
         count = len(differences(self._values, live))
@@ -93,72 +94,85 @@ class SetBar:
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
         if not name:
-            tell('Choose a set first.')
+            tell('Choose a set first.', bad=True)
             return
         self._read()
-        values: Any = self._values
-        refused = await self._load(values)
-        if refused:
-            tell(f'{len(refused)} values of {name} were refused; see there', bad=True)
-        else:
-            tell(f'{name} is loaded')
+        await self._load(self._values, name)
 
     def _ask_name(self) -> None:
-        sets = self._page.services.sets
-        name = self._page.chosen_set
-        with ui.dialog() as dialog, ui.card().classes('card'):
-            text('Save the live values as a set', 'title')
+        sets, name = self._page.services.sets, self._page.chosen_set
+        with dialog('Save the live values as a set') as asking:
             field = ui.input('Name', value='' if sets.is_built_in(name) else name)
             field.props('outlined dense autofocus').style('width: 280px; max-width: 100%')
             text('An ordinary ROS 2 parameter file, in', 'small soft')
-            text(sets.folder, 'small soft number').style('overflow-wrap: anywhere')
+            text(sets.folder, 'small soft number breaks')
 
             def save() -> None:
-                if self._save(field.value or ''):
-                    dialog.close()
+                if save_set(self._page, field.value or ''):
+                    asking.close()
 
             field.on('keydown.enter', save)
             with box('line'):
                 button('Save', save, main=True)
-                button('Cancel', dialog.close)
-        dialog.on('hide', dialog.delete)
-        dialog.open()
-
-    def _save(self, name: str) -> bool:
-        try:
-            self._page.services.sets.save(name, self._kind, self._page.own_values())
-        except (NameRefusedError, OSError) as error:
-            tell(str(error), bad=True)
-            return False
-        self._page.chosen_set = name.strip()
-        self._list()
-        self._changed()
-        tell(f'{name.strip()} is saved')
-        return True
+                button('Cancel', asking.close)
 
     def _ask_delete(self) -> None:
-        name = self._page.chosen_set
+        name, services = self._page.chosen_set, self._page.services
 
         def delete() -> None:
-            self._page.services.sets.delete(name)
-            self._list()
-            self._changed()
+            services.sets.delete(name)
+            services.sets_changed.emit()
 
-        ask_to_delete(f'Delete the set {name}?', delete)
+        ask(f'Delete the set {name}?', 'Delete', delete)
+
+    def _send_file(self) -> None:
+        name = self._page.chosen_set
+        try:
+            content = self._page.services.sets.content(name)
+        except (OSError, NameRefusedError) as error:
+            tell(str(error), bad=True)
+            return
+        ui.download.content(content, f'{name}.yaml', 'application/yaml')
+
+    def _ask_file(self) -> None:
+        with dialog('Upload a set') as asking:
+            text('A ROS 2 parameter file (.yaml) of our nodes.', 'small soft')
+
+            async def take(event: Any) -> None:
+                if self._take_file(event.file.name, await event.file.read()):
+                    asking.close()
+
+            ui.upload(
+                label='Choose a file or drop one here',
+                auto_upload=True,
+                max_file_size=LARGEST_SET,
+                on_upload=take,
+                on_rejected=lambda: tell(f'the file has more than {LARGEST_SET} bytes', bad=True),
+            ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
+            button('Cancel', asking.close)
+
+    def _take_file(self, file_name: str, content: bytes) -> bool:
+        services, name = self._page.services, Path(file_name).stem
+        try:
+            kinds = services.sets.add(name, content)
+        except (NameRefusedError, ParameterError, OSError) as error:
+            tell(str(error), bad=True)
+            return False
+        if self._kind in kinds:
+            self._page.chosen_set = name.strip()
+        services.sets_changed.emit()
+        tell(f'{name} is taken in for {" and ".join(kinds)}')
+        return True
 
     def _compare(self) -> None:
         names = [LIVE, *self._page.services.sets.names(self._kind)]
-        with (
-            ui.dialog() as dialog,
-            ui.card().classes('card').style('width: 640px; max-width: 96vw'),
-        ):
-            text('Compare two sets', 'title')
+        chosen = self._page.chosen_set or names[min(1, len(names) - 1)]
+        with dialog('Compare two sets', wide=True) as comparing:
             with box('line').style('width: 100%'):
-                left = ui.select(names, value=LIVE).props('outlined dense').classes('grow')
-                chosen = self._page.chosen_set or names[min(1, len(names) - 1)]
-                right = ui.select(names, value=chosen).props('outlined dense').classes('grow')
+                left = choice(names, 'One set', LIVE).classes('grow')
+                right = choice(names, 'Another set', chosen).classes('grow')
             whole = ui.switch('Also what is equal').props('dense')
-            place = box('scroll').style('width: 100%; max-height: 55vh; overflow: auto')
+            place = box('comparison')
 
             def show() -> None:
                 place.clear()
@@ -168,21 +182,26 @@ class SetBar:
             for each in (left, right, whole):
                 each.on_value_change(show)
             show()
-            button('Close', dialog.close)
-        dialog.on('hide', dialog.delete)
-        dialog.open()
+            button('Close', comparing.close)
 
     def _comparison(self, left: str, right: str, *, all_of_them: bool) -> None:
         found = differences(self._values_of(left), self._values_of(right), all_of_them=all_of_them)
         if not found:
             text('No parameter differs.', 'soft')
             return
-        with box('sheet', 'table'):
-            with box(tag='tr'):
-                for head in ('parameter', left, right):
-                    text(head, tag='th')
-            for each in found:
-                with box(tag='tr').style('font-weight: 600' if each.differs else ''):
-                    text(each.name, tag='td')
-                    text(value_text(each.left), tag='td')
-                    text(value_text(each.right), tag='td')
+        sheet = Sheet('The difference', ('parameter', left, right))
+        sheet.show([[d.name, value_text(d.left), value_text(d.right)] for d in found])
+
+
+def save_set(page: Page, name: str) -> bool:
+    """Save the selected node's values as a set; says why where that cannot be."""
+    kind = page.node.kind if page.node is not None else ''
+    try:
+        page.services.sets.save(name, kind, page.own_values())
+    except (NameRefusedError, OSError) as error:
+        tell(str(error), bad=True)
+        return False
+    page.chosen_set = name.strip()
+    page.services.sets_changed.emit()
+    tell(f'{name.strip()} is saved')
+    return True

@@ -1,127 +1,150 @@
-"""Trends over chosen runs: single, as subplots or grouped."""
+"""Trends over chosen runs: over their names or a parameter; single, as subplots or grouped."""
 
 from __future__ import annotations
 
-import asyncio
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from nicegui import ui
 
 from mvuav_ros.offline.evaluation.metric import metric_groups
-from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.writing import csv_text
-from mvuav_ros.panel.page.context import Services
-from mvuav_ros.panel.page.elements import axes, box, button, empty, text
-from mvuav_ros.panel.runs import SavedRun, run_table
+from mvuav_ros.panel import foreign
+from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, tell, text
+from mvuav_ros.panel.runs import SavedRun, run_table, varied
 
 _FIRST = ('flag counts', 'markers by state')
-_WORDS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
+_ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
+_OVER_NAMES = 'run'
 
 
 class Trends:
-    """Charts of the numbers of runs, those that ``mvuav sweep`` draws."""
+    """Charts of any subset of the numbers of runs, those that ``mvuav sweep`` gives."""
 
-    def __init__(self, services: Services) -> None:
-        self._services = services
+    def __init__(self) -> None:
         self._runs: list[SavedRun] = []
         with box('card'):
-            with box('line wrap').style('padding: 8px 8px 8px 14px'):
-                text('Trends', 'title grow')
+            with box('line titled wrap'):
+                text('Trends', 'title grow', tag='h2')
                 self._arrangement = ui.toggle(
-                    _WORDS,
-                    value='single',
-                    on_change=self._draw,
+                    _ARRANGEMENTS, value='single', on_change=self._draw
                 ).props('dense unelevated toggle-color=primary size=sm no-caps')
-                self._group = ui.select([], on_change=self._draw)
-                self._group.props('outlined dense options-dense').style('flex: 1 1 160px')
-                self._group.props['aria-label'] = 'What is drawn'
-                with box('actions'):
-                    self._csv = button('CSV', self._export_csv)
-                    self._csv.tooltip('Save the numbers and parameters of the chosen runs')
-                    self._png = button('PNG', self._export_png)
-                    self._png.tooltip('Save the figure')
+                self._csv = button('CSV', self._export_csv)
+                self._csv.tooltip('Save the numbers and parameters of the chosen runs')
+            with box('line wrap fields'):
+                self._over = choice([_OVER_NAMES], 'Over', _OVER_NAMES, on_change=self._draw)
+                self._numbers = choice(
+                    [], 'Numbers', [], multiple=True, on_change=self._draw
+                ).props('use-chips')
             self._place = box()
         self.show([])
 
     def show(self, runs: list[SavedRun]) -> None:
         """Draw these runs, in their order."""
         self._runs = runs
-        groups = list(metric_groups(run.metrics for run in runs))
-        value = self._group.value if self._group.value in groups else None
-        first = [group for group in _FIRST if group in groups]
-        value = value or next(iter([*first, *groups]), None)
-        self._group.set_options(groups, value=value)
-        for each in (self._csv, self._png):
-            each.set_enabled(bool(runs))
+        over = [_OVER_NAMES, *varied(runs)]
+        self._over.set_options(
+            over, value=self._over.value if self._over.value in over else _OVER_NAMES
+        )
+        columns = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
+        chosen = [column for column in self._numbers.value or [] if column in columns]
+        shown = {column: foreign.from_one(column) for column in columns}
+        self._numbers.set_options(shown, value=chosen or self._usual())
+        self._csv.set_enabled(bool(runs))
         self._draw()
 
-    def _draw(self) -> None:
+    def _usual(self) -> list[str]:
         groups = metric_groups(run.metrics for run in self._runs)
-        arrangement = self._arrangement.value
-        self._group.set_enabled(arrangement != 'subplots' and bool(groups))
+        first = [group for group in (*_FIRST, *groups) if group in groups]
+        return list(groups[first[0]]) if first else []
+
+    def _draw(self) -> None:
         self._place.clear()
+        columns = list(self._numbers.value or [])
         with self._place:
-            if not groups:
+            if not self._runs:
                 empty('No run chosen', 'Tick saved runs above to compare them.')
-                return
-            names = [run.name for run in self._runs]
-            shown = list(groups) if arrangement == 'subplots' else [self._group.value]
-            with box('charts' if arrangement == 'subplots' else ''):
-                for group in shown:
-                    options = _options(self._runs, names, group, groups[group], arrangement)
-                    chart = ui.echart(options).classes('chart')
-                    chart.style('height: 220px' if arrangement == 'subplots' else 'height: 320px')
-                    chart.props['data-trend'] = group
+            elif not columns:
+                empty('No number chosen', 'Choose one or more of the numbers above.')
+            elif self._arrangement.value == 'subplots':
+                with box('charts'):
+                    for column in columns:
+                        self._chart([column], 220)
+            else:
+                self._chart(columns, 320)
+
+    def _chart(self, columns: list[str], height: int) -> None:
+        grouped = self._arrangement.value == 'grouped'
+        draw = grouped_options if grouped else line_options
+        chart = ui.echart(draw(self._runs, columns, self._over.value)).classes('chart')
+        chart.style(f'height: {height}px')
+        chart.props['data-trend'] = ', '.join(columns)
 
     def _export_csv(self) -> None:
+        if not self._runs:
+            tell('Tick saved runs first.', bad=True)
+            return
         ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
 
-    async def _export_png(self) -> None:
-        arrangement, group, runs = self._arrangement.value, self._group.value, list(self._runs)
 
-        def draw() -> Figure:
-            from mvuav_ros.panel.trend_figures import image_of
-
-            return image_of(runs, arrangement, group)
-
-        figure = await asyncio.to_thread(draw)
-        ui.download.content(figure.png, f'{figure.key}.png')
-
-
-def _options(
-    runs: list[SavedRun], names: list[str], group: str, columns: list[str], arrangement: str
-) -> Any:
-    unit = next((m.unit for run in runs for m in run.metrics if m.group == group), '')
-    title = group.capitalize()
-    numbers = {
-        column: [
-            next((_number(m.value) for m in run.metrics if m.column == column), None)
-            for run in runs
-        ]
-        for column in columns
-    }
-    plain = {column: column.split(' [')[0] for column in columns}
-    if arrangement == 'grouped':
-        options = axes(title, unit, categories=[plain[column] for column in columns])
-        options['yAxis']['scale'] = False
-        options['series'] = [
-            {
-                'name': name,
-                'type': 'bar',
-                'barMaxWidth': 36,
-                'data': [numbers[column][index] for column in columns],
-            }
-            for index, name in enumerate(names)
-        ]
-        return options
-    options = axes(title, unit, categories=names)
+def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
+    """A chart with a line for each column, over the runs in order of the parameter's value."""
+    if over != _OVER_NAMES:
+        runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
+    options = axes(*_title(columns), [_place(run, over) for run in runs])
     options['series'] = [
-        {'name': plain[column], 'type': 'line', 'symbolSize': 7, 'symbol': 'circle', 'data': values}
-        for column, values in numbers.items()
+        {
+            'name': _plain(column),
+            'type': 'line',
+            'symbolSize': 7,
+            'symbol': 'circle',
+            'data': _numbers(runs, column),
+        }
+        for column in columns
     ]
     return options
 
 
-def _number(value: float) -> float | None:
-    return round(value, 4) if math.isfinite(value) else None
+def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
+    """A chart with a group of bars for each column."""
+    options = axes(*_title(columns), [_plain(column) for column in columns])
+    options['yAxis']['scale'] = False
+    values = [_numbers(runs, column) for column in columns]
+    options['series'] = [
+        {
+            'name': _place(run, over),
+            'type': 'bar',
+            'barMaxWidth': 36,
+            'data': [row[index] for row in values],
+        }
+        for index, run in enumerate(runs)
+    ]
+    return options
+
+
+def _place(run: SavedRun, over: str) -> str:
+    return run.name if over == _OVER_NAMES else f'{over} {value_text(run.parameters.get(over))}'
+
+
+def _order(value: Any) -> tuple[bool, float, str]:
+    """Numbers by size, then words."""
+    is_number = isinstance(value, (int, float)) and math.isfinite(value)
+    return not is_number, float(value) if is_number else 0.0, str(value)
+
+
+def _title(columns: Sequence[str]) -> tuple[str, str]:
+    """Of the chart, with the unit where all columns have the same."""
+    units = {column.rpartition(' [')[2].rstrip(']') if ' [' in column else '' for column in columns}
+    title = _plain(columns[0]).capitalize() if len(columns) == 1 else 'Trends'
+    return title, units.pop() if len(units) == 1 else ''
+
+
+def _plain(column: str) -> str:
+    return foreign.from_one(column.split(' [')[0])
+
+
+def _numbers(runs: Sequence[SavedRun], column: str) -> list[float | None]:
+    found = [next((m.value for m in run.metrics if m.column == column), math.nan) for run in runs]
+    return [round(value, 4) if math.isfinite(value) else None for value in found]

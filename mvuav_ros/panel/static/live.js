@@ -1,11 +1,11 @@
-// Images and curves of the page: one WebSocket that asks only for what is on the screen.
+// Images, curves and sliders of the page; one WebSocket that asks only for what is on the screen.
 'use strict';
 (() => {
   const WINDOW = 30; // seconds of curves
-  const STALE = 3000; // ms without a image
+  const STALE = 3000; // ms without an image
   const seen = new Set(); // canvases on the screen
   const drawnAt = new Map();
-  let socket = null, asked = '', retry = 500, series = '', curves = {};
+  let socket = null, asked = '', retry = 500, series = '', curves = new Map();
 
   const panel = () => document.querySelector('.panel');
   const visible = (part) => { const e = document.querySelector('.part.' + part); return !!e && e.offsetParent !== null; };
@@ -64,6 +64,8 @@
         context.beginPath(); context.moveTo(0, y); context.lineTo(canvas.width, y); context.stroke();
       }
     }
+    const words = canvas.closest('.tile')?.querySelector('.rate');
+    if (words && words.textContent !== header.words) words.textContent = header.words;
     canvas.dataset.frames = Number(canvas.dataset.frames || 0) + 1;
     canvas.parentElement.dataset.fresh = 'true';
     drawnAt.set(canvas, performance.now());
@@ -87,13 +89,16 @@
   });
 
   function plot(message) {
-    if (message.series !== series) { series = message.series; curves = {}; }
+    if (message.series !== series) { series = message.series; curves = new Map(); }
+    if (message.pose) sketch(message.pose);
     const touched = new Set();
     for (const [time, chart, values] of message.points) {
-      const here = (curves[chart] ||= {});
+      if (!curves.has(chart)) curves.set(chart, new Map());
+      const here = curves.get(chart);
       touched.add(chart);
-      for (const name of new Set([...Object.keys(here), ...Object.keys(values)])) {
-        const line = (here[name] ||= []);
+      for (const name of new Set([...here.keys(), ...Object.keys(values)])) {
+        if (!here.has(name)) here.set(name, []);
+        const line = here.get(name);
         line.push([time, values[name] ?? null]);
         while (line.length && line[0][0] < time - WINDOW) line.shift();
       }
@@ -102,7 +107,7 @@
       const holder = document.querySelector(`[data-curves="${chart}"][data-node="${CSS.escape(series)}"]`);
       const instance = holder && window.getElement && getElement(Number(holder.id.slice(1)))?.chart;
       if (!instance) continue;
-      const lines = Object.entries(curves[chart]);
+      const lines = [...curves.get(chart)];
       const end = Math.max(...lines.map(([, line]) => line[line.length - 1][0]));
       instance.setOption({
         legend: { data: lines.map(([name]) => name) },
@@ -114,6 +119,47 @@
     }
   }
 
+  // Lines from -1 to 1, and numbers with their names; as text only.
+  function sketch(pose) {
+    const canvas = document.querySelector(`canvas.sketch[data-node="${CSS.escape(series)}"]`);
+    if (!canvas) return;
+    canvas.closest('.pose').dataset.known = String(pose.segments.length > 0);
+    const pairs = pose.numbers.flatMap(([name, value]) => [['dt', name], ['dd', value]]);
+    canvas.parentElement.querySelector('.pose-numbers').replaceChildren(
+      ...pairs.map(([tag, words]) => Object.assign(document.createElement(tag), { textContent: words })));
+    const context = canvas.getContext('2d'), half = canvas.width / 2, middle = canvas.height / 2;
+    const style = getComputedStyle(canvas);
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    context.lineWidth = 2;
+    for (const [color, x1, y1, x2, y2] of pose.segments) {
+      context.strokeStyle = style.getPropertyValue('--' + color);
+      context.beginPath();
+      context.moveTo(half * (1 + x1), middle + half * y1);
+      context.lineTo(half * (1 + x2), middle + half * y2);
+      context.stroke();
+    }
+  }
+
+  // A slider speaks its value with the unit, and follows the server unless a hand is at it.
+  let held = null, heldUntil = 0;
+  function speak(slider) {
+    const value = (slider.dataset.values || '').split(' ')[slider.value];
+    if (value === undefined) return;
+    const words = `${value} ${slider.dataset.unit || ''}`.trim();
+    if (slider.getAttribute('aria-valuetext') !== words) slider.setAttribute('aria-valuetext', words);
+  }
+  function place(slider) {
+    if (slider === held && performance.now() < heldUntil) return;
+    if (slider.value !== slider.dataset.index) slider.value = slider.dataset.index;
+    speak(slider);
+  }
+  function placeAll() { for (const slider of document.querySelectorAll('input.range')) place(slider); }
+  document.addEventListener('input', (event) => {
+    if (!event.target.matches('input.range')) return;
+    held = event.target; heldUntil = performance.now() + 600;
+    speak(held);
+  });
+
   function look() {
     for (const canvas of document.querySelectorAll('canvas.image')) watcher.observe(canvas);
     for (const canvas of [...seen]) if (!canvas.isConnected) { watcher.unobserve(canvas); seen.delete(canvas); }
@@ -122,14 +168,26 @@
       if (!canvas.isConnected) drawnAt.delete(canvas);
       else if (now - time > STALE) canvas.parentElement.dataset.fresh = 'false';
     }
+    placeAll();
     ask(true);
   }
 
+  // On a wide screen the parameters stand beside the other parts and are none of the tabs.
+  const wide = matchMedia('(min-width: 1000px)');
+  function spread() {
+    if (wide.matches && panel()?.dataset.part === 'parameters') document.querySelector('.tab.images')?.click();
+  }
+  wide.addEventListener('change', spread);
+
   window.panelPart = (part) => {
     panel().dataset.part = part;
-    for (const tab of document.querySelectorAll('.tab')) tab.setAttribute('aria-selected', String(tab.classList.contains(part)));
-    requestAnimationFrame(look);
+    requestAnimationFrame(() => { look(); spread(); });
   };
   document.addEventListener('visibilitychange', () => { ask(); });
-  document.addEventListener('DOMContentLoaded', () => { connect(); setInterval(look, 1000); });
+  document.addEventListener('DOMContentLoaded', () => {
+    connect();
+    setInterval(() => { look(); spread(); }, 1000);
+    new MutationObserver((changes) => { for (const change of changes) place(change.target); })
+      .observe(document.body, { subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values'] });
+  });
 })();

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.recordings.serialization.cdr import CdrWriter, without_encapsulation
+from mvuav_ros.recordings.serialization.cdr import CdrWriter
 
 _DATATYPES = {np.dtype(np.float32): 7, np.dtype(np.uint8): 2}
 """FLOAT32 and UINT8 of sensor_msgs/PointField."""
@@ -38,7 +38,7 @@ class PointLayout:
             writer.numbers('I', count)
         is_bigendian = False
         writer.numbers('B', is_bigendian)
-        self._fields = without_encapsulation(writer.message())
+        self._fields = writer.fields()
 
     def encode(self, rows: Sequence[Sequence[float]], header: bytes) -> bytes:
         """A PointCloud2 in CDR: one row per point.

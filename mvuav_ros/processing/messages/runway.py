@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from mvuav_ros.processing.messages.points import PointLayout
-from mvuav_ros.recordings.serialization.cdr import CdrWriter, without_encapsulation
+from mvuav_ros.recordings.serialization.cdr import CdrWriter
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
-from mvuav_ros.vision.approach.results import ApproachResult, Guidance
+from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.overlay import line_color
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.statistics import LineSummary, RunwaySummary
@@ -30,6 +32,8 @@ LINE = np.dtype(
 _LINES = PointLayout(LINE)
 LINE_WIDTH = 2.0
 """Px, of ``~/lines``."""
+PLANE = 1.0
+"""m ahead of a calibrated camera, where ``~/lines`` are drawn."""
 _LINE_LIST, _ADD, _DELETE = 5, 0, 2
 """Of visualization_msgs/Marker."""
 _NO_COLOR, _NO_LIFETIME = (0.0, 0.0, 0.0, 0.0), (0, 0)
@@ -65,36 +69,52 @@ def _values(line: RunwayLine) -> tuple[float | int, ...]:
     )
 
 
-def encode_lines(result: Result, header: bytes) -> bytes:
+def encode_lines(result: Result, header: bytes, camera: CameraModel | None = None) -> bytes:
     """A Marker: the segments as a LINE_LIST, coloured by role, or by flag without roles.
 
     Without any, the marker is deleted.
+
+    Args:
+        result: of a frame.
+        header: `cdr_header`.
+        camera: the frame's calibration, with which the segments lie on the plane at `PLANE`, m in
+            the optical frame, and overlay the image in RViz; without it they are px, z = 0.
     """
-    points: list[float] = []
+    # A line may be known and yet miss the frame.
+    drawn = [line for line in result.lines if not math.isnan(line.x)]
+    ends = [point for line in drawn for point in ((line.x, line.y), (line.x2, line.y2))]
+    points, width = (ends, LINE_WIDTH) if camera is None else _on_plane(ends, camera)
+    depth = 0.0 if camera is None else PLANE
     colors: list[float] = []
-    for line in result.lines:
-        # A line may be known and yet miss the frame.
-        if math.isnan(line.x):
-            continue
-        points += (line.x, line.y, 0.0, line.x2, line.y2, 0.0)
+    for line in drawn:
         blue, green, red = (value / 255 for value in _color(line))
         colors += 2 * (red, green, blue, 1.0)
     number, action = 0, _ADD if points else _DELETE
     writer = CdrWriter(header)
     writer.text('runway')
     writer.numbers('3i', number, _LINE_LIST, action)
-    position, orientation, scale = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (LINE_WIDTH, 0.0, 0.0)
+    position, orientation, scale = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (width, 0.0, 0.0)
     writer.numbers('10d', *position, *orientation, *scale)
     writer.numbers('4f', *_NO_COLOR)
     writer.numbers('2i', *_NO_LIFETIME)
     frame_locked = False
     writer.numbers('B', frame_locked)
-    writer.numbers('I', len(points) // 3)
-    writer.numbers(f'{len(points)}d', *points)
+    writer.numbers('I', len(points))
+    writer.numbers(f'{3 * len(points)}d', *(each for x, y in points for each in (x, y, depth)))
     writer.numbers('I', len(colors) // 4)
     writer.numbers(f'{len(colors)}f', *colors)
     writer.written(_NO_TEXTURE_TEXT_AND_MESH)
     return writer.message()
+
+
+def _on_plane(pixels: list[Point], camera: CameraModel) -> tuple[list[Point], float]:
+    """Px of the image to m on the plane, and the width of a line there."""
+    width = LINE_WIDTH / camera.k[0] * PLANE
+    if not pixels:
+        return [], width
+    points = np.array(pixels, np.float64).reshape(-1, 1, 2)
+    flat = cv2.undistortPoints(points, camera.matrix, camera.distortion).reshape(-1, 2)
+    return [(x * PLANE, y * PLANE) for x, y in flat.tolist()], width
 
 
 def _nothing_more() -> bytes:
@@ -115,7 +135,7 @@ def _nothing_more() -> bytes:
     writer.octets(b'')
     mesh_use_embedded_materials = False
     writer.numbers('B', mesh_use_embedded_materials)
-    return without_encapsulation(writer.message())
+    return writer.fields()
 
 
 _NO_TEXTURE_TEXT_AND_MESH = _nothing_more()
@@ -138,7 +158,7 @@ def encode_vanishing_point(result: Result, header: bytes) -> bytes:
 
 
 def encode_pose(guidance: Guidance, header: bytes) -> bytes:
-    """A PoseWithCovarianceStamped: the camera in the runway's frame.
+    """A PoseWithCovarianceStamped: the camera in the runway's frame, which the header names.
 
     NaN with a huge variance where it is not known. The orientation is that of the camera's body
     axes (x forward, y left, z up).
@@ -211,7 +231,8 @@ def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
             rho_flags=summary.rho_flags,
             theta_flags=summary.theta_flags,
             combined_flags=summary.corrected,
-        ),
+        )
+        | {'frames_with_flags': summary.flag_text},
     )
     lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines)]
     return _encode_statuses([total, *lines], header)

@@ -12,7 +12,7 @@ import struct
 _ENCAPSULATION = b'\0\1\0\0'
 """Plain CDR, little endian."""
 _LENGTH = struct.Struct('<I')
-_SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8}
+_SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}
 
 
 class CdrWriter:
@@ -54,8 +54,16 @@ class CdrWriter:
         self._data += octets
 
     def message(self) -> bytes:
-        """All of it."""
+        """All of it, filled up to whole words as DDS hands it on and `ros2 bag record` keeps it."""
+        return bytes(self._data) + bytes(-len(self._data) % 4)
+
+    def beginning(self) -> bytes:
+        """All of it as it is, for more to come behind it."""
         return bytes(self._data)
+
+    def fields(self) -> bytes:
+        """What has been written, to become part of another message."""
+        return without_encapsulation(self.beginning())
 
 
 def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
@@ -64,7 +72,7 @@ def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
     writer.numbers('i', stamp_ns // 1_000_000_000)
     writer.numbers('I', stamp_ns % 1_000_000_000)
     writer.text(frame_id)
-    return writer.message()
+    return writer.beginning()
 
 
 def without_encapsulation(message: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""The size of a JPEG or PNG from its header, before anything is decompressed or allocated."""
+"""The size of an image file from its header, before anything is decompressed or allocated."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD8)})
 _JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
 _MOST_SEGMENTS = 10_000
+_TIFF_ORDERS = {b'II*\0': '<', b'MM\0*': '>'}
+_TIFF_SIZES = {3: 'H', 4: 'I'}
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
 
 
 def compressed_size(data: Any) -> tuple[int, int] | None:
-    """Width and height of a JPEG or PNG in pixels; None of anything else.
+    """Width and height of a JPEG, PNG, WebP or TIFF in pixels; None of anything else.
 
     Args:
         data: the file's bytes, as bytes, array.array or a flat uint8 array; not copied.
@@ -24,7 +27,44 @@ def compressed_size(data: Any) -> tuple[int, int] | None:
         return _unpack('>II', view, len(_PNG_START))
     if bytes(view[:2]) == _JPEG_START:
         return _jpeg_size(view)
+    if bytes(view[:4]) == b'RIFF' and bytes(view[8:12]) == b'WEBP':
+        return _webp_size(view)
+    if bytes(view[:4]) in _TIFF_ORDERS:
+        return _tiff_size(view, _TIFF_ORDERS[bytes(view[:4])])
     return None
+
+
+def _webp_size(view: memoryview) -> tuple[int, int] | None:
+    """By the first chunk: lossy, lossless, or the canvas of the extended format."""
+    kind, body = bytes(view[12:16]), bytes(view[20:30])
+    if len(body) < 10:
+        return None
+    if kind == b'VP8X':
+        return int.from_bytes(body[4:7], 'little') + 1, int.from_bytes(body[7:10], 'little') + 1
+    if kind == b'VP8L':
+        bits = int.from_bytes(body[1:5], 'little')
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b'VP8 ':
+        width, height = struct.unpack_from('<HH', body, 6)
+        return width & 0x3FFF, height & 0x3FFF
+    return None
+
+
+def _tiff_size(view: memoryview, order: str) -> tuple[int, int] | None:
+    """By the first directory."""
+    found: dict[int, int] = {}
+    try:
+        (offset,) = struct.unpack_from(f'{order}I', view, 4)
+        (count,) = struct.unpack_from(f'{order}H', view, offset)
+        for entry in range(offset + 2, offset + 2 + 12 * count, 12):
+            tag, kind = struct.unpack_from(f'{order}HH', view, entry)
+            if tag in (_TIFF_WIDTH, _TIFF_HEIGHT) and kind in _TIFF_SIZES:
+                (found[tag],) = struct.unpack_from(order + _TIFF_SIZES[kind], view, entry + 8)
+    except struct.error:
+        return None
+    if len(found) < 2:
+        return None
+    return found[_TIFF_WIDTH], found[_TIFF_HEIGHT]
 
 
 def _jpeg_size(view: memoryview) -> tuple[int, int] | None:

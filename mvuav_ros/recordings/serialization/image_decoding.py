@@ -19,6 +19,9 @@ MAX_PIXELS = 1 << 26
 """64 megapixels: beyond this a header is taken for damaged, not for a camera's."""
 
 
+_MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')
+
+
 class ImageMessage(Protocol):
     """The fields of sensor_msgs/Image that describe the pixels."""
 
@@ -38,7 +41,7 @@ class CompressedImageMessage(Protocol):
 
 
 def decode_image(message: ImageMessage) -> Image:
-    """View the message's pixels; they are copied only where 16 bits have the other byte order.
+    """View the message's pixels; copied only where 16 bits are not as this machine has them.
 
     The image shares memory with ``message.data`` and is not to be written to.
 
@@ -48,7 +51,7 @@ def decode_image(message: ImageMessage) -> Image:
     height, width, step = int(message.height), int(message.width), int(message.step)
     layout = ENCODINGS.get(message.encoding)
     if layout is None:
-        raise ImageError(f'unknown encoding {message.encoding[:40]!r}')
+        raise ImageError(_unknown_encoding(message.encoding))
     if height <= 0 or width <= 0:
         raise ImageError(f'the image is empty ({width} x {height})')
     if height * width > MAX_PIXELS:
@@ -59,44 +62,76 @@ def decode_image(message: ImageMessage) -> Image:
             f'({width * layout.pixel_bytes} bytes)'
         )
     data = _bytes_of(message.data)
-    if len(data) != step * height:
+    rows = height * 3 // 2 if layout.chroma_below else height
+    if len(data) != step * rows:
         raise ImageError(
-            f'{width} x {height} {message.encoding} with step {step} needs {step * height} '
+            f'{width} x {height} {message.encoding} with step {step} needs {step * rows} '
             f'bytes, the message has {len(data)}'
         )
     dtype = np.dtype(layout.dtype)
     strides: tuple[int, ...] = (step, layout.pixel_bytes)
-    shape: tuple[int, ...] = (height, width)
+    shape: tuple[int, ...] = (rows, width)
     if layout.channels > 1:
         strides, shape = (*strides, dtype.itemsize), (*shape, layout.channels)
     pixels: NDArray[Any] = np.ndarray(shape, dtype, data.data, strides=strides)
     if dtype.itemsize > 1 and bool(message.is_bigendian) != (sys.byteorder == 'big'):
         pixels = pixels.byteswap()
+    elif step % dtype.itemsize:
+        pixels = pixels.copy()  # OpenCV wants every number at its own multiple
     return Image(pixels, message.encoding)
 
 
 def decode_compressed_image(message: CompressedImageMessage) -> Image:
-    """Decompress a JPEG or PNG message.
+    """Decompress a JPEG, PNG, WebP or TIFF message, whatever its ``format`` says.
 
-    Grey stays ``mono8`` or ``mono16``; colour becomes ``bgr8`` or ``bgra8``. The size is read from
-    the file's header first: a few hundred bytes can claim to be gigabytes of pixels.
+    Grey stays ``mono8`` or ``mono16``; colour becomes ``bgr8`` or ``bgra8``.
 
     Raises:
-        ImageError: the format is another one, or the data does not decode.
+        ImageError: it is something else, or the data does not decode.
     """
-    kind = message.format.lower()
-    if 'compresseddepth' in kind or not any(name in kind for name in ('jpeg', 'jpg', 'png')):
-        raise ImageError(f'compressed format {message.format[:40]!r} is neither jpeg nor png')
+    check_compressed_image(message)
+    return decode_file_bytes(_bytes_of(message.data))
+
+
+def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
+    """The width and height (px) that a compressed image claims to have.
+
+    They are read from the file's header before anything is decompressed: a few hundred bytes can
+    claim to be gigabytes of pixels.
+
+    Raises:
+        ImageError: it is no JPEG, PNG, WebP or TIFF, or too large.
+    """
+    if 'compresseddepth' in message.format.lower():
+        raise ImageError('compressedDepth holds distances, not light')
     data = _bytes_of(message.data)
     size = compressed_size(data)
     if size is None:
-        raise ImageError(f'{len(data)} bytes of compressed data do not decode: no JPEG or PNG')
-    width, height = size
+        raise ImageError(
+            f'{len(data)} bytes of compressed data do not decode: no JPEG, PNG, WebP or TIFF '
+            f'(format {message.format[:40]!r})'
+        )
+    _check_size(*size)
+    return size
+
+
+def decode_image_file(data: NDArray[np.uint8]) -> Image:
+    """As `decode_file_bytes`, but not of a file whose header claims too many pixels.
+
+    Raises:
+        ImageError: the data does not decode.
+    """
+    size = compressed_size(data)
+    if size is not None:
+        _check_size(*size)
+    return decode_file_bytes(data)
+
+
+def _check_size(width: int, height: int) -> None:
     if width == 0 or height == 0:
         raise ImageError(f'the image is empty ({width} x {height})')
     if width * height > MAX_PIXELS:
         raise ImageError(f'{width} x {height} is more than {MAX_PIXELS >> 20} megapixels')
-    return decode_file_bytes(data)
 
 
 def decode_file_bytes(data: NDArray[np.uint8]) -> Image:
@@ -119,6 +154,12 @@ def decode_file_bytes(data: NDArray[np.uint8]) -> Image:
     else:
         encoding = 'bgra8' if pixels.shape[2] == 4 else 'bgr8'
     return Image(pixels, encoding)
+
+
+def _unknown_encoding(name: str) -> str:
+    if name.startswith(_MEASURED):
+        return f'{name[:40]} holds measured values without a full scale, such as distances'
+    return f'unknown encoding {name[:40]!r}'
 
 
 def _bytes_of(data: Any) -> NDArray[np.uint8]:

@@ -20,7 +20,7 @@ LONGEST_NAME = 1024
 """Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
 
 _ENCAPSULATION = 4
-_SIZES = {'B': 1, 'i': 4, 'I': 4}
+_SIZES = {'B': 1, 'i': 4, 'I': 4, 'Q': 8}
 _BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)
 """Second byte of plain CDR, version 1 and 2."""
 
@@ -49,10 +49,10 @@ class SerializedCompressedImage:
     data: Any
 
 
-class _Reader:
-    """Walks through CDR bytes; alignment counts from the end of the encapsulation."""
+class CdrReader:
+    """Walks through a message's CDR bytes; alignment counts from the end of the encapsulation."""
 
-    def __init__(self, message: bytes) -> None:
+    def __init__(self, message: bytes | memoryview) -> None:
         if len(message) < _ENCAPSULATION or message[0] != 0:
             raise ImageError(f'{len(message)} bytes are no CDR message')
         if message[1] in _LITTLE_ENDIAN:
@@ -75,12 +75,14 @@ class _Reader:
             raise ImageError(f'the message ends after {len(self._view)} bytes') from None
 
     def text(self, name: str) -> str:
+        """A string, `LONGEST_NAME` at most; ``name`` is for the error."""
         (length,) = self.numbers('I')
         if length > LONGEST_NAME:
             raise ImageError(f'{name} has {length} bytes')
         return str(self._take(length), 'utf-8', 'replace').split('\0', 1)[0]
 
     def octets(self) -> memoryview:
+        """A sequence of bytes, as a view."""
         (length,) = self.numbers('I')
         return self._take(length)
 
@@ -95,6 +97,7 @@ class _Reader:
         return taken
 
     def header(self) -> tuple[int, str]:
+        """The stamp (ns) and frame of a std_msgs/Header."""
         (sec,) = self.numbers('i')
         (nanosec,) = self.numbers('I')
         if nanosec >= 1_000_000_000:
@@ -108,16 +111,16 @@ def stamp_ns_in(message: bytes) -> int:
     Raises:
         ImageError: the bytes are no such message.
     """
-    return _Reader(message).header()[0]
+    return CdrReader(message).header()[0]
 
 
-def view_image(message: bytes) -> SerializedImage:
+def view_image(message: bytes | memoryview) -> SerializedImage:
     """Read a serialized sensor_msgs/Image without copying its pixels.
 
     Raises:
         ImageError: the bytes are no such message.
     """
-    reader = _Reader(message)
+    reader = CdrReader(message)
     stamp_ns, frame_id = reader.header()
     height, width = reader.numbers('II')
     encoding = reader.text('encoding')
@@ -128,19 +131,19 @@ def view_image(message: bytes) -> SerializedImage:
     )
 
 
-def view_compressed_image(message: bytes) -> SerializedCompressedImage:
+def view_compressed_image(message: bytes | memoryview) -> SerializedCompressedImage:
     """Read a serialized sensor_msgs/CompressedImage without copying its data.
 
     Raises:
         ImageError: the bytes are no such message.
     """
-    reader = _Reader(message)
+    reader = CdrReader(message)
     stamp_ns, frame_id = reader.header()
     return SerializedCompressedImage(stamp_ns, frame_id, reader.text('format'), reader.octets())
 
 
 def serialize_image(image: Image, header: bytes) -> bytes:
-    """A image as a serialized sensor_msgs/Image, its pixels copied once.
+    """An image as a serialized sensor_msgs/Image, its pixels copied once.
 
     rclpy publishes the bytes as they are. By way of a message object the pixels are copied three
     times before they reach DDS.
@@ -156,8 +159,9 @@ def serialize_image(image: Image, header: bytes) -> bytes:
     writer.text(image.encoding)
     is_bigendian = False
     writer.numbers('B', is_bigendian)
-    writer.numbers('II', len(data) // image.height, len(data))
-    return b''.join((writer.message(), data))
+    writer.numbers('II', pixels.strides[0], len(data))
+    start = writer.beginning()
+    return b''.join((start, data, bytes(-(len(start) + len(data)) % 4)))
 
 
 def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:

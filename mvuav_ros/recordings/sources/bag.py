@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Generator, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
@@ -13,6 +14,7 @@ from mvuav_ros.recordings.images import (
     choose_image_topic,
     decode_message,
     is_image_type,
+    video_packet,
 )
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
@@ -21,13 +23,60 @@ from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_
 from mvuav_ros.recordings.serialization.imu import decode_imu
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 from mvuav_ros.recordings.sources.attitude_pairing import AttitudePairing
+from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _NS = 1_000_000_000
+_STAMP_END = 12
+_END_OF_TIME = 1 << 31
+"""Seconds: a stamp has 32 bits for them."""
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame whose image is still the message that was recorded.
+
+    Attributes:
+        recorded: the message.
+        stamp_ns: the image's own, or the recording's where the driver set none.
+        camera: as in `Frame`.
+        attitude: as in `Frame`.
+    """
+
+    recorded: RecordedMessage
+    stamp_ns: int
+    camera: CameraModel | None = None
+    attitude: Attitude | None = None
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether decoding takes its time."""
+        return self.recorded.type.endswith('CompressedImage')
+
+    def decoded(self) -> Frame | BadFrame:
+        """The frame, or why there is none."""
+        frame = _frame(self.recorded)
+        if isinstance(frame, BadFrame):
+            return frame
+        return replace(frame, camera=self.camera, attitude=self.attitude)
+
+    def without_data(self) -> EncodedFrame:
+        """All but the message's bytes."""
+        return self.with_data(b'')
+
+    def with_data(self, data: bytes | memoryview) -> EncodedFrame:
+        """With the message's bytes."""
+        recorded = self.recorded
+        bare = RecordedMessage(recorded.topic, recorded.type, recorded.stamp_ns, data)
+        return replace(self, recorded=bare)
+
+
+AnyFrame = EncodedFrame | Frame
 
 
 class BagImages:
@@ -91,7 +140,9 @@ class BagImages:
             SourceError: the bag cannot be read any more.
         """
         for item in self.items(camera=True, attitude=True):
-            if not isinstance(item, RecordedMessage):
+            if isinstance(item, EncodedFrame):
+                yield item.decoded()
+            elif not isinstance(item, RecordedMessage):
                 yield item
 
     def items(
@@ -101,7 +152,7 @@ class BagImages:
         others: bool = False,
         camera: bool = False,
         attitude: bool = False,
-    ) -> Generator[Frame | BadFrame | RecordedMessage, None, None]:
+    ) -> Generator[EncodedFrame | Frame | BadFrame | RecordedMessage, None, None]:
         """Read a part of the bag in the order in which it was recorded.
 
         Args:
@@ -109,6 +160,10 @@ class BagImages:
             others: also give every message as it is, an image's own before its frame.
             camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
             attitude: give each frame the attitude of `imu_topic` (see `AttitudePairing`).
+
+        Yields:
+            Frames that are not decoded yet, as that can be done apart (those of a video cannot,
+            and are), and messages.
 
         Raises:
             SourceError: the bag cannot be read any more.
@@ -121,13 +176,14 @@ class BagImages:
 
     def _items(
         self, selection: Selection, others: bool, companions: _Companions
-    ) -> Iterator[Frame | BadFrame | RecordedMessage]:
+    ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
         recording = self._recording
         origin_ns = 0
         if selection.is_part:
             companions.look_ahead(recording)
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
+        video = VideoTopic()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
         wanted = {self.topic, *companions.topics}
@@ -136,16 +192,20 @@ class BagImages:
                 yield message
             companions.take(message)
             if message.topic == self.topic and is_image_type(message.type):
-                if images % selection.every == 0:
-                    frame = _frame(message)
-                    if isinstance(frame, Frame):
-                        companions.add(frame)
-                    else:
+                for frame in _frames(message, video, images % selection.every == 0):
+                    if isinstance(frame, BadFrame):
                         yield frame
+                    else:
+                        companions.add(frame)
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
             yield from companions.ready(wait=True)
+        for frame in video.end():
+            if isinstance(frame, BadFrame):
+                yield frame
+            else:
+                companions.add(frame)
         yield from companions.ready(wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
@@ -188,8 +248,8 @@ class _Companions:
         self._camera_topic = bag.camera_topic if camera else None
         self._imu_topic = bag.imu_topic if attitude else None
         self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
-        self._cameras = StampPairing[CameraModel, Frame]()
-        self._attitudes = AttitudePairing[Frame]()
+        self._cameras = StampPairing[CameraModel, AnyFrame]()
+        self._attitudes = AttitudePairing[AnyFrame]()
 
     def look_ahead(self, recording: Recording) -> None:
         """The calibration of a part may have been published once, before the part begins."""
@@ -210,11 +270,11 @@ class _Companions:
                 return
             self._attitudes.add_attitude(stamp_ns_of(decoded.header), decode_imu(decoded))
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: AnyFrame) -> None:
         """A frame that may have to wait."""
         self._cameras.add_image(frame.stamp_ns, frame)
 
-    def ready(self, *, wait: bool) -> Iterator[Frame]:
+    def ready(self, *, wait: bool) -> Iterator[AnyFrame]:
         """Frames that need not wait any more."""
         for_camera = wait and self._camera_topic is not None
         while (pair := self._cameras.take(wait=for_camera)) is not None:
@@ -236,12 +296,40 @@ class _Companions:
         return True
 
 
+def _frames(
+    recorded: RecordedMessage, video: VideoTopic, wanted: bool
+) -> Iterator[EncodedFrame | Frame | BadFrame]:
+    """What becomes of an image's message, or of a packet of a video."""
+    try:
+        packet = video_packet(recorded.type, recorded.data)
+    except MalformedMessageError as error:
+        yield BadFrame(recorded.stamp_ns, str(error))
+        return
+    if packet is not None:
+        packet.stamp_ns = packet.stamp_ns or recorded.stamp_ns
+        yield from video.frames(packet, wanted)
+    elif wanted:
+        stamp_ns = _stamp_ns(recorded)
+        yield EncodedFrame(recorded, stamp_ns)
+
+
+def _stamp_ns(recorded: RecordedMessage) -> int:
+    """What the message's header says, which stands at its beginning whatever its type."""
+    if len(recorded.data) < _STAMP_END:
+        return recorded.stamp_ns
+    order = '<' if recorded.data[1] & 1 else '>'
+    seconds, nanoseconds = struct.unpack_from(f'{order}iI', recorded.data, 4)
+    return int(seconds * _NS + nanoseconds) or recorded.stamp_ns
+
+
 def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
     stamp_ns = recorded.stamp_ns
     try:
         message = decode_message(recorded.type, recorded.data)
         header = message.header
         stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
+        if not -_END_OF_TIME <= stamp_ns // _NS < _END_OF_TIME:
+            raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
         compressed = recorded.type.endswith('CompressedImage')
         image = (decode_compressed_image if compressed else decode_image)(message)
     except (ImageError, MalformedMessageError) as error:

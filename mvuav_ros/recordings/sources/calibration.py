@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlparse
+from urllib.parse import unquote, urlparse
 
 import yaml
 
@@ -29,15 +30,12 @@ def load_calibration(url: str) -> Calibration:
     """Read a YAML calibration file.
 
     Args:
-        url: a path or a ``file://`` URL.
+        url: a path, or a ``file://`` or ``package://`` URL.
 
     Raises:
         SourceError: it cannot be read, or is not a calibration.
     """
-    parsed = urlparse(url)
-    if parsed.scheme not in ('', 'file'):
-        raise SourceError(f'camera_info_url {url}: only paths and file:// URLs are read')
-    path = Path(parsed.path if parsed.scheme else url)
+    path = _path(url)
     try:
         content = yaml.safe_load(path.read_text())
         return Calibration(
@@ -55,6 +53,26 @@ def load_calibration(url: str) -> Calibration:
         raise SourceError(
             f'camera_info_url {url}: not a calibration file of camera_calibration ({error})'
         ) from error
+
+
+def _path(url: str) -> Path:
+    parsed = urlparse(url)
+    if not parsed.scheme:
+        return Path(url).expanduser()
+    if parsed.scheme == 'file':
+        return Path(unquote(parsed.path))
+    if parsed.scheme != 'package':
+        raise SourceError(f'camera_info_url {url}: only paths, file:// and package:// are read')
+    # Where ament_index_python looks, which a robot has only once ROS is sourced.
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    for prefix in prefixes:
+        share = Path(prefix) / 'share' / parsed.netloc
+        if share.is_dir():
+            return share / unquote(parsed.path).lstrip('/')
+    raise SourceError(
+        f'camera_info_url {url}: no package {parsed.netloc} in AMENT_PREFIX_PATH: is its workspace '
+        'sourced?'
+    )
 
 
 def _numbers(matrix: Any, count: int | None) -> tuple[float, ...]:

@@ -10,12 +10,15 @@ from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 
+OPTICAL_FRAME = 'camera_optical_frame'
+"""Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
+
 
 class SourceError(Exception):
     """A source that cannot be opened or read, with what the user can do about it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """One image with its time (ns) and the name of its coordinate frame.
 
@@ -33,7 +36,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class BadFrame:
-    """A image that was there but cannot be used."""
+    """An image that was there but cannot be used."""
 
     stamp_ns: int
     reason: str

@@ -6,14 +6,17 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from mvuav_ros.recordings.serialization.image_decoding import decode_file_bytes
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.serialization.image_decoding import decode_image_file
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.recordings.sources.video import DEFAULT_RATE
 from mvuav_ros.vision.image import ImageError
 
-IMAGE_SUFFIXES = frozenset({'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm'})
+IMAGE_SUFFIXES = frozenset(
+    {'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp'}
+)
 
 
 class ImageFolder:
@@ -32,9 +35,7 @@ class ImageFolder:
         self.name = f'images {name}'
         self.rate: float | None = rate or DEFAULT_RATE
         self.losses: list[str] = []
-        self._files = sorted(
-            (f for f in files if f.suffix.lower() in IMAGE_SUFFIXES), key=_natural_order
-        )
+        self._files = sorted((file for file in files if is_image_file(file)), key=_natural_order)
         self.count: int | None = len(self._files)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
@@ -43,14 +44,22 @@ class ImageFolder:
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
             try:
-                image = decode_file_bytes(np.fromfile(file, np.uint8))
+                image = decode_image_file(np.fromfile(file, np.uint8))
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
-                yield Frame(stamp_ns, 'camera', image)
+                yield Frame(stamp_ns, OPTICAL_FRAME, image)
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def is_image_file(file: Path) -> bool:
+    """Whether a file is an image by its name or, where that says nothing, by its content."""
+    suffix = file.suffix.lower()
+    if suffix in IMAGE_SUFFIXES:
+        return file.is_file()
+    return not suffix and file.is_file() and cv2.haveImageReader(str(file))
 
 
 def _natural_order(file: Path) -> list[tuple[int, str]]:

@@ -3,35 +3,47 @@
 from __future__ import annotations
 
 import glob
+import weakref
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from mvuav_ros.recordings.content import is_bag_file
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.remote import fetch, is_url
+from mvuav_ros.recordings.sources.camera import Camera, CameraSettings
 from mvuav_ros.recordings.sources.frame import FrameSource, SourceError
-from mvuav_ros.recordings.sources.image_folder import IMAGE_SUFFIXES, ImageFolder
+from mvuav_ros.recordings.sources.image_folder import IMAGE_SUFFIXES, ImageFolder, is_image_file
 from mvuav_ros.recordings.sources.simulated import PREFIX, SimulatedFlight
-from mvuav_ros.recordings.sources.video import Camera, VideoFile
-
-BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
+from mvuav_ros.recordings.sources.video import VideoFile
 
 
 def open_source(
-    text: str, *, topic: str | None = None, rate: float | None = None, cameras: bool = True
+    text: str,
+    *,
+    topic: str | None = None,
+    rate: float | None = None,
+    cameras: bool = True,
+    camera: CameraSettings | None = None,
 ) -> FrameSource:
     """Open whatever ``text`` names.
 
     Args:
-        text: a camera index or device, a video file, a folder or glob of images, a bag, or a
-            synthetic flight (``sim:tanker``, ``sim:runway``).
+        text: a camera index or device, a video file, a folder or glob of images, a bag, an URL
+            of one of them, or a synthetic flight (``sim:tanker``, ``sim:runway``).
         topic: the image topic of a bag.
         rate: frames per second of images without stamps, Hz.
         cameras: whether a camera will do.
+        camera: what a camera is asked for.
 
     Raises:
         SourceError: there is no such thing, or nothing in it can be read.
     """
     if text.startswith(PREFIX):
         return SimulatedFlight(text, rate)
+    if is_url(text):
+        return _remote(text, topic, rate)
     if cameras and (text.isdigit() or text.startswith('/dev/')):
-        return Camera(int(text) if text.isdigit() else text, rate)
+        return Camera(int(text) if text.isdigit() else text, camera)
     path = Path(text).expanduser()
     if any(sign in text for sign in '*?[') and not path.exists():
         return _images(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
@@ -41,23 +53,35 @@ def open_source(
         return _bag(path, topic)
     if path.is_dir():
         return _images(text, list(path.iterdir()), rate)
-    if path.suffix.lower() in IMAGE_SUFFIXES:
+    if not path.is_file():
+        raise SourceError(f'{text} is neither a file nor a folder')
+    if is_image_file(path):
         return _images(text, [path], rate)
     return VideoFile(path, rate)
 
 
+def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
+    """A copy of what lies elsewhere, for as long as the source is used."""
+    folder = TemporaryDirectory(prefix='mvuav_')
+    try:
+        path = fetch(url, Path(folder.name))
+        source = open_source(str(path), topic=topic, rate=rate, cameras=False)
+    except RecordingError as error:
+        folder.cleanup()
+        raise SourceError(str(error)) from error
+    weakref.finalize(source, folder.cleanup)
+    return source
+
+
 def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a bag (by its name and, for a folder, its files) and not images."""
+    """Whether a path is a bag and not images; content decides where it is not damaged."""
     if path.is_dir():
-        return any(f.name == 'metadata.yaml' or _is_bag_file(f) for f in path.iterdir())
-    return _is_bag_file(path)
-
-
-def _is_bag_file(path: Path) -> bool:
-    name = path.name.lower()
-    for compressed in ('.zstd', '.zst'):
-        name = name.removesuffix(compressed)
-    return name.endswith(BAG_SUFFIXES)
+        return any(
+            entry.name == 'metadata.yaml'
+            or (entry.suffix.lower() not in IMAGE_SUFFIXES and is_bag_file(entry))
+            for entry in path.iterdir()
+        )
+    return path.name == 'metadata.yaml' or is_bag_file(path)
 
 
 def _bag(path: Path, topic: str | None) -> FrameSource:

@@ -8,7 +8,7 @@ from urllib.parse import parse_qsl
 import yaml
 
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
@@ -17,7 +17,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import RigError
 
 PREFIX = 'sim:'
-FRAME_ID = 'camera'
+FRAME_ID = OPTICAL_FRAME
 
 
 class SimulatedFlight:

@@ -1,22 +1,23 @@
-"""Video files and cameras through OpenCV."""
+"""Video files through PyAV."""
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
-import cv2
+import numpy as np
 
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
 
 
 class VideoFile:
-    """A video file; frame k carries the stamp k / frame rate."""
+    """A video file; frames carry their own times, counted from the first, and stand upright."""
 
     live = False
 
@@ -24,8 +25,8 @@ class VideoFile:
         """Open the file.
 
         Args:
-            path: anything that OpenCV's FFmpeg reads.
-            rate: frames per second, instead of the file's own.
+            path: anything that FFmpeg reads.
+            rate: frames per second, instead of the file's own times.
 
         Raises:
             SourceError: it is not a video.
@@ -33,86 +34,103 @@ class VideoFile:
         self.name = f'video {path.name}'
         self.losses: list[str] = []
         self._path = path
-        capture = self._open()
-        own_rate = capture.get(cv2.CAP_PROP_FPS)
-        if not (math.isfinite(own_rate) and 0 < own_rate <= 10_000):
-            own_rate = DEFAULT_RATE
-        self.rate: float | None = rate or own_rate
-        frames = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        self.count: int | None = int(frames) if frames > 0 else None
-        capture.release()
+        self._given_rate = rate
+        with self._open() as container:
+            stream = container.streams.video[0]
+            size = stream.codec_context.width * stream.codec_context.height
+            if size > MAX_PIXELS:
+                raise SourceError(f'{path}: frames of {size} pixels are too large')
+            own_rate = float(stream.average_rate or 0)
+            self._tick = Fraction(stream.time_base or 0)
+            self._promised: int = stream.frames
+            duration_s = (container.duration or 0) / 1e6
+        self._own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
+        self.rate: float | None = rate or self._own_rate
+        self.count: int | None = self._promised or round(duration_s * self._own_rate) or None
 
-    def _open(self) -> cv2.VideoCapture:
-        capture = cv2.VideoCapture(str(self._path))
-        if not capture.isOpened():
+    def _open(self) -> Any:
+        try:
+            import av
+        except ImportError as error:
             raise SourceError(
-                f'{self._path} is not a video that OpenCV can read; convert it, for example with '
+                f'{self._path}: reading videos needs PyAV: pip install av, or apt install '
+                f'python3-av ({error})'
+            ) from error
+        try:
+            # A playlist must not lead to other machines.
+            container = av.open(str(self._path), options={'protocol_whitelist': 'file'})
+        except (av.error.FFmpegError, ValueError):
+            container = None
+        if container is None or not container.streams.video:
+            raise SourceError(
+                f'{self._path} is not a video that FFmpeg can read; convert it, for example with '
                 'ffmpeg -i FILE flight.mp4'
             )
-        return capture
+        return container
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
-        assert self.rate is not None
-        capture = self._open()
-        index = 0
-        try:
-            while True:
-                ok, pixels = capture.read()
-                if not ok:
-                    break
-                yield Frame(round(index * 1e9 / self.rate), 'camera', _image(pixels))
-                index += 1
-        finally:
-            capture.release()
-        # Containers often promise a frame or two more than they hold.
-        if self.count is not None and index < self.count - 2:
-            self.losses.append(f'the video ended after {index} of {self.count} frames')
+        stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
+        packets = damaged = 0
+        with self._open() as container:
+            stream = container.streams.video[0]
+            stream.thread_type = 'AUTO'
+            for packet in _packets(container, stream):
+                packets += packet.size > 0
+                try:
+                    frames = packet.decode()
+                except ValueError:  # FFmpeg's errors of invalid data are such
+                    damaged += 1
+                    continue
+                for frame in frames:
+                    yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
+        if damaged:
+            self.losses.append(f'{damaged} packets of the video do not decode')
+        if packets < self._promised:
+            self.losses.append(f'the video ended after {packets} of {self._promised} frames')
 
     def close(self) -> None:
         """Nothing to let go of: `frames` closes what it opens."""
 
 
-class Camera:
-    """A camera by index or device; frames carry the time at which they arrived."""
+class _Stamps:
+    """From a video's time stamps to ns; those of a steady rate without the file's rounding."""
 
-    live = True
-    count: int | None = None
+    def __init__(self, given_rate: float | None, own_rate: float, tick: Fraction) -> None:
+        self._given_rate = given_rate
+        self._rate = given_rate or own_rate
+        self._tick_s = float(tick)
+        self._first: int | None = None
+        self._index = 0
+        self._previous_ns = -1
 
-    def __init__(self, device: int | str, rate: float | None = None) -> None:
-        """Name the camera; it is opened when frames are read."""
-        self.name = f'camera {device}'
-        self.rate = rate
-        self.losses: list[str] = []
-        self._device = device
-        self._capture: cv2.VideoCapture | None = None
+    def of(self, pts: int | None) -> int:
+        """The next frame's stamp, ns; ``pts`` in the file's ticks."""
+        stamp_ns = round(self._index * 1e9 / self._rate)
+        self._index += 1
+        if self._given_rate is None and pts is not None and self._tick_s > 0:
+            self._first = pts if self._first is None else self._first
+            own_s = (pts - self._first) * self._tick_s
+            if abs(own_s - stamp_ns * 1e-9) > 0.5 * self._tick_s + 1e-9:
+                stamp_ns = round(own_s * 1e9)
+        if stamp_ns <= self._previous_ns:  # a broken file; time goes on
+            stamp_ns = self._previous_ns + round(1e9 / self._rate)
+        self._previous_ns = stamp_ns
+        return stamp_ns
 
-    def frames(self) -> Iterator[Frame | BadFrame]:
-        """Read until the camera stops delivering.
 
-        Raises:
-            SourceError: it cannot be opened, or has been unplugged.
-        """
-        self._capture = cv2.VideoCapture(self._device)
+def _packets(container: Any, stream: Any) -> Iterator[Any]:
+    """The packets up to the file's end or to where it cannot be read any more."""
+    packets = container.demux(stream)
+    while True:
         try:
-            if not self._capture.isOpened():
-                raise SourceError(f'{self.name} cannot be opened: is it plugged in and not in use?')
-            if self.rate:
-                self._capture.set(cv2.CAP_PROP_FPS, self.rate)
-            while True:
-                ok, pixels = self._capture.read()
-                if not ok:
-                    raise SourceError(f'{self.name} has stopped delivering frames')
-                yield Frame(time.time_ns(), 'camera', _image(pixels))
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        """Let go of the device."""
-        if self._capture is not None:
-            self._capture.release()
-            self._capture = None
+            yield next(packets)
+        except (StopIteration, ValueError, OSError):
+            return
 
 
-def _image(pixels: cv2.typing.MatLike) -> Image:
-    return Image(pixels, 'mono8' if pixels.ndim == 2 else 'bgr8')
+def upright(frame: Any) -> Image:
+    """A decoded frame in colour, turned as the camera was held."""
+    pixels = frame.to_ndarray(format='bgr24')
+    turns = round(getattr(frame, 'rotation', 0) / 90) % 4
+    return Image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels, 'bgr8')

@@ -32,7 +32,16 @@ _NOWHERE: Point = (math.nan, math.nan)
 class ApproachDetector:
     """Finds the runway (or road, or pipeline) in one frame after the other.
 
-    Not safe for calls from several threads at once.
+    It is what the node runway_detector runs in mode approach. Not safe for calls from several
+    threads at once.
+
+    Example:
+        >>> import numpy as np
+        >>> from mvuav_ros import ApproachDetector
+        >>> sky = np.full((240, 320, 3), (230, 180, 140), np.uint8)
+        >>> result = ApproachDetector().process(sky, stamp_ns=0)
+        >>> result.status, [line.found for line in result.lines]
+        ('no runway: no horizon', [False, False, False, False, False])
 
     Attributes:
         attitude_problem: why the newest frame's attitude was not used; empty if it was or there is

@@ -14,11 +14,11 @@ from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.edges import EdgePoints
 from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE, Guidance
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
 
 # Px of the frame: what is wrong with all points of an edge alike, at either end of it: by itself,
 # and on both edges inwards or outwards alike (side stripes, defocus); and px of the working
@@ -170,7 +170,7 @@ def _pose(
     # Seen from the camera, an edge lies (aside, -1) heights to the left and below.
     z = runway_width / (right_slope - left_slope)
     y = 0.5 * runway_width + left_slope * z
-    rotation = np.stack([forward, aside, up]) @ _OPTICAL_FROM_BODY
+    rotation = np.stack([forward, aside, up]) @ OPTICAL_FROM_BODY
     roll = math.atan2(rotation[2, 1], rotation[2, 2])
     pitch = -math.asin(max(-1.0, min(1.0, float(rotation[2, 0]))))
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])

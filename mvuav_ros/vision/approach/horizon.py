@@ -25,7 +25,7 @@ the fields before it, at whose border the step may be as large."""
 
 
 class Horizon(NamedTuple):
-    """A line y = row + (x - centre column) tan(slope) on a image.
+    """A line y = row + (x - centre column) tan(slope) on an image.
 
     Attributes:
         row: where it crosses the image's middle column, px.

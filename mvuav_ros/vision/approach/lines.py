@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.derotation import line_through
 from mvuav_ros.vision.approach.results import ROLES, Point
-from mvuav_ros.vision.runway.correction import RhoThetaCorrection
+from mvuav_ros.vision.runway.correction import CorrectionLimits, RhoThetaCorrection
+from mvuav_ros.vision.runway.detector import correction_limits
 from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
@@ -81,8 +83,8 @@ class LineCorrection:
         )
 
 
-def _for_one_line(parameters: RunwayDetectorParameters) -> RunwayDetectorParameters:
-    return parameters.changed({'num_peaks': 1, 'association': 'index'})
+def _for_one_line(parameters: RunwayDetectorParameters) -> CorrectionLimits:
+    return replace(correction_limits(parameters), rows=1, by_index=True)
 
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:

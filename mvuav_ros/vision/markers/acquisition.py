@@ -1,4 +1,4 @@
-"""Which lights are the body's, when nothing is known yet: the start, and after a long loss."""
+"""Which lights are the rig's, when nothing is known yet: the start, and after a long loss."""
 
 from __future__ import annotations
 
@@ -13,31 +13,44 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.view import (
-    NEARNESS,
+    BARREL,
+    COUNT,
+    FOCAL,
+    KNOWN_FOCAL,
     PITCH,
     ROLL,
     SCALE,
     YAW,
     Array,
+    Fits,
     ViewState,
     WeakPerspective,
     X,
     Y,
+    fit,
 )
 
 ANY_ROLL = 1.6
 """rad, 1 sigma: at the start an upright body is likelier than one upside down."""
 TILT = 0.4
 """rad, 1 sigma: the camera looks at the body from behind, give or take."""
+BARREL_DEVIATION = 0.1
+"""1 sigma, of what a lens that is not calibrated does at half the diagonal."""
 MODEL_ERROR = 0.004
 """By how much a body may differ from its rig, in units of its size (1 sigma)."""
 DOUBT = 6.0
 """Two ways of naming the lights whose costs differ by less than this are both possible."""
-MAX_CANDIDATES = 14
-_NEARNESS, _NEARNESS_DEVIATION = 0.25, 0.7
+MAX_CANDIDATES = 12
+_USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
+"""Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
+across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17
 """How far from its expected place a light is looked for, in units of the body's size."""
-_TRIED = 10
+_TRIED = 24
+_APART = 0.6
+"""rad: two starts for one way of naming the lights are tilted at least this differently."""
+_WAYS_TRIED = 8
+_MOST_COMPARISONS = 700_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,74 +77,118 @@ def guess_start(
     """All probable ways of seeing the whole body in a number of spots, most probable first.
 
     The two lights that lie farthest apart are tried on every pair of spots, in both orders and
-    as seen from a grid of directions and distances; the best are fitted.
+    as seen from a grid of directions and distances; the best are fitted, each from several
+    directions, as the cost may have more than one minimum.
 
     Args:
         shape: the body.
-        spots: at most `MAX_CANDIDATES`.
+        spots: at most `MAX_CANDIDATES`, px without distortion.
         roll: expected, rad.
         roll_deviation: of that (1 sigma, rad).
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
-    rough = _rough_guesses(shape, places)
+    starts = _rough_guesses(shape, places)
+    if not starts:
+        return []
+    chosen = np.array([way for way, _ in starts], np.intp)
+    parameters = np.array([start for _, start in starts])
+    flat = np.column_stack((places.real, places.imag))
+    fits = _fit(shape, flat[chosen], parameters)
     guesses: dict[tuple[int, ...], Guess] = {}
-    for chosen, parameters in rough:
-        if chosen in guesses:
-            continue
-        view = _fit(shape, places[list(chosen)], parameters)
-        turned = math.remainder(view.roll - roll, 2 * math.pi) / roll_deviation
-        guesses[chosen] = Guess(chosen, view, view.cost + turned**2)
-        if len(guesses) == _TRIED:
-            break
+    fitted = [(way, fits.view(index)) for index, (way, _) in enumerate(starts)]
+    best = min(fitted, key=lambda guess: guess[1].cost)
+    for way, view in fitted + _variants(shape, flat, *best):
+        away = math.remainder(view.roll - roll, 2 * math.pi) / roll_deviation
+        guess = Guess(way, view, view.cost + away**2)
+        if way not in guesses or guess.cost < guesses[way].cost:
+            guesses[way] = guess
     return sorted(guesses.values(), key=lambda guess: guess.cost)
 
 
-def _fit(shape: WeakPerspective, places: NDArray[np.complex128], start: Array) -> ViewState:
-    measured = np.column_stack((places.real, places.imag))
-    expected = np.array([start[ROLL], start[SCALE], start[X], start[Y], 0.0, 0.0, _NEARNESS])
+def _variants(
+    shape: WeakPerspective, flat: Array, way: tuple[int, ...], view: ViewState
+) -> list[tuple[tuple[int, ...], ViewState]]:
+    """The ways that differ from one in a single light, which lies near its place as well."""
+    apart = np.hypot(*(shape.project(view.parameters)[:, None] - flat).transpose(2, 0, 1))
+    ways = [
+        (*way[:marker], light, *way[marker + 1 :])
+        for marker, light in np.argwhere(apart < _REACH * view.scale).tolist()
+        if light not in way
+    ][:_TRIED]
+    if not ways:
+        return []
+    starts = np.repeat(view.parameters[None], len(ways), axis=0)
+    fits = _fit(shape, flat[np.array(ways)], starts)
+    return [(other, fits.view(index)) for index, other in enumerate(ways)]
+
+
+def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
+    """Views of the whole body fitted to several ways of naming, from behind give or take."""
     free = 1e4
-    deviations = np.array([free, free, free, free, TILT, TILT, _NEARNESS_DEVIATION])
-    prior = ViewState(expected, np.diag(deviations**2), np.zeros((len(places), 2)))
-    deviation = 0.3 + MODEL_ERROR * math.exp(float(start[SCALE]))
-    return prior.fitted(shape, np.arange(len(places)), measured, deviation, start)
+    expected = np.zeros(COUNT)
+    expected[[X, Y]] = shape.centre
+    expected[SCALE] = np.median(starts[:, SCALE])
+    expected[FOCAL] = math.log(shape.lens.focal or _USUAL_FOCAL * shape.lens.half_diagonal)
+    deviations = np.empty(COUNT)
+    deviations[[ROLL, SCALE, X, Y]] = free
+    deviations[[PITCH, YAW]] = TILT
+    deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
+    deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
+    prior = expected[None], np.diag(deviations**2)[None]
+    deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
+    m, n = measured.shape[:2]
+    seen = np.broadcast_to(np.arange(n), (m, n))
+    return fit(shape, prior, seen, measured, deviation, starts=starts, iterations=12)
 
 
-def _rough_guesses(
-    shape: WeakPerspective, places: NDArray[np.complex128]
-) -> list[tuple[tuple[int, ...], Array]]:
-    """Distinct spots for all lights, and a view to start the fit from; the best ones first."""
+Start = tuple[tuple[int, ...], Array]
+
+
+def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> list[Start]:
+    """Distinct spots for all lights, and views to start the fit from; the best ones first."""
     views, looks = _looks(shape)
     first, second = shape.base
     count = len(places)
     if count < looks.shape[1]:
         return []
+    step = max(1, round(count * count * looks.size * count / _MOST_COMPARISONS))
+    views, looks = views[::step], looks[::step]
     i, j = (index.ravel() for index in np.indices((count, count)))
     i, j = i[i != j], j[i != j]
     turn = (places[j] - places[i])[:, None] / (looks[:, second] - looks[:, first])
     shift = places[i][:, None] - turn * looks[:, first]
-    expected = turn[..., None] * looks + shift[..., None]
-    apart = (expected[..., None] - places).astype(np.complex64)
-    distance = np.abs(apart) / np.abs(turn)[..., None, None]
+    expected = (turn[..., None] * looks + shift[..., None]).astype(np.complex64)
+    distance = np.abs(expected[..., None] - places.astype(np.complex64))
+    distance /= np.abs(turn)[..., None, None].astype(np.float32)
     nearest = distance.min(axis=-1)
     cost = (nearest**2).sum(axis=-1)
     cost[(nearest > _REACH).any(axis=-1)] = np.inf
-    found: list[tuple[tuple[int, ...], Array]] = []
-    known: set[tuple[int, ...]] = set()
-    for flat in np.argsort(cost, axis=None)[: 40 * _TRIED]:
+    found: list[Start] = []
+    known: dict[tuple[int, ...], list[Array]] = {}
+    flat_cost = cost.ravel()
+    possible = np.flatnonzero(np.isfinite(flat_cost))
+    best_first = possible[np.argsort(flat_cost[possible])]
+    for flat in best_first[: 40 * _TRIED]:
         pair, look = divmod(int(flat), len(looks))
-        if not np.isfinite(cost[pair, look]):
-            break
         chosen = tuple(distance[pair, look].argmin(axis=-1).tolist())
-        if chosen in known or len(set(chosen)) < len(chosen):
+        if len(set(chosen)) < len(chosen):
             continue
-        known.add(chosen)
+        tilts = known.setdefault(chosen, [])
+        if len(known) > _WAYS_TRIED:
+            del known[chosen]
+            continue
+        tilt = views[look][[PITCH, YAW]]
+        if any(float(np.abs(tilt - other).max()) < _APART for other in tilts):
+            continue
+        tilts.append(tilt)
         parameters = views[look].copy()
         parameters[ROLL] = np.angle(turn[pair, look])
         parameters[SCALE] = math.log(abs(turn[pair, look]))
+        parameters[FOCAL] += parameters[SCALE]
         parameters[X], parameters[Y] = shift[pair, look].real, shift[pair, look].imag
         _explain_by_place(shape, parameters)
         found.append((chosen, parameters))
-        if len(found) == 2 * _TRIED:
+        if len(found) == _TRIED:
             break
     return found
 
@@ -140,19 +197,22 @@ def _explain_by_place(shape: WeakPerspective, parameters: Array) -> None:
     """Take out of an apparent tilt what follows from the place beside the image's centre."""
     c, s = math.cos(parameters[ROLL]), math.sin(parameters[ROLL])
     x, y = parameters[X] - shape.centre[0], parameters[Y] - shape.centre[1]
-    factor = parameters[NEARNESS] / math.exp(parameters[SCALE])
+    factor = math.exp(-parameters[FOCAL])
     parameters[YAW] += factor * (c * x + s * y)
     parameters[PITCH] -= factor * (c * y - s * x)
 
 
 @lru_cache(maxsize=4)
 def _looks(shape: WeakPerspective) -> tuple[Array, NDArray[np.complex128]]:
-    """Views all round behind the body, (v, 7), and the lights' places in them, (v, n)."""
+    """Views all round behind the body, (v, 8), and the lights' places in them, (v, n).
+
+    In the order of their likelihood, so that every second one of them is a coarser grid.
+    """
     tilts = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
-    near = [part * shape.most_nearness for part in (0.02, 0.1, 0.2, 0.35, 0.6)]
+    near = [part * shape.most_nearness for part in (0.05, 0.2, 0.45)]
     views = np.array(
         [
-            (0.0, 0.0, 0.0, 0.0, pitch, yaw, n)
+            (0.0, 0.0, 0.0, 0.0, pitch, yaw, -math.log(n), 0.0)
             for pitch, yaw, n in product(tilts, tilts, near)
             if math.hypot(pitch, yaw) < 1.15
         ]

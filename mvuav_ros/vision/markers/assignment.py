@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import permutations
+from functools import lru_cache
+from itertools import combinations, islice, permutations, product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.acquisition import (
     ANY_ROLL,
@@ -20,7 +22,17 @@ from mvuav_ros.vision.markers.blobs import Blobs, may_be_light
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
-from mvuav_ros.vision.markers.view import ROLL, SCALE, ViewState, WeakPerspective, X, Y
+from mvuav_ros.vision.markers.view import (
+    ROLL,
+    SCALE,
+    Array,
+    Lens,
+    ViewState,
+    WeakPerspective,
+    X,
+    Y,
+    fit,
+)
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 ROUND = 1.4
@@ -41,32 +53,54 @@ GATE = 16.0
 """Squared distance over variance at which a light is too far from a marker's place."""
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
-MOST_WAYS = 3000
+MOST_WAYS = 1000
+MOST_REFITTED = 24
+MOST_PERMUTED = 7
+MOST_OF_THREE = 24
+MOST_BENT = 0.15
+MOST_MEASURED = 48
+MOST_PAIRS = 300
+MOST_COST = 24.0
 STRANGE = 3
-"""Frames without a name after which a light is a clutter."""
+"""Frames without a name after which a light is a stranger."""
 STRANGER_STEP = 8.0
-"""px that a clutter may move in a frame, as the camera shakes."""
+"""px that a stranger may move in a frame, as the camera shakes."""
 
 
 class Lights:
-    """The spots of a frame that may be lights, measured."""
+    """The spots of a frame that may be lights, measured.
 
-    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter) -> None:
+    Attributes:
+        spots: their places in px without distortion.
+        measured: where the image shows them.
+    """
+
+    def __init__(self, blobs: Blobs, cut: Cut, meter: CentroidMeter, lens: Lens) -> None:
         boxes = [box for box in blobs.boxes if may_be_light(box)]
         # The largest tell what is small; of hundreds of specks no more is needed.
-        boxes = sorted(boxes, key=lambda box: -box.area)[: 4 * MAX_CANDIDATES]
-        self.spots = [blobs.measure(box, cut, meter) for box in boxes]
+        boxes = sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+        measured = [blobs.measure(box, cut, meter) for box in boxes]
+        self.spots = straightened(lens, measured)
+        self.measured = dict(zip(self.spots, measured, strict=True))
         self._boxes = dict(zip(self.spots, boxes, strict=True))
         self._blobs = blobs
+        self._lens = lens
 
     def __len__(self) -> int:
         return len(self.spots)
+
+    def in_image(self, spot: Detection) -> Detection:
+        """A spot where the image shows it."""
+        return self.measured[spot]
 
     def split(
         self, spot: Detection, dx: float, dy: float, variance: float
     ) -> tuple[Detection, Detection]:
         """A spot that is two lights (see `Blobs.split`)."""
-        return self._blobs.split(self._boxes[spot], dx, dy, variance)
+        pair = self._blobs.split(self._boxes[spot], dx, dy, variance)
+        first, second = straightened(self._lens, pair)
+        self.measured[first], self.measured[second] = pair
+        return first, second
 
     def candidates(self, count: int) -> list[Detection]:
         """The round ones that could be among a body's ``count`` markers."""
@@ -75,6 +109,22 @@ class Lights:
             return spots
         least = LEAST_SHARE * spots[count - 1].area
         return [spot for spot in spots if spot.area >= least]
+
+
+def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
+    """Detections where a lens without distortion would show them."""
+    if lens.focal is None or not spots:
+        return list(spots)
+    ideal = lens.to_ideal(np.array([(spot.x, spot.y) for spot in spots])).tolist()
+    return [spot._replace(x=x, y=y) for spot, (x, y) in zip(spots, ideal, strict=True)]
+
+
+class Expectation(NamedTuple):
+    """Where a marker should be, px, and how sure that is (1 sigma, px)."""
+
+    x: float
+    y: float
+    deviation: float
 
 
 class Clutter:
@@ -90,84 +140,96 @@ class Clutter:
             for x, y, age in self._seen
         )
 
-    def update(self, spots: Sequence[Detection]) -> None:
-        """Take the lights of a frame that got no name."""
-        self._seen = [
-            (
-                spot.x,
-                spot.y,
-                1
-                + max(
-                    (
-                        age
-                        for x, y, age in self._seen
-                        if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-                    ),
-                    default=0,
-                ),
-            )
-            for spot in spots
-        ]
+    def update(
+        self, spots: Sequence[Detection], expected: Mapping[int, Expectation] | None
+    ) -> None:
+        """Take the lights of a frame that got no name.
+
+        Args:
+            spots: those lights.
+            expected: where the markers without a light should be; what lies far from all of them
+                is none. None where the body is out of sight: then only what was clutter before
+                is followed.
+        """
+        seen = []
+        for spot in spots:
+            ages = [
+                age
+                for x, y, age in self._seen
+                if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
+            ]
+            if expected is not None:
+                near = any(_may_be_at(spot, place) for place in expected.values())
+                ages.append(max(ages, default=0) + (1 if near else STRANGE))
+            if ages:
+                seen.append((spot.x, spot.y, max(ages)))
+        self._seen = seen
+
+
+def _may_be_at(spot: Detection, place: Expectation) -> bool:
+    reach = STRANGER_STEP + 4.0 * place.deviation
+    return math.hypot(spot.x - place.x, spot.y - place.y) < reach
 
 
 class Named(NamedTuple):
     """All markers of a body, by name.
 
     Attributes:
-        spots: in the rig's order.
+        spots: in the rig's order, px without distortion; empty if they cannot be named.
         view: fitted to them.
         certain: whether one frame is enough to believe it.
-        remark: empty, or what was left out.
+        fits: whether the body is what its rig says.
+        remark: why they cannot be named, or what was left out.
     """
 
-    spots: tuple[Detection, ...]
-    view: ViewState
-    certain: bool
+    spots: tuple[Detection, ...] = ()
+    view: ViewState | None = None
+    certain: bool = False
+    fits: bool = True
     remark: str = ''
 
 
 def initialize(
-    shape: WeakPerspective, lights: Lights, names: Sequence[str], before: ViewFilter | None
-) -> Named | str:
+    shape: WeakPerspective,
+    lights: Lights,
+    names: Sequence[str],
+    before: tuple[float, float] | None = None,
+) -> Named:
     """Name a whole body of which no marker is known.
 
     Args:
         shape: the body.
         lights: of the frame.
         names: the markers'.
-        before: how it was seen a frame ago or before a loss; None at the start, when an upright
-            body is likelier than one upside down, and how exact the rig is must be seen.
-
-    Returns:
-        The markers, or why they cannot be named.
+        before: the roll before a loss and how far it may have changed (1 sigma, rad); None at
+            the start, when an upright body is likelier than one upside down, and how exact the
+            rig is must be seen.
     """
     count = len(names)
     spots = lights.candidates(count)
     if len(spots) < count:
-        return f'{len(spots)} of {count} markers in view'
+        return Named(remark=f'{len(spots)} of {count} markers in view')
+    unclear = f'{len(spots)} lights in view, {count} do not stand out'
     if len(spots) > MAX_CANDIDATES:
-        return f'{len(spots)} lights in view, {count} do not stand out'
-    expected = (0.0, ANY_ROLL) if before is None else (before.view.roll, NEARBY_ROLL)
-    guesses = [g for g in guess_start(shape, spots, *expected) if _alike(g, spots)]
+        return Named(remark=unclear)
+    guesses = [
+        g for g in guess_start(shape, spots, *(before or (0.0, ANY_ROLL))) if _alike(g, spots)
+    ]
     alone = len(spots) == count
     if guesses:
         best = guesses[0]
-        scale = best.view.scale
-        limit = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * scale
-        if before is not None:
-            limit = before.most_misfit(scale)
-        elif alone:
-            limit = max(limit, LONE_MISFIT * scale)
         clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
-        if best.view.misfit <= limit and clear:
+        exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
+        free = alone and before is None and shape.lens.focal is None
+        limit = LONE_MISFIT * best.view.scale if free else exact
+        if best.view.misfit <= max(limit, exact) and clear:
             chosen = tuple(spots[index] for index in best.chosen)
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-            return Named(chosen, best.view, alone, remark)
-    if alone and tuple(names) == TANKER_NAMES and before is None:
-        named = _as_the_thesis(shape, spots)
-        if named is not None:
-            return named
-    return f'{len(spots)} lights in view, {count} do not stand out'
+            fits = best.view.misfit <= exact
+            return Named(chosen, best.view, alone, fits, remark)
+    if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
+        return _as_the_thesis(shape, spots) or Named(remark=unclear)
+    return Named(remark=unclear)
 
 
 def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
@@ -186,27 +248,20 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     if span == 0.0 or max(areas) > MOST_RATIO * min(areas):
         return None
     roll = math.atan2(right.y - left.y, right.x - left.x)
-    start = np.array([roll, math.log(0.56 * span), 0.0, 0.0, 0.0, 0.0, 0.25])
+    scale = math.log(0.56 * span)
+    start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
     start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
-    deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5))
-    prior = ViewState(start, np.diag(deviations**2), np.zeros((5, 2)))
-    places = np.array([(spot.x, spot.y) for spot in chosen])
-    view = prior.fitted(shape, np.arange(5), places, 0.02 * span)
+    deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
+    places = np.array([[(spot.x, spot.y) for spot in chosen]])
+    prior = start[None], np.diag(deviations**2)[None]
+    view = fit(shape, prior, np.arange(5)[None], places, np.array(0.02 * span)).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
-    return Named(chosen, view, True)
+    return Named(chosen, view, True, False)
 
 
 Fits = Callable[[int, Detection], bool]
 """Whether a marker may look like this spot."""
-
-
-class Expectation(NamedTuple):
-    """Where a marker should be, px, and how sure that is (1 sigma, px)."""
-
-    x: float
-    y: float
-    deviation: float
 
 
 def assign(
@@ -233,7 +288,7 @@ def assign(
             costs[marker] = near
     if not costs:
         return {}
-    ways = list(_ways(list(costs.items())))
+    ways = list(islice(_ways(list(costs.items())), MOST_WAYS + 1))
     if len(ways) > MOST_WAYS:
         return {}
     least = min(cost for cost, _ in ways)
@@ -263,47 +318,135 @@ def _ways(
 
 
 def reacquire(
-    view_filter: ViewFilter, prior: ViewState, spots: Sequence[Detection], fits: Fits
+    views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
 ) -> dict[int, Detection]:
     """Find a body again of which nothing is in sight where it was expected.
 
     Every pair of spots is tried as every pair of markers, within what the time since the loss
-    allows of roll, size and place; three or more spots must fit, and no other way as well.
+    allows of roll, size and place. A marker is named where every way that is about as probable
+    as the best names it so.
+
+    Args:
+        views: of the frame.
+        spots: px without distortion.
+        fits: leaves out what cannot be.
+        fewest: markers that must be found.
     """
-    shape = view_filter.shape
-    places = prior.places(shape)
+    ways = _similar_ways(views, spots, fits, fewest)
+    ways = list(
+        {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
+    )
+    everything = len(views.shape.points)
+    weighed = [
+        (view.cost + NOTHING * (everything - len(way)), dict(way))
+        for way, view in _refitted(views, ways, spots)
+        if view.cost <= MOST_COST
+    ]
+    if not weighed:
+        return {}
+    least = min(cost for cost, _ in weighed)
+    probable = [way for cost, way in weighed if cost < least + DOUBT]
+    first = min(weighed, key=lambda pair: pair[0])[1]
+    agreed = {m: i for m, i in first.items() if all(way.get(m) == i for way in probable)}
+    return {m: spots[i] for m, i in agreed.items()} if len(agreed) >= fewest else {}
+
+
+Way = tuple[tuple[int, int], ...]
+"""Markers and the lights that they may be."""
+
+
+def _refitted(
+    views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
+) -> list[tuple[Way, ViewState]]:
+    """Ways of naming lights, each with the view that follows."""
+    fitted: list[tuple[Way, ViewState]] = []
+    for number in sorted({len(way) for way in ways}):
+        same = [way for way in ways if len(way) == number][:MOST_REFITTED]
+        seen = np.array([[marker for marker, _ in way] for way in same], np.intp)
+        places = np.array([[(spots[i].x, spots[i].y) for _, i in way] for way in same])
+        fits = views.fit(seen, places)
+        fitted += [(way, fits.view(index)) for index, way in enumerate(same)]
+    return fitted
+
+
+def _completed(
+    views: ViewFilter, way: Way, view: ViewState, spots: Sequence[Detection], fits: Fits
+) -> Way:
+    """A way with the lights that lie where its view has the other markers."""
+    places, deviations = views.places(view)
+    named = dict(way)
+    for marker in range(len(places)):
+        if marker in named:
+            continue
+        apart = [
+            (math.hypot(spot.x - places[marker, 0], spot.y - places[marker, 1]), number)
+            for number, spot in enumerate(spots)
+            if number not in named.values() and fits(marker, spot)
+        ]
+        if apart and min(apart)[0] < 4.0 * math.hypot(deviations[marker], views.deviation):
+            named[marker] = min(apart)[1]
+    return tuple(sorted(named.items()))
+
+
+def _similar_ways(
+    views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
+) -> list[Way]:
+    """Ways of naming spots in which the body has only been turned, grown and moved."""
+    prior = views.view
+    places = views.places()[0]
     flat = places[:, 0] + 1j * places[:, 1]
     seen = np.array([complex(spot.x, spot.y) for spot in spots])
-    reach = max(4.0, 0.05 * prior.scale)
+    if len(seen) < 2:
+        return []
+    if len(seen) >= 3 and 3 <= len(flat) <= MOST_PERMUTED:
+        ways = _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
+        if fewest > 2 or ways:
+            return [w for w in ways if all(fits(marker, spots[light]) for marker, light in w)]
+    reach = max(6.0, 0.15 * prior.scale)
     allowed = 3.0 * np.sqrt(np.diag(prior.covariance))
-    tried: dict[tuple[tuple[int, int], ...], float] = {}
-    for a, b in permutations(range(len(flat)), 2):
-        if a > b:
-            continue
-        for i, j in permutations(range(len(seen)), 2):
-            turn = (seen[j] - seen[i]) / (flat[b] - flat[a])
-            if abs(math.log(max(abs(turn), 1e-9))) > allowed[SCALE] + 0.1:
-                continue
-            if abs(math.atan2(turn.imag, turn.real)) > allowed[ROLL] + 0.1:
-                continue
-            moved = seen[i] + turn * (flat - flat[a])
-            middle = moved.mean() - flat.mean()
-            if abs(middle) > math.hypot(allowed[X], allowed[Y]):
-                continue
-            way = _nearest(moved, seen, reach, spots, fits)
-            if len(way) >= 3 or len(way) == len(flat):
-                tried[way] = -len(way)
-    best = sorted(tried, key=lambda way: tried[way])[:12]
-    weighed = []
-    for way in best:
-        found = {marker: spots[number] for marker, number in way}
-        view = view_filter.look(prior, {m: (s.x, s.y) for m, s in found.items()})
-        if view.misfit <= CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * view.scale:
-            weighed.append((view.cost + NOTHING * (len(flat) - len(way)), found))
-    weighed.sort(key=lambda pair: pair[0])
-    if not weighed or (len(weighed) > 1 and weighed[1][0] - weighed[0][0] < DOUBT):
-        return {}
-    return weighed[0][1]
+    a, b = np.triu_indices(len(flat), 1)
+    i, j = (index.ravel() for index in np.indices((len(seen), len(seen))))
+    i, j = i[i != j], j[i != j]
+    turn = (seen[j] - seen[i])[None, :] / (flat[b] - flat[a])[:, None]
+    shift = seen[i][None, :] - turn * flat[a][:, None]
+    moved = turn * flat.mean() + shift - flat.mean()
+    possible = np.abs(np.log(np.maximum(np.abs(turn), 1e-9))) < allowed[SCALE] + 0.15
+    possible &= np.abs(np.angle(turn)) < min(allowed[ROLL], math.pi) + 0.1
+    possible &= np.abs(moved) < math.hypot(allowed[X], allowed[Y]) + reach
+    pair, seen_pair = np.nonzero(possible)
+    tried: dict[Way, float] = {}
+    for t, s in zip(turn[pair, seen_pair][:MOST_PAIRS], shift[pair, seen_pair], strict=False):
+        way = _nearest(t * flat + s, seen, reach, spots, fits)
+        if len(way) >= fewest:
+            tried[way] = -len(way)
+    return sorted(tried, key=lambda way: tried[way])
+
+
+def _ways_of_three(
+    flat: NDArray[np.complex128], seen: NDArray[np.complex128], deviations: Array
+) -> list[Way]:
+    """All likely ways of naming three lights, by the turn, growth and distortion that they take."""
+    ways, chosen = _threes(len(flat), min(len(seen), MOST_PERMUTED))
+    markers = flat[ways] - flat[ways].mean(axis=1, keepdims=True)
+    lights = seen[chosen] - seen[chosen].mean(axis=1, keepdims=True)
+    turn = (markers.conj() * lights).sum(axis=1) / (np.abs(markers) ** 2).sum(axis=1)
+    bent = np.abs(lights - turn[:, None] * markers) ** 2
+    bent = bent.sum(axis=1) / (np.abs(turn[:, None] * markers) ** 2).sum(axis=1)
+    cost = (np.log(np.maximum(np.abs(turn), 1e-9)) / (deviations[SCALE] + 0.1)) ** 2
+    cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MOST_BENT**2
+    best = [int(index) for index in np.argsort(cost)[:MOST_OF_THREE] if cost[index] < GATE]
+    return [
+        tuple(sorted(zip(ways[index].tolist(), chosen[index].tolist(), strict=True)))
+        for index in best
+    ]
+
+
+@lru_cache(maxsize=32)
+def _threes(markers: int, lights: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Three markers in any order, and three lights for them, (w, 3) each."""
+    pairs = product(permutations(range(markers), 3), combinations(range(lights), 3))
+    ways, chosen = zip(*pairs, strict=True)
+    return np.array(ways), np.array(chosen)
 
 
 def _nearest(
@@ -312,7 +455,7 @@ def _nearest(
     reach: float,
     spots: Sequence[Detection],
     fits: Fits,
-) -> tuple[tuple[int, int], ...]:
+) -> Way:
     apart = np.abs(places[:, None] - seen)
     way = []
     taken: set[int] = set()

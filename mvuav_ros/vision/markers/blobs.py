@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
@@ -15,6 +17,7 @@ from mvuav_ros.vision.markers.grouping import (
     MAX_BRIGHT_SMALL_FRAME,
     GroupingError,
 )
+from mvuav_ros.vision.markers.many_centroids import measure_pixels, measure_windows
 from mvuav_ros.vision.point_operations import Pixels, threshold
 
 MAX_BLOBS = 400
@@ -40,9 +43,6 @@ class Blobs:
 
     Unlike the thesis's groups around seeds a piece may be of any width, and two lights are two
     pieces for as long as a dark pixel lies between them.
-
-    Attributes:
-        boxes: in the order of their first pixels, row by row.
     """
 
     def __init__(self, gray: Pixels, parameters: MarkerTrackerParameters) -> None:
@@ -56,11 +56,14 @@ class Blobs:
         if bright > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
             share = 100 * bright / mask.size
             raise GroupingError(f'{share:.0f} % of the frame is above the threshold')
-        self.boxes: list[Blob] = []
+        self._gray = gray
         self._size = (gray.shape[1], gray.shape[0])
+        self._chosen = np.empty(0, np.intp)
+        self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
         if bright == 0:
             return
         count, self._numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        self._count = count
         areas = stats[1:, cv2.CC_STAT_AREA]
         fitting = areas >= parameters.min_area
         if parameters.max_area:
@@ -68,10 +71,65 @@ class Blobs:
         chosen = np.flatnonzero(fitting)
         if len(chosen) > MAX_BLOBS:
             raise GroupingError(f'{count - 1} clusters above the threshold')
-        for number, (x, y, width, height, area) in zip(
-            (chosen + 1).tolist(), stats[chosen + 1].tolist(), strict=True
-        ):
-            self.boxes.append(Blob(x, x + width - 1, y, y + height - 1, area, number))
+        self._chosen = chosen + 1
+        self._stats = stats[self._chosen]
+
+    def __len__(self) -> int:
+        return len(self._chosen)
+
+    @cached_property
+    def boxes(self) -> list[Blob]:
+        """The pieces, in the order of their first pixels, row by row."""
+        return [
+            Blob(x, x + width - 1, y, y + height - 1, area, number)
+            for number, (x, y, width, height, area) in zip(
+                self._chosen.tolist(), self._stats.tolist(), strict=True
+            )
+        ]
+
+    def measure_all(self, level: float, weighted: bool) -> NDArray[np.float64]:
+        """All pieces' places, as `measure` finds each of them, in less time than one by one.
+
+        Args:
+            level: threshold, fraction of full scale.
+            weighted: or binary.
+
+        Returns:
+            (n, 3): x and y (px), area (px).
+        """
+        measured = np.empty((len(self), 3))
+        x, y, width, height, area = self._stats.T.astype(np.intp)
+        right, bottom = self._size[0] - 1, self._size[1] - 1
+        windows = np.stack(
+            (
+                np.maximum(x - 1, 0),
+                np.minimum(x + width, right),
+                np.maximum(y - 1, 0),
+                np.minimum(y + height, bottom),
+            ),
+            axis=-1,
+        )
+        # The window around a thin slanting line would be far larger than the line.
+        compact = np.flatnonzero((width + 2) * (height + 2) <= 4 * area + 64)
+        measured[compact] = measure_windows(self._gray, windows[compact], level, weighted)
+        alone = np.zeros(len(self), np.bool_)
+        alone[compact] = measured[compact, 2] == area[compact]
+        crowded = np.flatnonzero(~alone)
+        if len(crowded):
+            pixels, owner = self._own_pixels(crowded)
+            measured[crowded] = measure_pixels(
+                self._gray, pixels, owner, len(crowded), level, weighted
+            )
+        return measured
+
+    def _own_pixels(self, pieces: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The pixels of some pieces in the flattened frame, and which piece's each is."""
+        index = np.full(self._count, -1)
+        index[self._chosen[pieces]] = np.arange(len(pieces))
+        bright = np.flatnonzero(self._numbers)
+        owner = index[self._numbers.ravel()[bright]]
+        own = owner >= 0
+        return bright[own], owner[own]
 
     def measure(self, box: Blob, cut: Cut, meter: CentroidMeter) -> Detection:
         """A piece's place, without what belongs to other pieces."""

@@ -53,7 +53,7 @@ class Detection(NamedTuple):
 
 
 def cutter(image: Image) -> Cut:
-    """How to look at parts of a image at the cost of those parts alone."""
+    """How to look at parts of an image at the cost of those parts alone."""
     if image.is_gray:
         pixels = image.gray()
         return lambda x0, x1, y0, y1: pixels[y0 : y1 + 1, x0 : x1 + 1]
@@ -122,7 +122,7 @@ class CentroidMeter:
         # One product instead of cv2.moments, which takes twice as long for a window.
         column, row = 0.5 * (x1 - x0), 0.5 * (y1 - y0)
         powers = _powers(gray.shape)
-        mass, mx, my, m2 = np.dot(weights.ravel().astype(np.float32), powers).tolist()
+        mass, mx, my, m2 = weights.ravel().astype(np.float32).dot(powers).tolist()
         mx, my = mx / mass, my / mass
         spread = 2 * math.pi * (m2 / mass - mx * mx - my * my) / area
         x, y = x0 + column + mx, y0 + row + my
@@ -157,12 +157,12 @@ class CentroidMeter:
         self, cut: Cut, x: float, y: float, area: int, mass: float, size: tuple[int, int]
     ) -> tuple[float, float]:
         self.pull = (0.0, 0.0)
-        moment, half, factor = _ring(round(math.sqrt(area / math.pi)))
+        moment, half, factor = background_ring(round(math.sqrt(area / math.pi)))
         column, row = math.floor(x + 0.5), math.floor(y + 0.5)
         x0, x1, y0, y1 = column - half, column + half, row - half, row + half
         if x0 < 0 or y0 < 0 or x1 >= size[0] or y1 >= size[1]:
             return self.pull
-        dx, dy = np.dot(cut(x0, x1, y0, y1).ravel().astype(np.float32), moment).tolist()
+        dx, dy = cut(x0, x1, y0, y1).ravel().astype(np.float32).dot(moment).tolist()
         factor *= area / mass
         dx, dy = factor * dx, factor * dy
         if dx * dx + dy * dy < LARGEST_PULL * LARGEST_PULL:
@@ -187,7 +187,7 @@ def _powers(shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=64)
-def _ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
+def background_ring(radius: int) -> tuple[NDArray[np.float32], int, float]:
     """What measures the pull of the background around a light.
 
     A difference of d in grey level that lies along a direction outside of the light adds

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
-from mvuav_ros.vision.markers.grouping import GroupingError, bright_pixels, group_pixels
+from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
+from mvuav_ros.vision.markers.grouping import GroupingError, group_mask
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
+from mvuav_ros.vision.markers.many_centroids import measure_windows
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,
@@ -18,7 +22,9 @@ from mvuav_ros.vision.markers.results import (
     MarkerResult,
     MarkerState,
 )
-from mvuav_ros.vision.point_operations import threshold
+from mvuav_ros.vision.point_operations import Pixels, threshold
+
+Array = NDArray[np.float64]
 
 DARK_EDGE = 4.0
 """px around a light that belong to its window."""
@@ -32,30 +38,56 @@ def find_clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Clu
     Raises:
         GroupingError: the frame is too bright or too noisy to hold markers.
     """
-    mask = threshold(image.gray(), parameters.threshold)
-    clusters = group_pixels(*bright_pixels(mask), parameters.grouping_distance)
-    clusters = [c for c in clusters if area_fits(c.area, parameters)]
-    return weigh(image, clusters, parameters) if parameters.weighted else clusters
+    return [Cluster(x, y, int(area)) for x, y, area in find_lights(image, parameters).tolist()]
 
 
-def weigh(
-    image: Image, clusters: list[Cluster], parameters: MarkerTrackerParameters
-) -> list[Cluster]:
-    """The same clusters at their places by intensity.
+def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
+    """The same as an array, (n, 3): x and y (px), area (px).
 
-    A cluster with other lights around it keeps its binary centroid.
+    Raises:
+        GroupingError: the frame is too bright or too noisy to hold markers.
     """
-    meter, cut = CentroidMeter(parameters.threshold, weighted=True), cutter(image)
-    size = (image.width, image.height)
-    weighed = []
-    for cluster in clusters:
-        reach = math.sqrt(cluster.area / math.pi) + DARK_EDGE
-        x0, x1 = max(round(cluster.x - reach), 0), min(round(cluster.x + reach), size[0] - 1)
-        y0, y1 = max(round(cluster.y - reach), 0), min(round(cluster.y + reach), size[1] - 1)
-        spot = meter.measure(cut, (x0, x1, y0, y1), size)
-        alone = spot is not None and spot.area == cluster.area
-        weighed.append(Cluster(spot.x, spot.y, spot.area) if spot and alone else cluster)
-    return weighed
+    gray = image.gray()
+    if parameters.by_components:
+        lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
+        return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
+    clusters = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
+    lights = np.array(clusters, np.float64).reshape(-1, 3)
+    area = lights[:, 2]
+    fitting = area >= parameters.min_area
+    if parameters.max_area:
+        fitting &= area <= parameters.max_area
+    lights = lights[fitting]
+    return weigh(gray, lights, parameters.threshold) if parameters.weighted else lights
+
+
+def weigh(gray: Pixels, lights: Array, level: float) -> Array:
+    """The same lights at their places by intensity.
+
+    A light with others around it keeps its binary centroid, and so do all of them where they
+    are too many to be looked at one by one.
+
+    Args:
+        gray: (height, width).
+        lights: (n, 3): x and y (px), area (px).
+        level: threshold, fraction of full scale.
+    """
+    if not 0 < len(lights) <= MAX_BLOBS:
+        return lights
+    x, y, area = lights.T
+    reach = np.sqrt(area / math.pi) + DARK_EDGE
+    height, width = gray.shape
+    windows = np.stack(
+        (
+            np.maximum(np.round(x - reach), 0),
+            np.minimum(np.round(x + reach), width - 1),
+            np.maximum(np.round(y - reach), 0),
+            np.minimum(np.round(y + reach), height - 1),
+        ),
+        axis=-1,
+    )
+    measured = measure_windows(gray, windows.astype(np.intp), level, weighted=True)
+    return np.where((measured[:, 2] == area)[:, None], measured, lights)
 
 
 def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:

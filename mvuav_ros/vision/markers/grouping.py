@@ -32,15 +32,11 @@ def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         GroupingError: more than 5 % of the frame is bright.
     """
     height = mask.shape[0]
-    count = cv2.countNonZero(mask)
-    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
-        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
-    if count == 0:
+    if not _count_bright(mask):
         return np.empty(0, np.int32), np.empty(0, np.int32)
     points = cv2.findNonZero(mask).reshape(-1, 2)
-    order = np.argsort(points[:, 0] * height + points[:, 1], kind='stable')
-    x, y = points[order].T
-    return np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
+    x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
+    return x.astype(np.int32), y.astype(np.int32)
 
 
 def group_pixels(
@@ -63,23 +59,48 @@ def group_pixels(
     Raises:
         GroupingError: there are more than `MAX_CLUSTERS`.
     """
+    if len(x) == 0:
+        return []
+    mask = np.zeros((int(y.max()) + 1, int(x[-1]) + 1), np.uint8)
+    mask[y, x] = 255
+    return _group(mask, grouping_distance)
+
+
+def group_mask(mask: Mask, grouping_distance: int) -> list[Cluster]:
+    """The same of all of a mask's bright pixels.
+
+    Raises:
+        GroupingError: more than 5 % of the frame is bright, or there are more than
+            `MAX_CLUSTERS`.
+    """
+    return _group(mask, grouping_distance) if _count_bright(mask) else []
+
+
+def _count_bright(mask: Mask) -> int:
+    count = cv2.countNonZero(mask)
+    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
+    return count
+
+
+def _group(mask: Mask, grouping_distance: int) -> list[Cluster]:
     clusters: list[Cluster] = []
-    left = np.ones(len(x), bool)
-    ends = np.searchsorted(x, x + grouping_distance, side='right')
-    seed = 0
-    while seed < len(x):
+    height = mask.shape[0]
+    # Column after column, as the scan goes: the search for the next seed is one over bytes.
+    bright = bytearray(cv2.transpose(mask))
+    left = np.frombuffer(bright, np.uint8).reshape(-1, height)
+    seed = bright.find(255)
+    while seed >= 0:
         if len(clusters) == MAX_CLUSTERS:
             raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
-        reach = slice(seed, int(ends[seed]))
-        near = left[reach] & (np.abs(y[reach] - y[seed]) <= grouping_distance)
-        area = int(np.count_nonzero(near))
-        clusters.append(
-            Cluster(float(x[reach][near].sum()) / area, float(y[reach][near].sum()) / area, area)
-        )
-        left[reach] &= ~near
-        rest = left[seed:]
-        step = int(rest.argmax())
-        if not rest[step]:
-            break
-        seed += step
+        column, row = divmod(seed, height)
+        top = max(row - grouping_distance, 0)
+        group = left[column : column + grouping_distance + 1, top : row + grouping_distance + 1]
+        pixels = cv2.findNonZero(group).reshape(-1, 1, 2)
+        area = len(pixels)
+        down, across = cv2.sumElems(pixels)[:2]
+        # The sums are whole numbers, so that the means are exactly those of the pixels.
+        clusters.append(Cluster((column * area + across) / area, (top * area + down) / area, area))
+        group.fill(0)
+        seed = bright.find(255, seed)
     return clusters

@@ -5,18 +5,30 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.acquisition import ANY_ROLL
 from mvuav_ros.vision.markers.appearance import AppearanceModel
-from mvuav_ros.vision.markers.assignment import Clutter, Expectation, Lights, initialize
+from mvuav_ros.vision.markers.assignment import (
+    NEARBY_ROLL,
+    Clutter,
+    Expectation,
+    Lights,
+    Named,
+    initialize,
+    places_of,
+    straightened,
+)
 from mvuav_ros.vision.markers.blobs import Blobs
-from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection, cutter
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import KalmanFilter
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.results import (
     NO_WINDOW,
     TANKER_LABELS,
@@ -26,9 +38,8 @@ from mvuav_ros.vision.markers.results import (
     MarkerState,
     Window,
 )
-from mvuav_ros.vision.markers.search import FORGOTTEN, Search, are_close
-from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
-from mvuav_ros.vision.markers.view import WeakPerspective
+from mvuav_ros.vision.markers.search import FORGOTTEN, Motion, Search, are_close
+from mvuav_ros.vision.markers.view import ROLL, Lens, WeakPerspective, offsets_of
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -36,8 +47,6 @@ EDGE = 4.0
 """px of dark that a window shows around a light."""
 SAME_SPOT = 3.0
 """Two markers closer than this (px) are one light."""
-CHECKED_EVERY = 30
-"""Frames after which even markers that look well are held against the rig."""
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
@@ -47,19 +56,108 @@ GIVEN_UP = 10.0
 """Seconds without any marker after which nothing is known of the body any more."""
 WIDEST = 200.0
 """px, by which a search window grows at most."""
+YOUNG = 1.0
+"""s without any marker up to which two are enough to find the body again."""
+PROBATION = 30
+"""Frames after a marker was out of sight or not alone in which its light may be another one."""
+CONFIRMED = 3
+"""Frames in which a body must be named alike where one frame does not make it certain."""
+PATIENCE = 5
+"""Frames in doubt after which the whole body is named afresh, as at the start."""
+EXACT = 4.0
+"""Deviations of a marker from its rig's place (root mean square) at which a body that was known
+before is another one."""
+LONGEST_REST = 8
+"""Frames between two attempts to name lights that could not be named, at most."""
 _FAR_OFF = 1e6
 
 Detections = list[Detection | None]
 
 
-class IdentityTracker:
-    """Three whole frames, then a window for each marker; the whole frame whenever in doubt.
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """One image, and how its lights are measured."""
 
-    A marker that is alone in its window, where it is expected and as it usually looks, is taken
-    (the fast way, and the usual one). If any is not, the bright pieces of the whole frame are
-    named by the body's geometry (see `Search`): the markers in sight give the view, the view
-    gives the others' places and how uncertain those are, and a piece gets a name only where no
-    other fits.
+    image: Image
+    time: float
+    parameters: MarkerTrackerParameters
+    meter: CentroidMeter
+    cut: Cut
+
+    def lights(self, lens: Lens) -> Lights:
+        """The lights of the whole frame.
+
+        Raises:
+            GroupingError: it is too bright or too noisy to hold markers.
+        """
+        return Lights(Blobs(self.image.gray(), self.parameters), self.cut, self.meter, lens)
+
+
+@dataclass
+class _Attempts:
+    """When to name a whole body: the more often that failed, the less often it is tried.
+
+    Attributes:
+        count: markers of the body.
+        agreed: frames in a row that named the body alike.
+        last: places of its markers in the last one.
+    """
+
+    count: int
+    agreed: int = 0
+    last: tuple[Detection, ...] = ()
+    _failures: int = 0
+    _rest: int = 0
+    _lights: int = 0
+
+    def due(self, lights: int) -> bool:
+        """Whether to try in this frame.
+
+        Args:
+            lights: in it; another number than before may be what was waited for.
+        """
+        if lights != self._lights:
+            complete = self._lights < self.count <= lights
+            self._lights, self._rest = lights, 0 if complete else min(self._rest, 1)
+        self._rest -= 1
+        return self._rest < 0
+
+    def fail(self) -> None:
+        """No way of naming the lights stood out."""
+        self.agreed, self.last = 0, ()
+        self._rest = min(self._failures, LONGEST_REST)
+        self._failures = 2 * self._failures + 1 if self._failures < LONGEST_REST else LONGEST_REST
+
+    def succeed(self, named: Named) -> bool:
+        """Take a way of naming them; whether it is that of the last attempt."""
+        assert named.view is not None
+        reach = 0.5 * named.view.scale
+        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.spots, strict=False))
+        self.agreed = self.agreed + 1 if alike and self.last else 1
+        self.last, self._failures, self._rest = named.spots, 0, 0
+        return alike
+
+
+@dataclass
+class _Known:
+    """What is remembered of one marker."""
+
+    look: AppearanceModel
+    last_seen: float = -math.inf
+    unseen: int = 0
+    returning: int = RETURNING
+    contested: int = 0
+
+
+class IdentityTracker:
+    """The whole frame at the start, then a window for each marker; the whole frame in doubt.
+
+    Every frame is held against the rig: the markers in sight tell how it is seen (see
+    `ViewFilter`), and a marker that the others contradict loses its name. Markers that are alone
+    in their windows, as they usually look, and agree are taken (the fast way, and the usual one).
+    If any is not, the bright pieces of the whole frame are named by the body's geometry (see
+    `Search`): a piece gets a name only where no other fits. While doubts stay, the body is also
+    named afresh, and if that contradicts the names frame after frame, it replaces them.
     """
 
     def __init__(self, rig: MarkerRig) -> None:
@@ -70,20 +168,23 @@ class IdentityTracker:
             self._labels = [*TANKER_LABELS]
         self._wings = _wings(rig)
         self._size = (0, 0)
+        self._camera: CameraModel | None = None
         self._start_again()
 
+    def set_camera(self, camera: CameraModel | None) -> None:
+        """Take a calibration, or that there is none; what was known under another one is lost."""
+        if camera != self._camera:
+            self._camera = camera
+            self._size = (0, 0)
+
     def _start_again(self) -> None:
-        self._filter = KalmanFilter(self._count)
-        self._view_filter: ViewFilter | None = None
+        self._filter = MotionPredictor(self._count)
+        self._views: ViewFilter | None = None
         self._clutter = Clutter()
-        self._whole_frames = 0
-        self._since_check = 0
-        self._looks: list[AppearanceModel] = []
-        self._last_seen = [-math.inf] * self._count
-        self._unseen = [0] * self._count
-        self._returning = [0] * self._count
-        self._all_seen_at = -math.inf
-        self._all_places: Sequence[float | None] = ()
+        self._markers: list[_Known] = []
+        self._attempts = _Attempts(self._count)
+        self._doubts = 0
+        self._tick = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame.
@@ -96,170 +197,215 @@ class IdentityTracker:
         size = (image.width, image.height)
         if size != self._size:
             self._size = size
-            self._shape = WeakPerspective.of(self._rig, *size)
+            self._lens = _lens_of(size, self._camera)
+            self._shape = WeakPerspective.of(self._rig, self._lens)
+            self._start_again()
         meter = CentroidMeter(parameters.threshold, parameters.weighted)
-        if self._whole_frames < WHOLE_FRAMES:
-            return self._begin(image, time, parameters, meter)
-        predicted = self._filter.predict(time)
-        spots, windows = self._look_into_windows(image, predicted, parameters, meter)
-        self._since_check += 1
-        if _doubtful(spots) or self._since_check > CHECKED_EVERY:
-            self._since_check = 0
-            self._look_back(spots)
-        if _doubtful(spots):
-            return self._search(image, time, parameters, meter, predicted, spots, windows)
-        self._remember(time, spots, {})
-        return self._result(time, spots, predicted, windows, {}, parameters)
+        frame = _Frame(image, time, parameters, meter, cutter(image))
+        self._tick += 1
+        if self._views is None:
+            return self._start(frame)
+        return self._follow(frame, self._views)
+
+    def _start(self, frame: _Frame) -> MarkerResult:
+        """Name all markers in a whole frame."""
+        try:
+            lights = frame.lights(self._lens)
+        except GroupingError as error:
+            self._attempts.fail()
+            return self._nothing(str(error))
+        if not self._attempts.due(len(lights)):
+            return self._nothing(f'{len(lights)} lights in view, {self._count} do not stand out')
+        if len(lights) < self._count:
+            return self._nothing(f'{len(lights)} of {self._count} markers in view')
+        named = initialize(self._shape, lights, self._rig.names)
+        if named.view is None:
+            self._attempts.fail()
+            return self._nothing(named.remark)
+        if not self._attempts.succeed(named):
+            # Another way of naming the same lights than a frame ago: neither can be believed.
+            return self._nothing('the markers were named in two ways')
+        if not named.certain and self._attempts.agreed < CONFIRMED:
+            return self._nothing(f'{len(lights)} lights in view, not yet certain')
+        spots: Detections = [lights.in_image(spot) for spot in named.spots]
+        self._views = self._filter_of(named, frame.time)
+        self._markers = [_Known(AppearanceModel(spot)) for spot in named.spots]
+        self._filter.predict(frame.time)
+        self._remember(frame.time, spots, {})
+        unknown = [math.nan] * (2 * self._count)
+        return self._result(frame, spots, unknown, [], {}, named.remark)
+
+    def _filter_of(self, named: Named, time: float, rig_error: float | None = None) -> ViewFilter:
+        """Begin to follow the view of a whole body."""
+        assert named.view is not None
+        places = np.array([(spot.x, spot.y) for spot in named.spots])
+        offsets = None if named.fits else offsets_of(self._shape, named.view, places)
+        return ViewFilter(self._shape, named.view, time, offsets, rig_error)
+
+    def _follow(self, frame: _Frame, views: ViewFilter) -> MarkerResult:
+        predicted = self._filter.predict(frame.time)
+        views.predict(frame.time)
+        spots, windows = self._look_into_windows(frame, predicted)
+        seen = {index: spot for index, spot in enumerate(spots) if spot is not None}
+        for a, b in combinations(list(seen), 2):
+            if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
+                del seen[a], seen[b]
+        found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
+        views.contested = {i for i, marker in enumerate(self._markers) if marker.contested}
+        consensus = views.weigh(places_of(found))
+        if len(consensus.kept) == self._count:
+            views.commit(places_of(found))
+            self._doubts = 0
+            self._remember(frame.time, spots, {})
+            return self._result(frame, spots, predicted, windows, {})
+        for marker in consensus.dropped:
+            self._filter.forget(marker)
+        in_image = dict(zip(found.values(), seen.values(), strict=True))
+        for index, marker in enumerate(self._markers):
+            if not (index in seen or (marker.returning and not marker.unseen)):
+                marker.contested = PROBATION
+                views.contested.add(index)
+        search = Search(views, self._looks, self._motion(predicted), consensus, found)
+        status = self._search(frame, search, in_image)
+        if not search.found and frame.time - self._newest > GIVEN_UP:
+            self._start_again()
+            return self._nothing('no marker in view')
+        expected = self._in_image(search.finish())
+        for index, (x, y, deviation) in expected.items():
+            radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
+            windows[index] = _window(x, y, radius, self._size)
+        spots = [in_image.get(search.found.get(index)) for index in range(self._count)]
+        self._remember(frame.time, spots, expected)
+        spots = [None if index in search.suspects else spot for index, spot in enumerate(spots)]
+        return self._result(frame, spots, predicted, windows, expected, status)
+
+    @property
+    def _looks(self) -> list[AppearanceModel]:
+        return [marker.look for marker in self._markers]
+
+    @property
+    def _newest(self) -> float:
+        """When a marker was last seen, s."""
+        return max(marker.last_seen for marker in self._markers)
 
     def _look_into_windows(
-        self,
-        image: Image,
-        predicted: list[float],
-        parameters: MarkerTrackerParameters,
-        meter: CentroidMeter,
+        self, frame: _Frame, predicted: list[float]
     ) -> tuple[Detections, list[Window]]:
         """The markers to which nothing has happened, None for the others; and their windows."""
-        cut = cutter(image)
-        size = self._size
-        right, bottom = size[0] - 1, size[1] - 1
-        least, most = parameters.min_area, parameters.max_area or math.inf
         windows: list[Window] = []
         spots: Detections = []
-        for index, look in enumerate(self._looks):
+        for index, marker in enumerate(self._markers):
             spot = None
             window = NO_WINDOW
-            if not (self._unseen[index] or self._returning[index]):
-                radius = max(parameters.search_radius, math.ceil(look.radius + EDGE))
-                window = _window(predicted[2 * index], predicted[2 * index + 1], radius, size)
+            if not (marker.unseen or marker.returning):
+                look = marker.look
+                radius = max(frame.parameters.search_radius, math.ceil(look.radius + EDGE))
+                x, y = predicted[2 * index], predicted[2 * index + 1]
+                window = _window(x, y, radius, self._size)
                 # The background changes slowly: every third frame is enough to look at it.
-                pull = look.pull if (index + self._since_check) % 3 else None
-                spot = meter.measure(cut, window, size, pull)
+                pull = look.pull if (index + self._tick) % 3 else None
+                spot = frame.meter.measure(frame.cut, window, self._size, pull)
                 if pull is None:
-                    look.pull = meter.pull
-            windows.append(window)
-            if spot is not None:
-                x, y, area, spread = spot
-                x0, x1, y0, y1 = window
-                reach = look.radius + 1.0
-                if (
-                    not look.is_usual(area, spread)
-                    or not least <= area <= most
-                    # Cut by the window, though not by the frame.
-                    or x - reach < x0 > 0
-                    or x + reach > x1 < right
-                    or y - reach < y0 > 0
-                    or y + reach > y1 < bottom
-                ):
+                    look.pull = frame.meter.pull
+                if spot is not None and not self._is_usual(look, spot, window, frame.parameters):
                     spot = None
+            windows.append(window)
             spots.append(spot)
         return spots, windows
 
-    def _look_back(self, spots: Detections) -> None:
-        """Take the view from the last frame that showed all markers, if that is news.
+    def _is_usual(
+        self,
+        look: AppearanceModel,
+        spot: Detection,
+        window: Window,
+        parameters: MarkerTrackerParameters,
+    ) -> bool:
+        """Whether nothing has happened to a light, nor does the window cut it."""
+        least, most = parameters.min_area, parameters.max_area or math.inf
+        if not look.is_usual(spot.area, spot.spread) or not least <= spot.area <= most:
+            return False
+        x0, x1, y0, y1 = window
+        right, bottom = self._size[0] - 1, self._size[1] - 1
+        reach = look.radius + 1.0
+        x, y = spot.x, spot.y
+        cut_x = x - reach < x0 > 0 or x + reach > x1 < right
+        return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)
+
+    def _search(self, frame: _Frame, search: Search, in_image: dict[Detection, Detection]) -> str:
+        """Name the lights of the whole frame, some markers being known already.
 
         Args:
-            spots: a marker that must have been something else is taken out of them.
+            frame: where.
+            search: takes the names.
+            in_image: every light where the image shows it; is added to.
+
+        Returns:
+            What is wrong with the frame, or nothing.
         """
-        view_filter = self._view_filter
-        assert view_filter is not None
-        if self._all_seen_at <= view_filter.time:
-            return
-        positions = np.array(self._all_places).reshape(-1, 2)
-        velocity = np.array(self._filter.motions()[0]).reshape(-1, 2)
-        wrong = view_filter.refresh(positions, velocity, self._all_seen_at)
-        if wrong is not None:
-            self._filter.forget(wrong)
-            self._last_seen[wrong] = -math.inf
-            spots[wrong] = None
-
-    def _begin(
-        self,
-        image: Image,
-        time: float,
-        parameters: MarkerTrackerParameters,
-        meter: CentroidMeter,
-    ) -> MarkerResult:
-        """Name all markers in a whole frame."""
         try:
-            lights = Lights(Blobs(image.gray(), parameters), cutter(image), meter)
+            lights = frame.lights(self._lens)
         except GroupingError as error:
-            self._start_again()
-            return self._nothing(str(error))
-        named = initialize(self._shape, lights, self._rig.names, self._view_filter)
-        if isinstance(named, str):
-            self._start_again()
-            return self._nothing(named)
-        if self._filter.time is not None and self._jumped(named.spots, named.view.scale):
-            # Another way of naming the same lights than a frame ago: neither can be believed.
-            self._start_again()
-            return self._nothing('the markers were named in two ways')
-        self._filter.predict(time)
-        self._whole_frames += 1
-        self._view_filter = ViewFilter(self._shape, named.view, time, self._view_filter)
-        spots: Detections = [*named.spots]
-        if not self._looks:
-            self._looks = [AppearanceModel(spot) for spot in named.spots]
-        self._remember(time, spots, {})
-        if not named.certain and self._whole_frames < WHOLE_FRAMES:
-            return self._nothing(f'{len(lights)} lights in view, not yet certain')
-        unknown = [math.nan] * (2 * self._count)
-        return self._result(time, spots, unknown, [], {}, parameters, named.remark)
+            return str(error)
+        fewest = 2 if frame.time - self._newest < YOUNG else 3
+        nameless = search.name(lights, self._clutter, min(fewest, self._count))
+        self._challenge(frame, search, lights, nameless)
+        in_image.update(lights.measured)
+        return ''
 
-    def _jumped(self, spots: Sequence[Detection], scale: float) -> bool:
-        """Whether a marker lies where only another one can have been a frame ago."""
-        last = self._filter.positions()
-        return any(
-            math.hypot(spot.x - last[2 * index], spot.y - last[2 * index + 1]) > 0.5 * scale
-            for index, spot in enumerate(spots)
+    def _challenge(self, frame: _Frame, search: Search, lights: Lights, nameless: int) -> None:
+        """Name the body afresh where lights have no name and markers no light for long."""
+        in_doubt = min(len(search.missing), nameless) >= 2
+        self._doubts = self._doubts + 1 if in_doubt else 0
+        if self._doubts <= PATIENCE and search.found:
+            return
+        if len(lights) < self._count or not self._attempts.due(len(lights)):
+            return
+        views = search.views
+        deviation = ANY_ROLL if search.found else math.hypot(NEARBY_ROLL, views.deviation_of(ROLL))
+        named = initialize(
+            self._shape, lights, self._rig.names, (views.view.roll, min(deviation, ANY_ROLL))
+        )
+        if named.view is None or named.view.misfit > EXACT * views.deviation:
+            self._attempts.fail()
+            return
+        self._attempts.succeed(named)
+        agrees = len(search.found) > 1 and all(
+            named.spots[index] == spot for index, spot in search.found.items()
+        )
+        if agrees or (named.certain and not search.found) or self._attempts.agreed >= CONFIRMED:
+            self._replace(search, named, frame.time)
+
+    def _replace(self, search: Search, named: Named, time: float) -> None:
+        """Take a body that was named afresh for the one that was followed."""
+        assert self._views is not None
+        self._views = self._filter_of(named, time, self._views.rig_error)
+        search.replace(self._views, named)
+        for index, marker in enumerate(self._markers):
+            marker.returning = RETURNING
+            marker.contested = 0
+            self._filter.forget(index)
+        self._attempts = _Attempts(self._count)
+        self._doubts = 0
+
+    def _motion(self, predicted: list[float]) -> Motion:
+        """What the markers' own motion says of this frame."""
+        flat = np.array(predicted).reshape(-1, 2)
+        places = self._lens.to_ideal(np.where(np.abs(flat) < _FAR_OFF, flat, 0.0)).tolist()
+        return Motion(
+            [
+                Expectation(x, y, self._filter.deviation(index))
+                for index, (x, y) in enumerate(places)
+            ],
+            [max(marker.unseen, marker.returning) for marker in self._markers],
         )
 
-    def _search(
-        self,
-        image: Image,
-        time: float,
-        parameters: MarkerTrackerParameters,
-        meter: CentroidMeter,
-        predicted: list[float],
-        spots: Detections,
-        windows: list[Window],
-    ) -> MarkerResult:
-        """Name the lights of the whole frame, some markers being known already."""
-        view_filter = self._view_filter
-        assert view_filter is not None
-        found = {index: spot for index, spot in enumerate(spots) if spot is not None}
-        for a, b in combinations(list(found), 2):
-            if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
-                del found[a], found[b]
-        unseen = [max(pair) for pair in zip(self._unseen, self._returning, strict=True)]
-        search = Search(view_filter, time, self._looks, self._filter, predicted, unseen, found)
-        status = ''
-        try:
-            lights = Lights(Blobs(image.gray(), parameters), cutter(image), meter)
-        except GroupingError as error:
-            status = str(error)
-        else:
-            search.name(lights, self._clutter)
-            if self._all_gone(time, search, parameters) and len(lights) >= self._count:
-                whole = initialize(self._shape, lights, self._rig.names, view_filter)
-                if not isinstance(whole, str) and (whole.certain or not found):
-                    self._start_again()
-                    self._view_filter = view_filter
-                    return self._begin(image, time, parameters, meter)
-        if not found and time - max(self._last_seen) > GIVEN_UP:
-            self._start_again()
-            return self._nothing('no marker in view')
-        expected = search.finish()
-        for index, (x, y, deviation) in expected.items():
-            radius = parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
-            windows[index] = _window(x, y, radius, self._size)
-        spots = [found.get(index) for index in range(self._count)]
-        self._remember(time, spots, expected)
-        return self._result(time, spots, predicted, windows, expected, parameters, status)
-
-    def _all_gone(self, time: float, search: Search, parameters: MarkerTrackerParameters) -> bool:
-        """Whether to look for the whole body as at the start: none found, or one long lost."""
-        longest = max((time - self._last_seen[index] for index in search.missing), default=0.0)
-        return not search.found or longest > parameters.lost_timeout
+    def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
+        """Expectations where the image would show them."""
+        places = self._lens.to_image(np.array([(e.x, e.y) for e in expected.values()])).tolist()
+        return {
+            index: Expectation(x, y, e.deviation)
+            for (index, e), (x, y) in zip(expected.items(), places, strict=True)
+        }
 
     def _remember(
         self, time: float, spots: Detections, expected: Mapping[int, Expectation]
@@ -272,36 +418,33 @@ class IdentityTracker:
             expected: where those should be that were not found.
         """
         positions: list[float | None] = []
-        for index, spot in enumerate(spots):
-            if spot is not None:
-                positions += (spot.x, spot.y)
-                self._looks[index].learn(spot)
-                self._last_seen[index] = time
-                self._returning[index] = max(self._returning[index] - 1, 0)
-                if self._unseen[index]:
-                    self._unseen[index] = 0
-                    self._returning[index] = RETURNING
-                    if self._filter.unseen(index) > FORGOTTEN:
-                        self._filter.forget(index)
+        for index, (marker, spot) in enumerate(zip(self._markers, spots, strict=True)):
+            if spot is None:
+                marker.unseen += 1
+                place = expected[index]
+                # Where the others leave no doubt, the filter goes on as if it had been seen.
+                sure = place.deviation < SURE_PLACE
+                positions += (place.x, place.y) if sure else (None, None)
                 continue
-            self._unseen[index] += 1
-            place = expected[index]
-            # Where the others leave no doubt, the filter goes on as if it had been seen.
-            sure = place.deviation < SURE_PLACE
-            positions += (place.x, place.y) if sure else (None, None)
+            positions += (spot.x, spot.y)
+            marker.look.learn(spot)
+            marker.last_seen = time
+            marker.contested = max(marker.contested - 1, 0)
+            marker.returning = max(marker.returning - 1, 0)
+            if marker.unseen:
+                marker.unseen = 0
+                marker.returning = RETURNING
+                if self._filter.unseen(index) > FORGOTTEN:
+                    self._filter.forget(index)
         self._filter.update(positions)
-        if None not in spots:
-            self._all_seen_at = time
-            self._all_places = positions
 
     def _result(
         self,
-        time: float,
+        frame: _Frame,
         spots: Detections,
         predicted: list[float],
         windows: list[Window],
         expected: Mapping[int, Expectation],
-        parameters: MarkerTrackerParameters,
         remark: str = '',
     ) -> MarkerResult:
         """What is told of a frame."""
@@ -311,10 +454,11 @@ class IdentityTracker:
             i, j = 2 * index, 2 * index + 1
             motion = (velocity[i], velocity[j], acceleration[i], acceleration[j])
             spot = spots[index]
+            unseen = frame.time - self._markers[index].last_seen
             if spot is not None:
                 x, y, area, _ = spot
                 markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area))
-            elif time - self._last_seen[index] <= parameters.lost_timeout:
+            elif unseen <= frame.parameters.lost_timeout and index in expected:
                 x, y, _ = expected[index]
                 markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
             else:
@@ -340,18 +484,14 @@ def _wings(rig: MarkerRig) -> tuple[int, int] | None:
     return None
 
 
-def _doubtful(spots: Detections) -> bool:
-    """Whether a marker is missing, or two have the same spot."""
-    known = [spot for spot in spots if spot is not None]
-    if len(known) < len(spots):
-        return True
-    known.sort()
-    last_x = -math.inf
-    for spot in known:
-        if spot.x - last_x < SAME_SPOT:
-            return any(are_close(a, b, SAME_SPOT) for a, b in combinations(known, 2))
-        last_x = spot.x
-    return False
+def _lens_of(size: tuple[int, int], camera: CameraModel | None) -> Lens:
+    """The lens of a camera, if it is calibrated for images of that size."""
+    if camera is not None:
+        try:
+            camera.check(*size)
+        except CalibrationError:
+            camera = None
+    return Lens(size, camera)
 
 
 def _window(x: float, y: float, radius: int, size: tuple[int, int]) -> Window:

@@ -6,39 +6,63 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.blobs import Blobs
-from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
+from mvuav_ros.vision.markers.detection import find_lights
+from mvuav_ros.vision.markers.gated_assignment import (
+    IMPOSSIBLE,
+    assign,
+    choices,
+    common_shift,
+    nearest_other,
+)
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.kalman import Array, KalmanFilter
+from mvuav_ros.vision.markers.prediction import MotionPredictor
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
-GATE = 4.0
-"""Deviations from its prediction at which a light is another one."""
-ALONE = 0.45
-"""Part of the distance to the nearest other light within which a light is still itself."""
-WIDEST = 60.0
-"""px that a light may lie off its prediction, unless all jump together."""
-_SAME_JUMP = 5.0
-_FAR = 1e6
+Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
-@dataclass
-class Light:
-    """A light under its number.
+@dataclass(frozen=True)
+class MultiObjectTuning:
+    """What tells a known light from a new one.
+
+    Chosen on the test scenes and on the two LED videos with three and five lights.
 
     Attributes:
-        id: from 1 up, never given twice.
-        area: usual, px.
-        last_seen: s.
+        gate: standard deviations from its prediction at which a light is another one.
+        alone: part of the distance to the nearest other light within which a light is itself.
+        widest: px that a light may lie off its prediction, unless all jump together.
+        same_jump: px by which lights that jump together may differ.
+        size_weight: of the logarithm of a change in size; a light that changes its size is
+            likelier to be another one.
+        size_offset: px that soften that for the smallest lights.
+        size_memory: per sighting, of a light's usual size.
+        confirmed: sightings from which a light is more than a speck.
+        most_tentative: specks out of sight that are kept; with all of the following, so that
+            noise in every frame costs little more than in one.
+        most_voters: lights that are asked whether all have jumped.
+        most: lights that are kept.
     """
 
-    id: int
-    area: float
-    last_seen: float
+    gate: float = 4.0
+    alone: float = 0.45
+    widest: float = 60.0
+    same_jump: float = 5.0
+    size_weight: float = 3.0
+    size_offset: float = 4.0
+    size_memory: float = 0.8
+    confirmed: int = 3
+    most_tentative: int = 50
+    most_voters: int = 40
+    most: int = 400
+
+
+TUNING = MultiObjectTuning()
 
 
 class MultiObjectTracker:
@@ -46,14 +70,17 @@ class MultiObjectTracker:
 
     The lights of a frame are given to the known ones so that the squared distances from the
     predictions, over their variances, are least in sum; where several are new or hidden at once
-    the others' motion is a prediction too (`KalmanFilter` shares what they have in common). A
+    the others' motion is a prediction too (`MotionPredictor` shares what they have in common). A
     light out of sight is predicted for ``lost_timeout`` and then forgotten; two that run into
     one are both kept that long.
     """
 
     def __init__(self) -> None:
-        self._filter = KalmanFilter(0)
-        self._lights: list[Light] = []
+        self._motion = MotionPredictor(0)
+        self._ids = np.empty(0, np.intp)
+        self._areas: Array = np.empty(0)
+        self._sightings = np.empty(0, np.intp)
+        self._last_seen: Array = np.empty(0)
         self._newest_id = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -64,140 +91,115 @@ class MultiObjectTracker:
             time: its stamp, s, later than the last frame's.
             parameters: may change from frame to frame.
         """
-        predicted = self._filter.predict(time)
-        places = np.array(predicted).reshape(-1, 2)
+        predicted = np.array(self._motion.predict(time, parameters.prediction)).reshape(-1, 2)
         status = ''
-        spots: list[Detection] = []
         try:
-            blobs = Blobs(image.gray(), parameters)
+            found = find_lights(image, parameters)
+            if len(found) > TUNING.most:
+                raise GroupingError(f'{len(found)} lights above the threshold')
         except GroupingError as error:
             status = str(error)
-        else:
-            meter = CentroidMeter(parameters.threshold, parameters.weighted)
-            cut = cutter(image)
-            spots = [blobs.measure(box, cut, meter) for box in blobs.boxes]
-        given = self._give(places, spots, parameters)
-        self._update(time, given, spots, parameters)
-        known = {number: index for index, number in given.items()}
-        for number, spot in enumerate(spots):
-            if number not in known:
-                self._add(time, spot)
-                given[len(self._lights) - 1] = number
-        return self._result(given, spots, places, status)
+            found = np.empty((0, 3))
+        given = self._give(predicted, found, parameters.search_radius)
+        self._update(time, given, found)
+        given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
+        new = np.setdiff1d(np.arange(len(found)), given)
+        self._add(time, found[new])
+        return self._result(np.concatenate((given, new)), found, status)
 
-    def _give(
-        self, places: Array, spots: list[Detection], parameters: MarkerTrackerParameters
-    ) -> dict[int, int]:
-        """Which known light has which spot."""
-        if not self._lights or not spots:
-            return {}
-        seen = np.array([(spot.x, spot.y) for spot in spots])
-        deviations = np.array([self._filter.deviation(i) for i in range(len(self._lights))])
-        places = places + _common_shift(places, seen)
-        apart = np.hypot(*(places[:, None] - seen).transpose(2, 0, 1))
-        reach = np.maximum(parameters.search_radius, GATE * deviations)
-        # A light that is alone far and wide may jump further than one among others.
-        alone = ALONE * np.minimum(_nearest_other(places), _nearest_other(seen).min(initial=_FAR))
-        reach = np.minimum(np.maximum(reach, alone), WIDEST)
+    def _give(self, predicted: Array, found: Array, search_radius: int) -> Integers:
+        """Which detection each known light has; -1 for none."""
+        if len(predicted) == 0 or len(found) == 0:
+            return np.full(len(predicted), -1)
+        seen = found[:, :2]
+        apart, number = choices(predicted, seen, TUNING.widest)
+        voters = self._voters()
+        longest, same = 3 * TUNING.widest, TUNING.same_jump
+        shift = common_shift(predicted[voters], seen, apart[voters, 0], longest, same)
+        if shift is not None:
+            apart, number = choices(predicted + shift, seen, TUNING.widest)
+        deviations = self._motion.deviations()
+        reach = np.maximum(search_radius, TUNING.gate * deviations)[:, None]
+        if (apart[:, 0] > reach[:, 0]).any():
+            # A light that is alone far and wide may jump further than one among others.
+            alone = np.minimum(nearest_other(predicted)[:, None], nearest_other(seen)[number])
+            reach = np.maximum(reach, TUNING.alone * alone)
+        reach = np.minimum(reach, TUNING.widest)
         cost = (apart / np.maximum(deviations, 1.0)[:, None]) ** 2
-        # A light that changes its size is likelier to be another one.
-        areas = np.array([light.area for light in self._lights])[:, None] + 4.0
-        sizes = np.array([spot.area for spot in spots]) + 4.0
-        cost += (3.0 * np.log(sizes / areas)) ** 2
-        cost[apart > reach[:, None]] = _FAR
-        rows, columns = linear_sum_assignment(cost)
-        return {
-            int(row): int(column)
-            for row, column in zip(rows, columns, strict=True)
-            if cost[row, column] < _FAR
-        }
+        offset = TUNING.size_offset
+        usual, size = np.log(self._areas + offset), np.log(found[:, 2] + offset)
+        cost += (TUNING.size_weight * (usual[:, None] - size[number])) ** 2
+        cost[apart > reach] = IMPOSSIBLE
+        return assign(cost, number)
 
-    def _update(
-        self,
-        time: float,
-        given: dict[int, int],
-        spots: list[Detection],
-        parameters: MarkerTrackerParameters,
-    ) -> None:
-        """Measure the known lights, and forget those that are gone; ``given`` is renumbered."""
-        positions: list[float | None] = []
-        for index, light in enumerate(self._lights):
-            number = given.get(index)
-            if number is None:
-                positions += (None, None)
-                continue
-            spot = spots[number]
-            positions += (spot.x, spot.y)
-            light.last_seen = time
-            light.area += 0.2 * (spot.area - light.area)
-        if self._lights:
-            self._filter.update(positions)
-        gone = [
-            index
-            for index, light in enumerate(self._lights)
-            if time - light.last_seen > parameters.lost_timeout
-        ]
-        for index in reversed(gone):
-            del self._lights[index]
-            self._filter.remove(index)
-            moved = {i - (i > index): number for i, number in given.items()}
-            given.clear()
-            given.update(moved)
+    def _voters(self) -> Integers:
+        """The lights that can tell a jump of all: well known, and seen in the last frame."""
+        known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
+        voters = np.flatnonzero(known)
+        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.most_voters]]
 
-    def _add(self, time: float, spot: Detection) -> None:
-        self._newest_id += 1
-        self._lights.append(Light(self._newest_id, spot.area, time))
-        self._filter.add((spot.x, spot.y))
+    def _update(self, time: float, given: Integers, found: Array) -> None:
+        """Measure the known lights."""
+        visible = given >= 0
+        positions = np.full((len(given), 2), math.nan)
+        positions[visible] = found[given[visible], :2]
+        self._motion.update(positions.ravel())
+        self._last_seen[visible] = time
+        self._sightings[visible] += 1
+        change = found[given[visible], 2] - self._areas[visible]
+        self._areas[visible] += (1 - TUNING.size_memory) * change
 
-    def _result(
-        self, given: dict[int, int], spots: list[Detection], places: Array, status: str
-    ) -> MarkerResult:
-        velocity, acceleration = self._filter.motions()
-        now = self._filter.positions()
-        markers = []
-        for index in range(len(self._lights)):
-            i, j = 2 * index, 2 * index + 1
-            motion = (velocity[i], velocity[j], acceleration[i], acceleration[j])
-            number = given.get(index)
-            if number is not None:
-                spot = spots[number]
-                state, x, y, area = MarkerState.DETECTED, spot.x, spot.y, float(spot.area)
-            else:
-                state, x, y, area = MarkerState.PREDICTED, now[i], now[j], math.nan
-            markers.append(Marker(Label.UNLABELLED, state, x, y, *motion, area))
-        hidden = len(markers) - len(given)
+    def _forget(self, earliest: float, given: Integers, most_hidden: int) -> Integers:
+        """Forget lights that were last seen before a time (s), and the least known of too many."""
+        hidden = given < 0
+        kept = ~hidden | (self._last_seen >= earliest)
+        tentative = self._sightings < TUNING.confirmed
+        _thin_out(kept, hidden & tentative, self._sightings, TUNING.most_tentative)
+        _thin_out(kept, hidden, self._sightings, most_hidden)
+        if not kept.all():
+            self._motion.keep(kept)
+            self._ids, self._areas = self._ids[kept], self._areas[kept]
+            self._last_seen, self._sightings = self._last_seen[kept], self._sightings[kept]
+        return given[kept]
+
+    def _add(self, time: float, new: Array) -> None:
+        """Follow new lights, (k, 3): x, y (px), area (px)."""
+        count = len(new)
+        if count == 0:
+            return
+        self._motion.add(new[:, :2])
+        self._ids = np.append(self._ids, self._newest_id + 1 + np.arange(count))
+        self._areas = np.append(self._areas, new[:, 2])
+        self._last_seen = np.append(self._last_seen, np.full(count, time))
+        self._sightings = np.append(self._sightings, np.ones(count, np.intp))
+        self._newest_id += count
+
+    def _result(self, given: Integers, found: Array, status: str) -> MarkerResult:
+        velocity, acceleration = np.array(self._motion.motions()).reshape(2, -1, 2)
+        now = np.array(self._motion.positions()).reshape(-1, 2)
+        visible = given >= 0
+        rows = np.column_stack((now, velocity, acceleration, np.full(len(given), math.nan)))
+        rows[visible, :2] = found[given[visible], :2]
+        rows[visible, 6] = found[given[visible], 2]
+        states = np.where(visible, MarkerState.DETECTED, MarkerState.PREDICTED)
+        markers = tuple(
+            Marker(Label.UNLABELLED, _STATES[state], *row)
+            for state, row in zip(states.tolist(), rows.tolist(), strict=True)
+        )
+        hidden = int((~visible).sum())
         if not markers:
             status = status or 'no light in view'
         elif hidden and not status:
-            status = f'{len(given)} detected, {hidden} predicted'
-        ids = tuple(light.id for light in self._lights)
-        return MarkerResult(tuple(markers), status=status, ids=ids)
+            status = f'{len(given) - hidden} detected, {hidden} predicted'
+        return MarkerResult(markers, status=status, ids=tuple(self._ids.tolist()))
 
 
-def _nearest_other(places: Array) -> Array:
-    """The distance from each of (n, 2) places to the nearest other one, px; far if alone."""
-    apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-    np.fill_diagonal(apart, _FAR)
-    return np.asarray(apart.min(axis=1, initial=_FAR))
+def _thin_out(kept: Mask, group: Mask, sightings: Integers, most: int) -> None:
+    """Keep at most so many of a group of lights, those that were seen most often."""
+    members = np.flatnonzero(kept & group)
+    if len(members) > most:
+        least_known = np.argsort(sightings[members], kind='stable')
+        kept[members[least_known[: len(members) - max(most, 0)]]] = False
 
 
-def _common_shift(places: Array, seen: Array) -> Array:
-    """A jump that most lights made together, as by a push to the camera, (2,) px; or none.
-
-    Args:
-        places: (n, 2), predicted.
-        seen: (m, 2), of this frame.
-    """
-    count = len(places)
-    none = np.zeros(2)
-    if count < 3 or len(seen) < 3:
-        return none
-    shifts = (seen[None] - places[:, None]).reshape(-1, 2)
-    shifts = np.vstack((none, shifts[np.hypot(*shifts.T) < 3 * WIDEST]))
-    moved = places + shifts[:, None]
-    apart = np.hypot(*(moved[:, :, None] - seen).transpose(3, 0, 1, 2)).min(axis=2)
-    fitting = (apart < _SAME_JUMP).sum(axis=1)
-    best = int(np.argmax(fitting))
-    if fitting[best] < max(3, 0.6 * count) or fitting[best] < fitting[0] + 2:
-        return none
-    return np.asarray(shifts[best])
+_STATES = {int(state): state for state in MarkerState}

@@ -5,110 +5,165 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from mvuav_ros.vision.markers.appearance import AppearanceModel
 from mvuav_ros.vision.markers.assignment import (
+    GATE,
     Clutter,
     Expectation,
     Lights,
+    Named,
     assign,
     places_of,
     reacquire,
 )
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.joining import offset_in
-from mvuav_ros.vision.markers.kalman import KalmanFilter
-from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.markers.view import COUNT
+from mvuav_ros.vision.markers.view_filter import Consensus, ViewFilter
 
 FORGOTTEN = 10
 """Frames unseen after which a light's own motion tells nothing any more."""
 KNOWN_PLACE = 5.0
-"""px (1 sigma): where a marker's place is known better, even a clutter may be it."""
-_PLACE_ERROR = (1.0, 0.005)
-"""px, and units of the body's size: of any expected place (1 sigma)."""
+"""px (1 sigma): where a marker's place is known better, even a stranger may be it."""
+CERTAIN = 15.0
+"""px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
+MOST_RETURNED = 10
+"""Lights among which a body that was out of sight is looked for."""
+
+
+class Motion(NamedTuple):
+    """What the markers' own motion says of a frame.
+
+    Attributes:
+        expected: where every marker should be, px without distortion.
+        unseen: frames since each marker was seen; 0 where its motion is known.
+    """
+
+    expected: Sequence[Expectation]
+    unseen: Sequence[int]
 
 
 class Search:
     """Names the lights of a frame by the body's geometry, some markers being known already.
 
     Attributes:
-        found: the markers named, by their place in the rig.
+        found: the markers named, by their place in the rig, px without distortion.
+        views: at this frame's time.
+        suspects: those of them of which one or some must be another light.
     """
 
     def __init__(
         self,
-        view_filter: ViewFilter,
-        time: float,
+        views: ViewFilter,
         looks: Sequence[AppearanceModel],
-        motion: KalmanFilter,
-        predicted: Sequence[float],
-        unseen: Sequence[int],
-        found: dict[int, Detection],
+        motion: Motion,
+        consensus: Consensus,
+        found: Mapping[int, Detection],
     ) -> None:
         """Prepare for a frame.
 
         Args:
-            view_filter: of an earlier frame; is carried on to this one.
-            time: of the frame, s.
+            views: at this frame's time.
             looks: of every marker.
             motion: of every marker.
-            predicted: by their motion, x and y of every marker in turn, px.
-            unseen: frames since each marker was seen; 0 where its motion is known.
-            found: the markers known already; is added to.
+            consensus: which of the markers known already agree.
+            found: those markers.
         """
-        self.found = found
-        self._view_filter = view_filter
-        self._elapsed = time - view_filter.time
+        self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
+        self._known = tuple(self.found)
+        self.views = views
+        self.suspects = set(consensus.suspects)
         self._looks = looks
         self._motion = motion
-        self._predicted = predicted
-        self._unseen = unseen
-        self._prior = view_filter.advance(time)
-        self._view = self._prior
-        self._look()
+        self._distrusted = set(consensus.dropped)
+        self._view = consensus.view
+        self._was_certain = float(views.places()[1].max()) < CERTAIN
 
     @property
     def missing(self) -> list[int]:
         """The markers without a spot."""
         return [index for index in range(len(self._looks)) if index not in self.found]
 
-    def name(self, lights: Lights, clutter: Clutter) -> None:
-        """Give names to the lights of the frame."""
+    def name(self, lights: Lights, clutter: Clutter, fewest: int) -> int:
+        """Give names to the lights of the frame.
+
+        Args:
+            lights: of the frame.
+            clutter: lights that have long been there.
+            fewest: markers without which a body that is out of sight is not found again.
+
+        Returns:
+            How many round lights have no name.
+        """
         free = [
             spot
             for spot in lights.spots
             if not any(are_close(spot, known, known.radius) for known in self.found.values())
         ]
-        self._name_clear(free, clutter)
-        self._name_joined(free, lights)
+        if not self.suspects:
+            self._name_clear(free, clutter)
+            self._name_joined(free, lights)
         if not self.found:
-            new = [spot for spot in free if not clutter.include(spot)]
-            self.found.update(reacquire(self._view_filter, self._prior, new, self._is_likely))
+            new = [spot for spot in free if not clutter.include(spot)][:MOST_RETURNED]
+            self.found.update(reacquire(self.views, new, self._is_likely, fewest))
             self._look()
+            if len(self.found) > 1:
+                named = list(self.found.values())
+                free = [spot for spot in free if spot not in named]
+                self._name_clear(free, clutter)
+        self._check()
         named = list(self.found.values())
-        clutter.update([spot for spot in free if spot not in named])
+        nameless = [spot for spot in free if spot not in named]
+        known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
+        clutter.update(nameless, self._expectations() if known else None)
+        return len(nameless)
+
+    def _check(self) -> None:
+        """Take back names that the others contradict, those given in this frame first."""
+        newcomers = [marker for marker in self.found if marker not in self._known]
+        while newcomers and len(self._known) >= 2:
+            surprise = self.views.surprise_of(places_of(self.found))
+            if max(surprise.values()) <= GATE:
+                break
+            worst = max(newcomers, key=lambda marker: surprise[marker])
+            newcomers.remove(worst)
+            self._distrusted.add(worst)
+            del self.found[worst]
+        consensus = self.views.weigh(places_of(self.found))
+        for marker in consensus.dropped:
+            self._distrusted.add(marker)
+            del self.found[marker]
+        self.suspects = set(consensus.suspects)
+        self._view = consensus.view
+        if self.suspects and not consensus.kept:
+            self.views.upset()
+
+    def replace(self, views: ViewFilter, named: Named) -> None:
+        """Take the names of a body that was named afresh."""
+        self.views, self._view = views, views.view
+        self.found = dict(enumerate(named.spots))
+        self.suspects = set()
 
     def finish(self) -> dict[int, Expectation]:
         """Keep the view of this frame.
 
         Returns:
-            Where the markers should be that were not found.
+            Where the markers should be that were not found, px without distortion.
         """
-        # From one marker alone nobody can tell a turn.
-        elapsed = self._elapsed if len(self.found) > 1 else 0.0
-        self._view_filter.settle(self._prior, self._view, elapsed)
-        return self._expectations()
+        expected = self._expectations()
+        self.views.commit(places_of(self.found))
+        return expected
 
     def _look(self) -> None:
-        self._view = self._view_filter.look(self._prior, places_of(self.found))
+        self._view = self.views.look(places_of(self.found))
 
     def _expectations(self) -> dict[int, Expectation]:
         """By the view of the markers found so far, or by their own motion."""
-        shape = self._view_filter.shape
-        places = self._view.places(shape)
-        deviations = self._view.deviations(shape)
+        places, deviations = self.views.places(self._view)
         return {
             index: self._expect(
                 index, float(places[index, 0]), float(places[index, 1]), float(deviations[index])
@@ -118,10 +173,11 @@ class Search:
 
     def _expect(self, index: int, x: float, y: float, by_view: float) -> Expectation:
         # The others tell how the camera shakes; a marker's own motion does not, when it is old.
-        unseen = self._unseen[index]
+        unseen = self._motion.unseen[index]
+        if index in self._distrusted:
+            return Expectation(x, y, by_view)
         if unseen == 0 or (by_view > KNOWN_PLACE and unseen < FORGOTTEN):
-            by_motion = self._motion.deviation(index)
-            moved_x, moved_y = self._predicted[2 * index], self._predicted[2 * index + 1]
+            moved_x, moved_y, by_motion = self._motion.expected[index]
             apart = math.hypot(moved_x - x, moved_y - y)
             if by_motion < by_view and apart < 3.0 * math.hypot(by_motion, by_view):
                 return Expectation(moved_x, moved_y, by_motion)
@@ -130,7 +186,7 @@ class Search:
     def _name_clear(self, free: list[Detection], clutter: Clutter) -> None:
         """Name what is clear: each name makes the view, and so the rest, clearer."""
         while free and (expected := self._expectations()):
-            least = _PLACE_ERROR[0] + _PLACE_ERROR[1] * self._view.scale
+            least = self.views.deviation
             gates = {
                 index: Expectation(e.x, e.y, math.hypot(e.deviation, least))
                 for index, e in expected.items()
@@ -187,13 +243,12 @@ class Search:
         variances = np.array([place.deviation**2 for place in pair])
         places = np.array([(place.x, place.y) for place in pair])
         offset = offset_in(spot, areas, places, np.diag(np.repeat(variances, 2)))
-        shape = self._view_filter.shape
-        by_view = self._view.deviations(shape)[[a, b]]
+        flat, by_view = (part[[a, b]] for part in self.views.places(self._view))
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
             # Not as they moved, or their motions do not tell the sides; the others' places may.
-            jacobian = self._view.jacobian(shape)[[a, b]].reshape(4, 7)
+            jacobian = self.views.linearized(self._view)[1][[a, b]].reshape(4, COUNT)
             spread = jacobian @ self._view.covariance @ jacobian.T
-            offset = offset_in(spot, areas, self._view.places(shape)[[a, b]], spread)
+            offset = offset_in(spot, areas, flat, spread)
         if offset is None or math.hypot(*offset) > _touching(*areas):
             return None
         return float(offset[0]), float(offset[1])

@@ -5,34 +5,72 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import detect, detect_any
 from mvuav_ros.vision.markers.identity import IdentityTracker
-from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 
 if TYPE_CHECKING:
     from mvuav_ros.vision.markers.multi_object import MultiObjectTracker
 
+    Tracker = ThesisTracker | IdentityTracker | MultiObjectTracker
+
+AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'
+"""Channels of a colour image."""
+WITHOUT_MEMORY = ('detect', 'detect_any')
+"""Modes that take each frame by itself."""
+
 
 class MarkerTracker:
-    """Finds the markers in one frame after the other, in the mode that the parameters name."""
+    """Finds the markers in one frame after the other, in the mode that the parameters name.
+
+    It is what the node marker_tracker runs. Positions are px on the frame, (0, 0) the centre of
+    the top-left pixel; roll is in radians, right wing down positive.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import Image, MarkerTracker
+        >>> lights = [(200, 240), (280, 260), (320, 200), (360, 260), (440, 240)]
+        >>> frame = np.zeros((480, 640), np.uint8)
+        >>> for light in lights:
+        ...     _ = cv2.circle(frame, light, 4, 255, -1)
+        >>> tracker = MarkerTracker()
+        >>> for number in range(3):
+        ...     result = tracker.process(Image(frame, 'mono8'), stamp_ns=number * 33_000_000)
+        >>> [(round(marker.x), round(marker.y)) for marker in result.markers] == lights
+        True
+        >>> f'{result.roll:.3f} rad'
+        '0.000 rad'
+    """
 
     def __init__(
         self,
         parameters: MarkerTrackerParameters | None = None,
-        rig: MarkerRig = TANKER_747,
+        rig: MarkerRig | None = None,
     ) -> None:
         """Prepare for the first frame.
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named.
+            rig: the body whose markers are named; the tanker of the thesis if None.
         """
         self.parameters = parameters or MarkerTrackerParameters()
-        self.rig = rig
+        self.rig = rig or TANKER_747
+        self._camera: CameraModel | None = None
         self.reset()
+
+    def set_camera(self, camera: CameraModel | None) -> None:
+        """Name markers by the undistorted points of a calibrated camera; None: by the pixels.
+
+        What was known of the markers under another calibration is forgotten. A calibration of
+        another image size is not used.
+        """
+        self._camera = camera
+        if isinstance(self._tracker, IdentityTracker):
+            self._tracker.set_camera(camera)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """Use other parameters from the next frame on.
@@ -45,18 +83,22 @@ class MarkerTracker:
 
     def reset(self) -> None:
         """Forget all earlier frames."""
+        self._channel = INTENSITY
+        self._has_found = False
         self._tracker = self._make_tracker()
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns: int | None = None
 
-    def _make_tracker(self) -> ThesisTracker | IdentityTracker | MultiObjectTracker:
+    def _make_tracker(self) -> Tracker:
         if self.parameters.mode == 'track_any':
             # It imports SciPy's optimizers, which took more than half of a node's start.
             from mvuav_ros.vision.markers.multi_object import MultiObjectTracker
 
             return MultiObjectTracker()
         if self.parameters.prediction == 'kalman':
-            return IdentityTracker(self.rig)
+            tracker = IdentityTracker(self.rig)
+            tracker.set_camera(self._camera)
+            return tracker
         return ThesisTracker()
 
     def process(self, image: Image, stamp_ns: int) -> MarkerResult:
@@ -71,18 +113,50 @@ class MarkerTracker:
                 (see `reset`).
             ImageError: the image does not convert to grey.
         """
+        mode = self.parameters.mode
+        time = 0.0 if mode in WITHOUT_MEMORY else self._time_of(stamp_ns)
+        if self.parameters.channel != AUTO:
+            return self._find(image.seen_in(self.parameters.channel), time, self._tracker)
+        result = self._find(image.seen_in(self._channel), time, self._tracker)
+        if image.is_gray or self._has_found or _finds(result):
+            self._has_found = mode not in WITHOUT_MEMORY and (self._has_found or _finds(result))
+            return result
+        return self._look_brighter(image, time, result)
+
+    def _look_brighter(self, image: Image, time: float, result: MarkerResult) -> MarkerResult:
+        """The result in the brightest channel, if it finds anything; it is kept from then on.
+
+        Only before the first marker is found: a tracker that has lost its markers knows more of
+        them than a new one, and lights do not change their colour.
+        """
+        tracker = self._make_tracker()
+        other = self._find(image.seen_in(BRIGHTEST), time, tracker)
+        if not _finds(other):
+            return result
+        if self.parameters.mode not in WITHOUT_MEMORY:
+            self._tracker, self._channel, self._has_found = tracker, BRIGHTEST, True
+        return other
+
+    def _find(self, image: Image, time: float, tracker: Tracker) -> MarkerResult:
         if self.parameters.mode == 'detect':
             return detect(image, self.parameters)
         if self.parameters.mode == 'detect_any':
             return detect_any(image, self.parameters)
+        return tracker.track(image, time, self.parameters)
+
+    def _time_of(self, stamp_ns: int) -> float:
+        """Seconds since the first frame."""
         if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
             raise ValueError(f'stamp {stamp_ns} ns is not later than {self._last_stamp_ns} ns')
         self._last_stamp_ns = stamp_ns
         if self._first_stamp_ns is None:
             self._first_stamp_ns = stamp_ns
         # Since the first frame, because seconds since 1970 leave a float 0.2 µs of resolution.
-        time = (stamp_ns - self._first_stamp_ns) * 1e-9
-        return self._tracker.track(image, time, self.parameters)
+        return (stamp_ns - self._first_stamp_ns) * 1e-9
+
+
+def _finds(result: MarkerResult) -> bool:
+    return any(marker.state is MarkerState.DETECTED for marker in result.markers)
 
 
 def _program(parameters: MarkerTrackerParameters) -> tuple[str, bool]:

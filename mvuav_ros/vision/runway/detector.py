@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
-from mvuav_ros.vision.runway.edges import detect_edges, open_vertically, select_channel
+from mvuav_ros.vision.runway.correction import (
+    CorrectedLine,
+    CorrectionLimits,
+    RhoThetaCorrection,
+)
+from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 from mvuav_ros.vision.runway.peaks import find_peaks
@@ -18,12 +24,24 @@ from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 class RunwayDetector:
     """Finds lines in one frame after the other.
 
-    Not safe for calls from several threads at once.
+    It is what the node runway_detector runs in mode thesis. Lines are in normal form on the whole
+    frame, x cos(theta) + y sin(theta) = rho, in px and radians. Not safe for calls from several
+    threads at once.
+
+    Example:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import RunwayDetector
+        >>> frame = np.zeros((240, 320, 3), np.uint8)
+        >>> _ = cv2.line(frame, (100, 0), (100, 239), (255, 255, 255), 3)
+        >>> result = RunwayDetector().process(frame, stamp_ns=0)
+        >>> line = result.lines[0]
+        >>> f'rho {line.rho:.0f} px, theta {line.theta:.2f} rad, {line.votes:.0f} votes'
+        'rho 98 px, theta 0.00 rad, 160 votes'
     """
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         self._parameters = parameters or RunwayDetectorParameters()
-        self._correction = RhoThetaCorrection(self._parameters)
+        self._correction = RhoThetaCorrection(correction_limits(self._parameters))
         self._statistics = RunwayStatistics()
         self._grid: HoughGrid | None = None
         self._grid_key: tuple[int, int, float, float] | None = None
@@ -41,7 +59,7 @@ class RunwayDetector:
         is forgotten, except rows beyond a smaller ``num_peaks``.
         """
         self._parameters = parameters
-        self._correction.configure(parameters)
+        self._correction.configure(correction_limits(parameters))
 
     def reset(self) -> None:
         """Forget the lines of earlier frames; statistics go on."""
@@ -80,7 +98,7 @@ class RunwayDetector:
         if first < last:
             workings, trouble = self._measure(image, first, last)
             status = trouble or status
-        measured = _lines_on_frame(workings, first)
+        measured = lines_on_frame(workings, first)
         rows = self._correction.correct(measured)
         votes = [float(peak.votes) for peak in workings.peaks]
         lines = tuple(_line(row, measured, votes, width, height) for row in rows)
@@ -105,7 +123,7 @@ class RunwayDetector:
         parameters = self._parameters
         gray = select_channel(image[first:last], parameters.channel)
         edges = detect_edges(gray, parameters.edge_threshold, thinning=parameters.edge_thinning)
-        edges = open_vertically(edges, parameters.opening_length)
+        edges = open_edges(edges, parameters.opening_shape, parameters.opening_length)
         try:
             grid = self._grid_for(*gray.shape)
         except ValueError as error:
@@ -137,6 +155,20 @@ class RunwayDetector:
         return self._grid
 
 
+def correction_limits(parameters: RunwayDetectorParameters) -> CorrectionLimits:
+    """What the parameters allow a line to change from frame to frame."""
+    return CorrectionLimits(
+        rows=parameters.num_peaks,
+        rho=parameters.rho_error_threshold,
+        theta=math.radians(parameters.theta_error_threshold_deg),
+        warmup=parameters.correction_warmup,
+        max_hold=parameters.max_hold,
+        by_index=parameters.association == 'index',
+        rho_cell=parameters.rho_resolution,
+        theta_cell=math.radians(parameters.theta_resolution_deg),
+    )
+
+
 def _check_format(image: Pixels) -> None:
     if image.dtype not in (np.uint8, np.uint16) or not (
         image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
@@ -147,7 +179,8 @@ def _check_format(image: Pixels) -> None:
         )
 
 
-def _lines_on_frame(workings: RunwayWorkings, first_row: int) -> list[NormalForm]:
+def lines_on_frame(workings: RunwayWorkings, first_row: int) -> list[NormalForm]:
+    """The measured lines in whole-frame coordinates, strongest first."""
     grid = workings.grid
     if grid is None:
         return []

@@ -74,18 +74,43 @@ def automatic_threshold(gray: Pixels) -> float:
     return math.sqrt(4 * total / gray.size) / (_KERNEL_SUM * full_scale(gray))
 
 
-def open_vertically(edges: Mask, length: int) -> Mask:
-    """Remove vertical runs shorter than ``length``: erosion, then dilation (eqs 3.22-3.24).
+def open_edges(edges: Mask, shape: str, length: int) -> Mask:
+    """Remove what the structuring element does not fit in: erosion, dilation (eqs 3.22-3.24).
 
     Outside the image is ignored: a run that touches the border is as long as its visible part.
 
     Args:
         edges: (height, width) uint8.
-        length: rows of the one-pixel-wide structuring element, odd.
+        shape: of the structuring element, one of `OPENING_SHAPES`.
+        length: its height in rows, odd; 1: no opening.
     """
     if length == 1:
         return edges
-    return cv2.morphologyEx(edges, cv2.MORPH_OPEN, _vertical_element(length))
+    return cv2.morphologyEx(edges, cv2.MORPH_OPEN, structuring_element(shape, length))
+
+
+@lru_cache(maxsize=8)
+def structuring_element(shape: str, length: int) -> Mask:
+    """The structuring elements of section 3.4.2.1.
+
+    Args:
+        shape: ``vertical_line``, ``square``, ``disk`` or ``diamond``.
+        length: rows, odd.
+
+    Returns:
+        (length, length) uint8, or (length, 1) of the line; 1 in the neighbourhood, else 0.
+    """
+    if shape == 'vertical_line':
+        return np.ones((length, 1), np.uint8)
+    reach = length // 2
+    y, x = np.abs(np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    inside = {
+        'square': np.ones_like(x, bool),
+        # A radius half a pixel longer than the reach gives discs that look round.
+        'disk': x * x + y * y <= (reach + 0.5) ** 2,
+        'diamond': x + y <= reach,
+    }[shape]
+    return np.asarray(inside, np.uint8)
 
 
 def _squared_gradient(gray: Pixels) -> Gradient:
@@ -146,8 +171,3 @@ def _strength_in_octave(gray: Pixels) -> NDArray[np.float64]:
     horizontal += 2 * middle[:, left]
     horizontal += top[:, left]
     return vertical * vertical + horizontal * horizontal
-
-
-@lru_cache(maxsize=8)
-def _vertical_element(length: int) -> Mask:
-    return np.ones((length, 1), np.uint8)

@@ -63,25 +63,27 @@ class LineSummary:
 
 @dataclass(frozen=True)
 class RunwaySummary:
-    """Frames since the last reset, and one `LineSummary` per row."""
+    """The result section of the thesis's GUI.
+
+    Attributes:
+        frames: since the last reset.
+        lines: one row each.
+        rho_flags: frames in which any row had the rho flag, as the GUI counts ("54 / 150").
+        theta_flags: frames in which any row had the theta flag.
+        corrected: frames in which any row had either.
+    """
 
     frames: int
     lines: tuple[LineSummary, ...]
+    rho_flags: int = 0
+    theta_flags: int = 0
+    corrected: int = 0
 
     @property
-    def rho_flags(self) -> int:
-        """Rho flags of all rows together."""
-        return sum(line.rho_flags for line in self.lines)
-
-    @property
-    def theta_flags(self) -> int:
-        """Theta flags of all rows together."""
-        return sum(line.theta_flags for line in self.lines)
-
-    @property
-    def corrected(self) -> int:
-        """Rows corrected, of all rows together."""
-        return sum(line.corrected for line in self.lines)
+    def flag_text(self) -> str:
+        """The counts as the GUI shows them."""
+        counts = {'rho': self.rho_flags, 'theta': self.theta_flags, 'combined': self.corrected}
+        return ', '.join(f'{name} {count} / {self.frames}' for name, count in counts.items())
 
 
 class _LineStatistics:
@@ -128,12 +130,16 @@ class RunwayStatistics:
 
     def reset(self) -> None:
         """Begin at zero."""
-        self._frames = 0
+        self._frames = self._rho_flags = self._theta_flags = self._corrected = 0
         self._lines: list[_LineStatistics] = []
 
     def add(self, lines: Sequence[RunwayLine]) -> None:
         """Take in one frame; rows beyond ``lines`` are dropped, new ones begin at zero."""
         self._frames += 1
+        found = [line for line in lines if line.found]
+        self._rho_flags += any(line.rho_flag for line in found)
+        self._theta_flags += any(line.theta_flag for line in found)
+        self._corrected += any(line.corrected for line in found)
         del self._lines[len(lines) :]
         while len(self._lines) < len(lines):
             self._lines.append(_LineStatistics())
@@ -142,4 +148,10 @@ class RunwayStatistics:
 
     def summary(self) -> RunwaySummary:
         """The statistics so far."""
-        return RunwaySummary(self._frames, tuple(line.summary() for line in self._lines))
+        return RunwaySummary(
+            self._frames,
+            tuple(line.summary() for line in self._lines),
+            self._rho_flags,
+            self._theta_flags,
+            self._corrected,
+        )

@@ -59,7 +59,7 @@ def test_gaps_jumps_and_damage(tmp_path: Path) -> None:
         '1 gaps, longest 0.13 s',
         'time jumps back 1 times',
         'stamps jump back 1 times',
-        '1 malformed: it holds 30 bytes instead of 3072',
+        '1 malformed: 64 x 48 mono8 with step 64 needs 3072 bytes, the message has 30',
     ):
         assert words in remarks
     assert 'skipped: /web is json, not CDR' in run.out

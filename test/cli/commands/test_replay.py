@@ -45,8 +45,28 @@ def test_help_names_every_option() -> None:
     options = (
         'nodes image-topic params-file param fps start duration every keep-inputs debug-images'
     )
-    for option in [*options.split(), 'jobs', 'dask', 'strict', 'force']:
+    for option in [*options.split(), 'gamma', 'jobs', 'dask', 'strict', 'force']:
         assert f'--{option}' in run.out
+
+
+def test_gamma_is_applied_before_the_nodes_see_an_image(bag: Path, tmp_path: Path) -> None:
+    """The results are those of a recording whose images were corrected before."""
+    corrected = []
+    for number, sample in enumerate(SAMPLES):
+        message = image(number, 64, 48)
+        message.data = np.round((message.data / 255.0) ** 2 * 255).astype(np.uint8)
+        corrected.append(sample._replace(data=cdr(message)))
+    darker = write_mcap(tmp_path / 'darker.mcap', corrected)
+    outs = tmp_path / 'a.mcap', tmp_path / 'b.mcap', tmp_path / 'c.mcap'
+    detect = (*NODE, '--param', 'marker_tracker:mode:=detect_any')
+    for source, out, more in (
+        (bag, outs[0], ('--gamma', 2.0)),
+        (darker, outs[1], ()),
+        (bag, outs[2], ()),
+    ):
+        assert mvuav('replay', source, '-o', out, *detect, *more).status == 0
+    results = [[message.data for message in read(out)] for out in outs]
+    assert results[0] == results[1] != results[2]
 
 
 def test_every_frame_has_an_answer_with_its_stamp(bag: Path, tmp_path: Path) -> None:

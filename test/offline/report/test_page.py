@@ -1,14 +1,10 @@
-import csv
 import json
 import math
-import re
 
-import cv2
-import numpy as np
 import pytest
 
+from mvuav_ros.offline.report.comparison import SHIPPED, Compared, Verdict, worst_first
 from mvuav_ros.offline.report.model import (
-    NOT_AVAILABLE,
     Claim,
     Column,
     Figure,
@@ -19,95 +15,6 @@ from mvuav_ros.offline.report.model import (
 from mvuav_ros.offline.report.page import render_page
 from mvuav_ros.offline.report.style import drawing, label, legend_below
 from mvuav_ros.offline.report.writing import write_report
-from mvuav_ros.offline.thesis.build import build_report, steps_of
-from mvuav_ros.offline.thesis.plan import Plan
-
-SMALL = Plan(
-    seed=5,
-    jobs=1,
-    trial_frames=12,
-    passes=1,
-    timed_frames=8,
-    spectrum_seconds=2.0,
-    repeats=1,
-    runway_frames=6,
-    identity_scenes=1,
-    identity_repeats=1,
-    pose_frames=60,
-)
-TABLES = {
-    'table_5_2',
-    'table_5_3',
-    'table_5_3_vibration',
-    'table_5_3_truth_found',
-    'table_5_3_truth_predicted',
-    'table_5_4',
-    'table_5_5',
-    'table_5_5_truth',
-    'table_5_7',
-    'times_by_method',
-    'runway_truth',
-    'names',
-    'pose',
-}
-FIGURES = {f'figure_5_{number}' for number in range(1, 16)} | {'figure_roll_vibration'}
-
-
-@pytest.fixture(scope='module')
-def written(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('thesis')
-    steps = []
-    report = build_report(SMALL, lambda: steps.append(1), 'evaluate thesis --seed 5')
-    assert len(steps) == steps_of(SMALL)
-    write_report(report, folder)
-    return report, folder
-
-
-def test_every_table_and_figure_is_there(written):
-    report, folder = written
-    assert {table.key for table in report.tables()} == TABLES
-    assert {figure.key for figure in report.figures()} == FIGURES
-    for key in TABLES:
-        with (folder / f'{key}.csv').open() as stream:
-            rows = list(csv.reader(stream))
-        records = json.loads((folder / f'{key}.json').read_text())
-        assert len(rows) == len(records) + 1 > 1
-        assert rows[0] == list(records[0])
-    for key in FIGURES:
-        image = cv2.imread(str(folder / f'{key}.png'))
-        assert image.shape[1] == 1440
-        assert np.std(image) > 5
-
-
-def test_the_page_needs_nothing_else(written):
-    page = (written[1] / 'index.html').read_text()
-    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert len(sources) > len(FIGURES)
-    assert all(s.startswith(('data:image/png;base64,', '#')) for s in sources)
-    assert not re.search(r'<script|<link|@import|url\(|https?://', page)
-
-
-def test_the_page_says_what_made_it_and_what_is_not_known(written):
-    report, folder = written
-    settings = json.loads((folder / 'report.json').read_text())['settings']
-    assert settings['seed'] == 5
-    assert settings['command'] == 'evaluate thesis --seed 5'
-    assert 'prediction=velocity' in settings['marker_tracker as in the thesis']
-    assert 'threshold=0.7' in settings['marker_tracker as shipped']
-    page = render_page(report)
-    assert settings['version'] in page
-    assert NOT_AVAILABLE in page
-    known = [claim for claim in report.claims if claim.thesis == NOT_AVAILABLE]
-    assert [claim.holds for claim in known] == [None]
-
-
-def test_shares_of_the_stages_add_up(written):
-    for table in written[0].tables():
-        if table.key not in ('table_5_2', 'table_5_7'):
-            continue
-        for part in {row[0] for row in table.rows}:
-            shares = [row[3] for row in table.rows if row[0] == part and row[1] != 'together']
-            assert sum(shares) == pytest.approx(100.0)
 
 
 def small_report(**changes):
@@ -124,7 +31,7 @@ def test_text_is_escaped_and_missing_numbers_are_dashes(tmp_path):
         assert raw not in page
     assert '<td>–</td>' in page  # noqa: RUF001
     assert '>1.2<' in page
-    assert '✗ no' in page
+    assert '✗ does not hold' in page
     write_report(report, tmp_path)
     assert (tmp_path / 't.csv').read_text().splitlines() == ['a,b [px]', '<x>,1.25', 'y,']
     assert json.loads((tmp_path / 't.json').read_text())[1] == {'a': 'y', 'b [px]': None}
@@ -145,3 +52,44 @@ def test_the_same_data_make_the_same_image():
         return Figure('p', 'P', canvas.png)
 
     assert draw(2).png == draw(2).png != draw(3).png
+
+
+@pytest.mark.parametrize(
+    ('cell', 'verdict'),
+    [
+        (Compared(0.5, 1.0), Verdict.BETTER),
+        (Compared(0.995, 1.0), Verdict.EQUAL),
+        (Compared(1.02, 1.0), Verdict.WORSE),
+        (Compared(1.2, 1.0, low=0.9, high=1.5), Verdict.EQUAL),
+        (Compared(1.2, 1.0, low=1.1, high=1.3), Verdict.WORSE),
+        (Compared(0.005, 0.01, is_bound=True), Verdict.EQUAL),
+        (Compared(0.02, 0.01, is_bound=True), Verdict.WORSE),
+        (Compared(11.05, 11.06, tolerance=0.06), Verdict.EQUAL),
+        (Compared(10.9, 11.06, tolerance=0.06), Verdict.WORSE),
+    ],
+)
+def test_verdicts(cell, verdict):
+    assert cell.verdict is verdict
+
+
+def test_the_summary_counts_the_cells_and_begins_with_the_worst():
+    cells = (0.5, 1.0, 1.5, 3.0)
+    rows = (
+        *(('r', f'row {v:g}', Compared(v, 1.0)) for v in cells),
+        ('r', 's', Compared(2.0, 1.0, SHIPPED)),
+    )
+    columns = (Column('a'), Column('b'), Column('c'))
+    report = small_report(
+        sections=(Section('S', (), (Table('t', 'Table 9: T', columns, rows),)),),
+        claims=(Claim('good', '', '', True), Claim('bad', '', '', False), Claim('?', '', '', None)),
+    )
+    page = render_page(report)
+    assert 'of 4 cells beside the thesis 1 better, 1 equal, 2 worse' in page
+    assert 'of 1 cells beside the thesis 0 better, 0 equal, 1 worse' in page
+    worst = worst_first([c for c in report.comparisons() if c.compared.by != SHIPPED])
+    assert [c.compared.value for c in worst] == [3.0, 1.5]
+    assert page.index('Table 9, r, row 3, c: 3 against 1') < page.index(
+        'Table 9, r, row 1.5, c: 1.5'
+    )
+    assert page.index('>bad<') < page.index('>?<') < page.index('>good<')
+    assert report.tables()[0].records()[0]['c'] == 0.5

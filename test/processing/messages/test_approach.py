@@ -132,7 +132,8 @@ def test_vanishing_point_and_pose_agree_with_the_flight():
     covariance = np.reshape(pose.covariance, (6, 6))
     assert np.allclose(covariance, covariance.T)
     assert (np.linalg.eigvalsh(covariance[1:, 1:]) > 0).all()
-    assert all(message.header == said['pose'].header for message in said.values() if message)
+    assert said['pose'].header.stamp == said['lines'].header.stamp
+    assert (said['pose'].header.frame_id, said['lines'].header.frame_id) == ('runway', 'camera')
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ import pytest
 from support.node_outputs import messages_of
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.marker_tracker import TF_TOPIC, MarkerTrackerProcessor
-from mvuav_ros.processing.messages.pose import TF_TYPE
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
@@ -102,7 +101,7 @@ def test_the_debug_image_shows_axes_and_reprojections():
     changed = (a.reshape(480, 640, 3) != b.reshape(480, 640, 3)).any(axis=2)
     assert changed.sum() > 100
     truth = FLIGHT.truth(4)
-    dock = truth.rotation @ FLIGHT.layout.dock + truth.translation
+    dock = truth.rotation @ FLIGHT.rig.dock + truth.translation
     x, y = FLIGHT.camera.project(dock[None])[0]
     assert changed[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4].any()
     # After all is lost nothing is drawn any more.
@@ -122,28 +121,3 @@ def test_a_new_calibration_takes_effect():
         distances.append(outputs['pose'].pose.pose.position.z)
     assert distances[0] == pytest.approx(distances[2], rel=0.01)
     assert abs(distances[4] - distances[2]) > 1.0
-
-
-def test_tf_only_when_asked():
-    processor, frames = run()
-    assert TF_TOPIC not in processor.topics
-    assert all(TF_TOPIC not in outputs for outputs in frames)
-
-
-@pytest.mark.skipif(TF_TYPE is not None, reason='tf2_msgs is installed')
-def test_tf_without_tf2_msgs_says_so():
-    processor, frames = run(publish_tf=True)
-    assert 'tf2_msgs is not installed' in processor.status
-    assert TF_TOPIC not in processor.topics
-    assert not math.isnan(numbers(frames[0]['pose'])[0])
-
-
-@pytest.mark.skipif(TF_TYPE is None, reason='tf2_msgs is not installed')
-def test_tf_carries_the_pose():
-    processor, frames = run(publish_tf=True)
-    assert processor.topics[TF_TOPIC] is TF_TYPE
-    (transform,) = frames[3][TF_TOPIC].transforms
-    assert transform.header == frames[3]['pose'].header
-    assert transform.child_frame_id == 'tanker_747'
-    assert transform.transform.translation.x == frames[3]['pose'].pose.pose.position.x
-    assert TF_TOPIC not in frames[7]

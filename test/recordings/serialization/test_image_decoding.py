@@ -66,7 +66,8 @@ def test_padded_rows(encoding, padding):
     pixels = random_pixels(encoding)
     rows = pixels.reshape(6, -1).view(np.uint8)
     padded = np.hstack([rows, np.full((6, padding), 77, np.uint8)])
-    encoded = message(encoding, padded, 8, 6)
+    height = Image(pixels, encoding).height
+    encoded = message(encoding, padded, 8, height, step=padded.shape[1])
     decoded = decode_image(encoded)
     np.testing.assert_array_equal(decoded.pixels, pixels)
     np.testing.assert_array_equal(decoded.gray(), Image(pixels, encoding).gray())
@@ -212,9 +213,9 @@ def test_compressed_png_keeps_depth_and_colour(encoding):
         ('jpeg', b'', 'do not decode'),
         ('jpeg', b'0123456789', '10 bytes'),
         ('png', b'\x89PNG\r\n\x1a\n' + bytes(40), 'do not decode'),
-        ('16UC1; compressedDepth png', b'0123', 'neither jpeg nor png'),
-        ('h264', b'0123', 'neither jpeg nor png'),
-        ('', b'0123', 'neither jpeg nor png'),
+        ('16UC1; compressedDepth png', b'0123', 'holds distances'),
+        ('h264', b'0123', 'no JPEG, PNG, WebP or TIFF .format .h264'),
+        ('', b'0123', 'no JPEG, PNG, WebP or TIFF'),
     ],
 )
 def test_bad_compressed_images_are_refused_with_the_reason(kind, data, reason):

@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from mvuav_ros.recordings.sources.camera import Camera
 from mvuav_ros.recordings.sources.frame import BadFrame, SourceError
 from mvuav_ros.recordings.sources.image_folder import ImageFolder
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
-from mvuav_ros.recordings.sources.video import Camera, VideoFile
+from mvuav_ros.recordings.sources.video import VideoFile
 
 
 def write_images(folder, count=12):

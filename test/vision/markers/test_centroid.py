@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from support.reference import load_trial
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
@@ -35,10 +36,10 @@ def errors(frames, truth, centroid, **parameters):
 @pytest.mark.parametrize(
     'parameters', [{}, {'mode': 'detect'}, {'prediction': 'velocity'}], ids=lambda p: str(p)
 )
-def test_reference_frames(reference, trial, parameters):
-    with np.load(reference / f'{trial}.npz', allow_pickle=True) as data:
-        frames = data['frames']
-        truth = data['truth_xy0'][: len(frames)]
+def test_reference_frames(trial, parameters):
+    data = load_trial(trial)
+    frames = data['frames']
+    truth = data['truth_xy0'][: len(frames)]
     weighted, weighted_roll = errors(frames, truth, 'weighted', **parameters)
     binary, binary_roll = errors(frames, truth, 'binary', **parameters)
     assert rms(binary, (0, 1)) == pytest.approx(0.085, abs=0.01)

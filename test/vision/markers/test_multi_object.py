@@ -1,6 +1,5 @@
 """Unlabelled lights under persistent numbers."""
 
-import cv2
 import numpy as np
 import pytest
 from support.marker_scenes import draw
@@ -112,27 +111,57 @@ def test_dropped_frames():
     assert all(m.state is DETECTED for m in result.markers)
 
 
-@pytest.mark.parametrize(
-    ('video', 'fps', 'count', 'frames'),
-    [
-        ('ir3_stereo_left_640x480_50fps.avi', 50, 3, 2509),
-        ('ir5_fisheye_752x480.avi', 20, 5, 402),
-    ],
-)
-def test_real_leds_keep_their_numbers_throughout(footage, video, fps, count, frames):
-    capture = cv2.VideoCapture(str(footage / 'led' / video))
-    pipeline = MarkerTracker(MarkerTrackerParameters(mode='track_any'))
-    before = {}
-    for index in range(frames):
-        grabbed, image = capture.read()
-        assert grabbed
-        result = pipeline.process(Image(image, 'bgr8'), index * 1_000_000_000 // fps)
-        assert sorted(result.ids) == list(range(1, count + 1)), index
-        now = places_by_id(result)
-        detected = all(m.state is DETECTED for m in result.markers)
-        if detected and before:
-            # A switch would be a jump to where another light was.
-            for number, place in now.items():
-                distances = {i: np.hypot(*np.subtract(place, p)) for i, p in before.items()}
-                assert min(distances, key=distances.get) == number, index
-        before = now if detected else {}
+def test_hundreds_of_lights_keep_their_numbers():
+    start = np.array([(30 + 31 * (i % 20), 25 + 31 * (i // 20)) for i in range(300)], float)
+    lights = Lights()
+    for step in range(12):
+        image = draw(start + np.array((2.0 * step, step)), radius=3)
+        lights.stamp_ns += STEP_NS
+        result = lights.pipeline.process(Image(image, 'mono8'), lights.stamp_ns)
+        assert sorted(result.ids) == list(range(1, 301))
+    assert result.status == ''
+
+
+def test_too_many_lights_are_a_status():
+    rng = np.random.default_rng(1)
+    lights = Lights()
+    lights.see([(100, 100), (300, 300)])
+    noise = np.where(rng.random((480, 640)) < 0.04, 255, 0).astype(np.uint8)
+    lights.stamp_ns += STEP_NS
+    result = lights.pipeline.process(Image(noise, 'mono8'), lights.stamp_ns)
+    assert 'clusters above the threshold' in result.status
+    assert result.ids == (1, 2)
+
+
+def test_noise_in_every_frame_does_not_pile_up():
+    rng = np.random.default_rng(2)
+    lights = Lights()
+    for _ in range(25):
+        image = np.where(rng.random((480, 640)) < 0.001, 255, 0).astype(np.uint8)
+        lights.stamp_ns += STEP_NS
+        result = lights.pipeline.process(Image(image, 'mono8'), lights.stamp_ns)
+        assert len(result.markers) <= 400
+
+
+def test_the_grouping_is_the_one_that_was_asked_for():
+    """Two lights 9 px apart are one group of the thesis's and two pieces."""
+    frame = Image(draw([(100, 100), (109, 100), (300, 300)], radius=2), 'mono8')
+
+    def count(**parameters):
+        return len(Lights(**parameters).pipeline.process(frame, STEP_NS).ids)
+
+    assert count(grouping='distance') == 2
+    assert count(grouping='distance', grouping_distance=2) > 3
+    assert count(grouping='auto') == count(grouping='components') == 3
+
+
+@pytest.mark.parametrize(('prediction', 'expected'), [('none', 220.0), ('velocity', 230.0)])
+def test_the_prediction_is_the_one_that_was_asked_for(prediction, expected):
+    """Seen in what takes a light for another one: near its prediction, or not."""
+    lights = Lights(prediction=prediction)
+    for step in range(13):
+        result = lights.see([(100 + 10 * step, 100)])
+    assert result.ids == (1,)
+    predictor = lights.pipeline._tracker._motion
+    predicted = predictor.predict(13 * STEP_NS * 1e-9, prediction)
+    assert predicted[0] == pytest.approx(expected, abs=0.1)

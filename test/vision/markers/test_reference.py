@@ -1,7 +1,8 @@
-"""Appendices A and C against the thesis's own programs, run (see the reference's README)."""
+"""Appendices A and C against the thesis's own programs, run under Octave."""
 
 import numpy as np
 import pytest
+from support.reference import load_trial
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
@@ -13,9 +14,8 @@ TRIALS = sorted(f'trial{n}' for n in (1, 3))
 
 
 @pytest.fixture(scope='module', params=TRIALS)
-def trial(request, reference):
-    with np.load(reference / f'{request.param}.npz', allow_pickle=True) as data:
-        return {name: data[name] for name in data.files}
+def trial(request):
+    return load_trial(request.param)
 
 
 @pytest.fixture(scope='module')

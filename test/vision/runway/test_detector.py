@@ -82,10 +82,7 @@ def test_sixteen_bits_give_the_lines_of_eight():
     frame = painted(*TWO_LINES)
     eight = pipeline().process(frame, 0)
     sixteen = pipeline().process(frame.astype(np.uint16) * 257, 0)
-    assert sixteen.lines == eight.lines or all(
-        a == b or (all_nan(a) and all_nan(b))
-        for a, b in zip(eight.lines, sixteen.lines, strict=True)
-    )
+    assert repr(sixteen.lines) == repr(eight.lines)
     assert eight.lines[0].found
 
 
@@ -183,15 +180,16 @@ def test_rows_beyond_the_frame_are_cut_off_and_said():
 
 def test_views_and_fortran_order_are_read_right():
     frame = painted(*TWO_LINES)
-    expected = pipeline(num_peaks=2).process(frame, 0).lines
+    # As text: a row holds NaN, which equals nothing.
+    expected = repr(pipeline(num_peaks=2).process(frame, 0).lines)
     wide = np.zeros((240, 640), np.uint8)
     wide[:, ::2] = frame
-    assert pipeline(num_peaks=2).process(wide[:, ::2], 0).lines == expected
-    assert pipeline(num_peaks=2).process(np.asfortranarray(frame), 0).lines == expected
+    assert repr(pipeline(num_peaks=2).process(wide[:, ::2], 0).lines) == expected
+    assert repr(pipeline(num_peaks=2).process(np.asfortranarray(frame), 0).lines) == expected
     colour = np.dstack([frame * 0, frame * 0, frame])
-    assert pipeline(num_peaks=2).process(colour[:, :, ::1], 0).lines == expected
+    assert repr(pipeline(num_peaks=2).process(colour[:, :, ::1], 0).lines) == expected
     mirrored = np.ascontiguousarray(colour[:, ::-1])[:, ::-1]
-    assert pipeline(num_peaks=2).process(mirrored, 0).lines == expected
+    assert repr(pipeline(num_peaks=2).process(mirrored, 0).lines) == expected
 
 
 LEFT, FAR = painted((100, 0, 100, 239)), painted((250, 0, 250, 239))

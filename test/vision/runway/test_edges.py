@@ -9,8 +9,9 @@ from hypothesis.extra import numpy as hnp
 from mvuav_ros.vision.runway.edges import (
     automatic_threshold,
     detect_edges,
-    open_vertically,
+    open_edges,
     select_channel,
+    structuring_element,
 )
 
 grays = hnp.arrays(
@@ -100,7 +101,9 @@ def naive_opening(edges, length):
     st.sampled_from([1, 3, 5, 7, 31]),
 )
 def test_opening_removes_short_vertical_runs(edges, length):
-    np.testing.assert_array_equal(open_vertically(edges, length), naive_opening(edges, length))
+    np.testing.assert_array_equal(
+        open_edges(edges, 'vertical_line', length), naive_opening(edges, length)
+    )
 
 
 @pytest.mark.parametrize(('channel', 'index'), [('blue', 0), ('green', 1), ('red', 2)])
@@ -119,3 +122,29 @@ def test_intensity_weighs_the_colours():
 def test_a_gray_image_is_its_own_channel(channel):
     gray = np.arange(6, dtype=np.uint16).reshape(2, 3)
     np.testing.assert_array_equal(select_channel(gray, channel), gray)
+
+
+ELEMENTS = {
+    ('vertical_line', 3): '1 1 1',
+    ('square', 3): '111 111 111',
+    ('diamond', 5): '00100 01110 11111 01110 00100',
+    ('disk', 5): '01110 11111 11111 11111 01110',
+}
+
+
+@pytest.mark.parametrize(('which', 'rows'), ELEMENTS.items())
+def test_structuring_elements_are_those_of_the_thesis(which, rows):
+    expected = [[int(digit) for digit in row] for row in rows.split()]
+    np.testing.assert_array_equal(structuring_element(*which), expected)
+
+
+@pytest.mark.parametrize('shape', ['square', 'disk', 'diamond'])
+@pytest.mark.parametrize('length', [3, 5, 9])
+def test_opening_keeps_the_element_and_removes_what_is_smaller(shape, length):
+    element = structuring_element(shape, length)
+    assert element.shape == (length, length)
+    edges = np.pad(element, 6)
+    np.testing.assert_array_equal(open_edges(edges, shape, length), edges)
+    row, column = np.argwhere(edges)[0]
+    edges[row, column] = 0
+    assert not open_edges(edges, shape, length).any()

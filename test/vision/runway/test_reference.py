@@ -1,15 +1,15 @@
-"""Against Octave's own edges, accumulator and peaks (../shared/reference/runway.npz)."""
+"""Against Octave's own edges, accumulator and peaks."""
 
 import numpy as np
 import pytest
+from support.reference import FIRST, LAST, load_runway
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.edges import automatic_threshold, detect_edges, open_vertically
+from mvuav_ros.vision.runway.edges import automatic_threshold, detect_edges, open_edges
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import find_peaks
 
-FIRST, LAST = 49, 130
 VARIANTS = [
     pytest.param(True, 'edge', 'opened', 'peaks', id='thinned'),
     pytest.param(False, 'edge_nothin', 'opened_nothin', 'peaks_nothin', id='not thinned'),
@@ -17,8 +17,8 @@ VARIANTS = [
 
 
 @pytest.fixture(scope='module')
-def octave(reference):
-    return dict(np.load(reference / 'runway.npz', allow_pickle=True))
+def octave():
+    return load_runway()
 
 
 @pytest.fixture(scope='module')
@@ -42,7 +42,7 @@ def test_no_pixel_of_any_edge_image_differs(
     for gray, edge, opened in zip(slices, octave[edge_key], octave[opened_key], strict=True):
         edges = detect_edges(gray, thinning=thinning)
         assert np.count_nonzero(edges != edge) == 0
-        assert np.count_nonzero(open_vertically(edges, 3) != opened) == 0
+        assert np.count_nonzero(open_edges(edges, 'vertical_line', 3) != opened) == 0
 
 
 def test_the_automatic_threshold_is_octaves(octave, slices):

@@ -49,7 +49,8 @@ def test_nothing_measured_is_nan_not_zero():
     assert math.isnan(empty.rho_mean) and math.isnan(empty.theta_mean)
 
 
-def test_flags_are_counted_per_line_and_together():
+def test_flags_are_counted_per_line_and_by_frame():
+    """Two lines that raise the same flag in one frame are one frame with it."""
     summary = summary_of(
         (found(1, 1, True, False), found(1, 1, False, True)),
         (found(1, 1, True, True), found(1, 1)),
@@ -62,8 +63,9 @@ def test_flags_are_counted_per_line_and_together():
         3,
         2,
         2,
-        3,
+        2,
     )
+    assert summary.flag_text == 'rho 2 / 3, theta 2 / 3, combined 2 / 3'
     assert (first.found, second.found) == (3, 2)
 
 

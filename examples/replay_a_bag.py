@@ -1,0 +1,12 @@
+"""Track the markers of a whole recording: python examples/replay_a_bag.py BAG."""
+
+import sys
+
+from mvuav_ros import MarkerTracker
+from mvuav_ros.recordings.sources.opening import open_source
+
+tracker = MarkerTracker()
+for frame in open_source(sys.argv[1]).frames():
+    result = tracker.process(frame.image, frame.stamp_ns)
+    seen = sum(marker.state.name == 'DETECTED' for marker in result.markers)
+    print(f'{frame.stamp_ns * 1e-9:.3f} s: {seen} of 5 markers, roll {result.roll:+.4f} rad')

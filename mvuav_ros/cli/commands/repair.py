@@ -1,0 +1,58 @@
+"""``mvuav repair``: what can be read of a damaged recording as a sound one."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.recordings.remote import local_copy
+
+
+class Storage(StrEnum):
+    """What is written."""
+
+    MCAP = 'mcap'
+    ROSBAG2 = 'rosbag2'
+
+
+def repair(
+    source: Annotated[str, typer.Argument(metavar='INPUT', help='A bag in any condition.')],
+    output: Annotated[
+        Path,
+        typer.Option('--output', '-o', help='OUT.mcap, or a new folder.', show_default=False),
+    ],
+    storage: Annotated[
+        Storage,
+        typer.Option('--format', help='One mcap file, or a rosbag2 folder with metadata.yaml.'),
+    ] = Storage.MCAP,
+    split_mb: Annotated[
+        int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
+    ] = 0,
+    force: Annotated[bool, typer.Option('--force', help='Overwrite what is there.')] = False,
+) -> None:
+    """Write every message that can be read, of all topics, and say what could not."""
+    from mvuav_ros.recordings.repairing import repair as write
+
+    split_bytes = split_mb * 1_000_000 if storage is Storage.ROSBAG2 else None
+    with local_copy(source) as path, frame_progress() as bar:
+        task = bar.add_task(path.name, total=None)
+        report = write(
+            path,
+            output,
+            overwrite=force,
+            split_bytes=split_bytes,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    typer.echo(f'{output}: {sum(report.messages.values())} messages')
+    for topic, count in report.messages.items():
+        typer.echo(f'  {topic}: {count}')
+    for topic, encoding in report.skipped.items():
+        typer.echo(f'skipped: {topic} is {encoding or "of no encoding"}, not CDR', err=True)
+    for error in report.errors:
+        typer.echo(f'damage: {error}', err=True)
+    for warning in report.warnings:
+        typer.echo(f'note: {warning}', err=True)

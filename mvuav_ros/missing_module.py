@@ -1,0 +1,45 @@
+"""What to install where an import fails."""
+
+from __future__ import annotations
+
+_ROS = frozenset(
+    [
+        'builtin_interfaces',
+        'diagnostic_msgs',
+        'geometry_msgs',
+        'lifecycle_msgs',
+        'rcl_interfaces',
+        'rclpy',
+        'sensor_msgs',
+        'std_msgs',
+        'std_srvs',
+        'visualization_msgs',
+    ]
+)
+_APT = {
+    'cv2': 'python3-opencv',
+    'matplotlib': 'python3-matplotlib',
+    'numpy': 'python3-numpy',
+    'rich': 'python3-rich',
+    'scipy': 'python3-scipy',
+    'typer': 'python3-typer',
+    'yaml': 'python3-yaml',
+}
+"""Debian's and Ubuntu's package of a module."""
+
+
+def explain_missing_module(what: str, error: ImportError) -> str:
+    """One line that names what ``what`` needs and how to get it.
+
+    Args:
+        what: the command or node that cannot start.
+        error: of the import.
+    """
+    module = (error.name or '').partition('.')[0]
+    if module in _ROS:
+        return f'{what} needs ROS 2 ({module}): source it, or pip install "mvuav_ros[ros]"'
+    if module in _APT:
+        return f'{what} needs {module}: apt install {_APT[module]}, or pip install {module}'
+    if module and not module.startswith('mvuav_ros') and isinstance(error, ModuleNotFoundError):
+        return f'{what} needs {module}: pip install {module}'
+    return f'{what} cannot start: {error}'

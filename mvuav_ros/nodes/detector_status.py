@@ -1,0 +1,99 @@
+"""What a detector tells ``/diagnostics``."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from mvuav_ros.nodes.frame_answering import FrameAnswerer
+from mvuav_ros.nodes.frame_statistics import WINDOW
+from mvuav_ros.nodes.image_input import InputEvents
+from mvuav_ros.nodes.input_monitor import InputMonitor, explain_no_images
+from mvuav_ros.processing.processor import Processor
+
+
+class InputState(NamedTuple):
+    """The image topic at this moment.
+
+    Attributes:
+        topic: resolved.
+        publishers: full names of the nodes that publish it.
+        events: what became of images before they were processed.
+    """
+
+    topic: str
+    publishers: list[str]
+    events: InputEvents
+
+
+class DetectorStatus:
+    """Turns counts into a diagnostic status, once a second while the node is active."""
+
+    def __init__(self, answerer: FrameAnswerer, processor: Processor) -> None:
+        self._answerer = answerer
+        self._processor = processor
+        self._monitor = InputMonitor()
+
+    @property
+    def state(self) -> str:
+        """``running`` or ``disabled``."""
+        return 'running' if self._answerer.enabled else 'disabled'
+
+    def report(self, name: str, images: InputState) -> DiagnosticStatus:
+        """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
+
+        Args:
+            name: of the node, with its namespace.
+            images: the input now.
+        """
+        problems = self._monitor.problems(images.events, self._answerer.stamps)
+        level = DiagnosticStatus.OK
+        statistics = self._answerer.statistics
+        if self._answerer.enabled and statistics.silent:
+            never = statistics.received == 0
+            level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
+            problems = [f'no images{"" if never else f" for {WINDOW:.0f} s"}: {why_silent(images)}']
+        elif self._answerer.enabled:
+            problems += self._active_problems(images)
+        if problems and level == DiagnosticStatus.OK:
+            level = DiagnosticStatus.WARN
+        return status(level, name, '; '.join(problems) or self.state, self._values(images))
+
+    def _active_problems(self, images: InputState) -> list[str]:
+        problems = self._answerer.statistics.problems()
+        if len(images.publishers) > 1:
+            problems.append(f'{len(images.publishers)} publishers on {images.topic}, mixed')
+        if self._processor.status:
+            problems.append(self._processor.status)
+        return problems
+
+    def _values(self, images: InputState) -> dict[str, str]:
+        events, stamps = images.events, self._answerer.stamps
+        spacing = stamps.spacing_ns
+        return {
+            'state': self.state,
+            **self._answerer.statistics.values(),
+            'frames_skipped': str(events.skipped),
+            'frames_lost_in_transport': str(events.lost),
+            'frames_missing': str(events.missing),
+            'frames_left_out_by_stamps': str(stamps.frames_left_out),
+            'stamp_rate_hz': f'{1e9 / spacing:.1f}' if spacing else 'nan',
+            'stamp_jumps_back': str(self._processor.resets),
+            'stamp_jumps_forward': str(stamps.jumps_forward),
+            'image': self._answerer.image_format,
+            'image_topic': images.topic,
+            'image_publishers': ' '.join(images.publishers),
+            'incompatible_publishers': str(events.incompatible),
+        }
+
+
+def why_silent(images: InputState) -> str:
+    """Why no images come."""
+    return explain_no_images(images.topic, images.publishers, images.events)
+
+
+def status(level: bytes, name: str, message: str, values: dict[str, str]) -> DiagnosticStatus:
+    """A status with its key-values."""
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticStatus(level=level, name=name, message=message, values=pairs)

@@ -1,0 +1,140 @@
+"""One received image in, one set of messages out, and the account of it."""
+
+from __future__ import annotations
+
+import time
+from threading import Lock
+
+from rclpy.node import Node
+
+from mvuav_ros.nodes.frame_statistics import FrameStatistics, FrameTimes
+from mvuav_ros.nodes.image_input import ReceivedImage
+from mvuav_ros.nodes.input_monitor import StampMonitor
+from mvuav_ros.nodes.result_publishers import ResultPublishers
+from mvuav_ros.processing.processor import DuplicateStampError, Processor
+from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
+from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.vision.image import ImageError
+
+LOG_INTERVAL = 5.0
+"""Seconds between two log lines of the same kind."""
+
+
+class FrameAnswerer:
+    """Feeds a processor with images and publishes what it returns.
+
+    A frame that cannot be used is counted, logged and dropped. Called in the thread of the images;
+    what the executor's thread touches as well is guarded by ``lock``.
+
+    Attributes:
+        lock: guards the processor and the statistics.
+        statistics: since the node was made.
+        stamps: since the last `restart`.
+        enabled: whether images are answered, or counted only.
+        image_format: of the newest image, in words.
+    """
+
+    def __init__(self, node: Node, processor: Processor) -> None:
+        self.lock = Lock()
+        self.statistics = FrameStatistics()
+        self.stamps = StampMonitor()
+        self.enabled = True
+        self.image_format = ''
+        self._node = node
+        self._processor = processor
+        self._publishers: ResultPublishers | None = None
+        self._compressed = False
+        self._awaits_first = True
+        self._logged: dict[str, float] = {}
+
+    def restart(self, publishers: ResultPublishers, *, compressed: bool) -> None:
+        """Begin afresh: nothing from before is remembered.
+
+        Args:
+            publishers: of the processor's topics.
+            compressed: whether images come as CompressedImage.
+        """
+        with self.lock:
+            self._processor.reset()
+            self._publishers, self._compressed = publishers, compressed
+            self.stamps = StampMonitor()
+            self.statistics.restart()
+            self._awaits_first = True
+
+    def answer(self, received: ReceivedImage) -> None:
+        """Process an image and publish its results; never raises."""
+        try:
+            self._answer(received)
+        except DuplicateStampError as error:
+            self._reject('duplicate stamp', str(error))
+        except ImageError as error:
+            self._reject('bad image', str(error))
+        except Exception as error:
+            if not self._node.context.ok():
+                # The process ends; nothing can be published any more.
+                return
+            # A defect of ours must not end the flight: it is counted and shown like a bad frame,
+            # and what it may have left half done is forgotten.
+            with self.lock:
+                self._processor.reset()
+            self._reject('internal error', f'{type(error).__name__}: {error}')
+
+    def _answer(self, received: ReceivedImage) -> None:
+        publishers = self._publishers
+        assert publishers is not None
+        start = time.perf_counter()
+        with self.lock:
+            self.statistics.arrived()
+            if not self.enabled:
+                return
+        frame = self._decode(received)
+        decoded = time.perf_counter()
+        with self.lock:
+            self.stamps.follow(frame.stamp_ns)
+            outputs = self._processor.process(frame)
+        processed = time.perf_counter()
+        publishers.publish(outputs)
+        published = time.perf_counter()
+        times = FrameTimes(
+            transport=received.transport,
+            decode=decoded - start,
+            process=processed - decoded,
+            publish=published - processed,
+            total=published - received.taken,
+        )
+        debug = publishers.debug_wanted()
+        with self.lock:
+            self.image_format = f'{frame.image.width}x{frame.image.height} {frame.image.encoding}'
+            self.statistics.processed_one(times)
+            images = self._processor.draw(debug) if debug else []
+        publishers.publish(images)
+        if self._awaits_first:
+            self._awaits_first = False
+            words = f'first image: {self.image_format}, frame {frame.frame_id!r}'
+            self._node.get_logger().info(words)
+
+    def _decode(self, received: ReceivedImage) -> Frame:
+        data, info = received.data, received.info
+        if isinstance(data, Frame):
+            return data
+        if self._compressed:
+            compressed = view_compressed_image(data)
+            image = decode_compressed_image(compressed)
+            stamp_ns, frame_id = compressed.stamp_ns, compressed.frame_id
+        else:
+            message = view_image(data)
+            image = decode_image(message)
+            stamp_ns, frame_id = message.stamp_ns, message.frame_id
+        camera = None if info is None else decode_camera_info(info)
+        return Frame(stamp_ns, frame_id, image, camera, received.attitude)
+
+    def _reject(self, kind: str, reason: str) -> None:
+        with self.lock:
+            self.statistics.reject(kind, reason)
+        # rclpy's own throttle goes by the line of code: one kind would silence the others.
+        now = time.monotonic()
+        if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
+            self._logged[kind] = now
+            self._node.get_logger().warning(f'frame dropped, {kind}: {reason}')

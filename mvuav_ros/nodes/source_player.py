@@ -1,0 +1,178 @@
+"""Playing a source in a thread of its own: pace, pause, restart, the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Event, Thread
+
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+from mvuav_ros.nodes.playback import Pace
+from mvuav_ros.nodes.source_status import SourceStatus
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
+from mvuav_ros.vision.image import Image, ImageError
+
+RETRY_INTERVAL = 1.0
+"""Seconds between two attempts to open a camera."""
+LOG_INTERVAL = 5.0
+SETTLING_TIME = 0.3
+"""Seconds from the moment that we see a subscriber until it surely sees us."""
+
+
+class SourcePlayer:
+    """Reads a source and publishes its frames when they are due.
+
+    Attributes:
+        failed: whether the source broke in a way that nothing here is made for.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        source: FrameSource,
+        status: SourceStatus,
+        current: Callable[[], VideoSourceParameters],
+        publish: Callable[[Frame], Image],
+        subscribers: Callable[[], int],
+    ) -> None:
+        """Prepare; `start` plays.
+
+        Args:
+            node: for its log and its context.
+            source: closed by `stop`.
+            status: told what happens.
+            current: the parameters at this moment.
+            publish: sends a frame.
+            subscribers: how many get it.
+        """
+        self.failed = False
+        self._node = node
+        self._source = source
+        self._status = status
+        self._current = current
+        self._publish = publish
+        self._subscribers = subscribers
+        self._stop, self._interrupt, self._running = Event(), Event(), Event()
+        self._running.set()
+        self._rewind = False
+        self._thread = Thread(target=self._run, name='source', daemon=True)
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+        return not self._running.is_set()
+
+    def start(self) -> None:
+        """Play, from the start of the source."""
+        self._thread.start()
+
+    def pause(self) -> None:
+        """Hold after the present frame."""
+        self._running.clear()
+
+    def resume(self) -> None:
+        """Go on after `pause`."""
+        self._running.set()
+
+    def restart(self) -> None:
+        """Play from the start again."""
+        self._rewind = True
+        self._interrupt.set()
+        self._running.set()
+
+    def stop(self) -> None:
+        """End the thread and let go of the device or file."""
+        self._stop.set()
+        self._interrupt.set()
+        self._running.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+        self._source.close()
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_subscribers()
+            while not self._stop.is_set():
+                self._interrupt.clear()
+                self._rewind = False
+                self._status.state = 'playing'
+                self._play()
+        except ExternalShutdownException:
+            pass
+        except Exception as error:
+            if self._stop.is_set() or not self._node.context.ok():
+                return
+            self.failed = True
+            words = f'{self._source.name}: {type(error).__name__}: {error}'
+            self._node.get_logger().fatal(words)
+            self._node.context.try_shutdown()
+
+    def _wait_for_subscribers(self) -> None:
+        wanted = self._current().wait_for_subscribers
+        if self._source.live or wanted == 0:
+            return
+        if self._subscribers() < wanted:
+            self._node.get_logger().info(
+                f'{self._source.name}: waiting for {wanted} subscriber(s) of image_raw '
+                '(wait_for_subscribers:=0 starts at once)'
+            )
+        while not self._stop.is_set() and self._subscribers() < wanted:
+            self._stop.wait(0.05)
+        self._stop.wait(SETTLING_TIME)
+
+    def _play(self) -> None:
+        """The source once from the start, then wait for a restart unless it loops."""
+        pace, count, bad = Pace(), 0, 0
+        try:
+            for frame in self._source.frames():
+                if not self._due(frame, pace):
+                    return
+                sent = self._send(frame)
+                count, bad = count + sent, bad + (not sent)
+        except SourceError as error:
+            self._warn(f'{error}; trying again')
+            self._status.state = 'retrying'
+            self._stop.wait(RETRY_INTERVAL)
+            return
+        self._at_end(count, bad)
+
+    def _due(self, frame: Frame | BadFrame, pace: Pace) -> bool:
+        """Wait until a frame is due; False where it is not wanted any more."""
+        self._running.wait()
+        unwanted = self._stop.is_set() or self._rewind
+        if unwanted or self._source.live or isinstance(frame, BadFrame):
+            return not unwanted
+        pace.wait(frame.stamp_ns, self._current().rate, self._interrupt)
+        return not self._rewind
+
+    def _send(self, frame: Frame | BadFrame) -> bool:
+        if isinstance(frame, BadFrame):
+            self._warn(f'frame skipped: {frame.reason}')
+            return False
+        try:
+            self._status.published(self._publish(frame))
+        except ImageError as error:
+            self._warn(f'frame skipped: {error}')
+            return False
+        return True
+
+    def _at_end(self, count: int, bad: int) -> None:
+        for loss in self._source.losses:
+            self._warn(loss)
+        self._source.losses.clear()
+        if self._current().loop and count:
+            return
+        self._status.state = 'ended'
+        skipped = f', {bad} unusable' if bad else ''
+        self._node.get_logger().info(
+            f'end of {self._source.name} after {count} frames{skipped}; call ~/restart to play it '
+            'again, or set loop'
+        )
+        while not (self._stop.is_set() or self._rewind or self._current().loop):
+            self._interrupt.wait(0.2)
+
+    def _warn(self, text: str) -> None:
+        self._status.trouble(text)
+        self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)

@@ -1,0 +1,76 @@
+"""From ``--nodes``, a ``--params-file`` and ``--param`` to each node's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.parameter_file import (
+    is_every_nodes,
+    parse_assignment,
+    read_parameter_values,
+)
+from mvuav_ros.processing.registry import PROCESSORS
+
+NodeParameters = dict[str, dict[str, Value]]
+"""What differs from the defaults, by node and parameter."""
+
+
+def node_names(text: str | None, otherwise: Sequence[str] = tuple(PROCESSORS)) -> list[str]:
+    """The nodes that a user names, separated by commas.
+
+    Args:
+        text: None where the option was left out.
+        otherwise: the nodes of such a command.
+
+    Raises:
+        ParameterError: there is no such node, or none is named.
+    """
+    if text is None:
+        return list(otherwise)
+    names = list(dict.fromkeys(name.strip() for name in text.split(',') if name.strip()))
+    unknown = [name for name in names if name not in PROCESSORS]
+    if unknown or not names:
+        raise ParameterError(
+            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
+        )
+    return names
+
+
+def resolve_parameters(
+    nodes: Sequence[str], path: Path | None = None, assignments: Iterable[str] = ()
+) -> NodeParameters:
+    """The values that a parameter file and then single assignments give to nodes.
+
+    Args:
+        nodes: their names.
+        path: a ROS 2 parameter file.
+        assignments: each written ``node:name:=value``.
+
+    Raises:
+        ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
+            or the file none of parameters.
+    """
+    given: dict[str, dict[str, object]] = {
+        node: read_parameter_values(path, node) if path else {} for node in nodes
+    }
+    for node, name, value in map(parse_assignment, assignments):
+        if node not in given:
+            raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
+        given[node][name] = value
+    return {node: _valid(node, values) for node, values in given.items()}
+
+
+def complete(parameters: NodeParameters) -> NodeParameters:
+    """Every parameter of the nodes, the defaults included."""
+    return {
+        node: PROCESSORS[node].parameters_type.from_mapping(values).as_dict()
+        for node, values in parameters.items()
+    }
+
+
+def _valid(node: str, values: dict[str, object]) -> dict[str, Value]:
+    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
+    known = PROCESSORS[node].parameters_type.from_mapping(own).as_dict()
+    return {name: known[name] for name in own}

@@ -1,0 +1,267 @@
+"""Processes that do tasks: for replay, sweeps, the thesis's flights, the panel and bench."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
+
+import cv2
+
+from mvuav_ros.offline.stopping import (
+    SIGNALS,
+    Stop,
+    signals_held_back,
+    stop_on_signals,
+)
+from mvuav_ros.processing.process_tuning import keep_freed_memory
+
+ResultT = TypeVar('ResultT')
+
+Report = Callable[[Any], None]
+Work = Callable[[Any, Report, Stop], Any]
+"""Takes a task, a function that tells the parent how far it is, and when to end."""
+Method = Literal['fork', 'spawn']
+"""Forking is quick, but right only where the parent has no threads of its own or OpenCV's."""
+
+_PARENT_LOOK = 1.0
+
+
+class ProcessDiedError(Exception):
+    """A process ended in the middle of its work."""
+
+
+class Told(NamedTuple):
+    """What the work on a task says meanwhile."""
+
+    number: int
+    message: Any
+
+
+@dataclass(frozen=True)
+class Done(Generic[ResultT]):
+    """A task that has ended: its number, and its result or what went wrong."""
+
+    number: int
+    result: ResultT | None
+    error: Exception | None = None
+
+
+class Worker:
+    """A process that does one task after the other; ``fileno`` can be read when it says something.
+
+    Ctrl-C in a terminal reaches it too and is left to the parent, which asks by `request_stop`.
+    """
+
+    def __init__(
+        self, work: Work, method: Method = 'spawn', threads: int = 1, *, may_fork: bool = False
+    ) -> None:
+        """Start the process.
+
+        Args:
+            work: does the tasks; a function of a module, or an object that can be pickled.
+            method: how to start it.
+            threads: OpenCV's.
+            may_fork: whether its work starts processes; `end` must then be called before the exit.
+        """
+        context: Any = multiprocessing.get_context(method)
+        self._connection, theirs = context.Pipe()
+        forked = self._connection if method == 'fork' else None
+        self._process = context.Process(
+            target=_serve, args=(theirs, forked, work, threads), daemon=not may_fork
+        )
+        # It would let the signals through again when it is started with the first process.
+        if method == 'spawn':
+            resource_tracker.ensure_running()
+        with signals_held_back():
+            self._process.start()
+        theirs.close()
+
+    def fileno(self) -> int:
+        """Can be read when `receive` has something."""
+        return int(self._connection.fileno())
+
+    def send(self, number: int, task: Any) -> None:
+        """Give it a task; what has died meanwhile is told by `receive`."""
+        try:
+            self._connection.send((number, task))
+        except OSError:
+            self._process.join()
+
+    def receive(self) -> Told | Done[Any]:
+        """Wait for what it says.
+
+        Raises:
+            ProcessDiedError: it has ended.
+        """
+        try:
+            message: Told | Done[Any] = self._connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            raise ProcessDiedError(_ending(self._process.exitcode)) from None
+        return message
+
+    def request_stop(self) -> None:
+        """Have the task that it is at end in good order."""
+        if self._process.is_alive():
+            self._process.terminate()
+
+    def end(self, closing_time: float = 0.0) -> None:
+        """End the process; after ``closing_time`` (s) by force."""
+        self._connection.close()
+        if closing_time:
+            self._process.join(closing_time)
+        if self._process.exitcode is None:
+            self._process.kill()
+            self._process.join()
+
+
+def run_in_processes(
+    work: Work,
+    tasks: Sequence[Any],
+    at_once: int,
+    stop: Stop,
+    *,
+    method: Method = 'spawn',
+    closing_time: float = 30.0,
+) -> Generator[Told | Done[Any], None, None]:
+    """Do tasks in so many processes; one that dies costs its own task only.
+
+    Once the end is asked for no task is begun, and those under way are asked to end as well.
+
+    Args:
+        work: does a task.
+        tasks: in the order in which they are begun.
+        at_once: number of processes.
+        stop: when to end.
+        method: how the processes are started.
+        closing_time: that tasks under way have to end, s.
+
+    Yields:
+        What the tasks tell, and each one's end, in the order in which they come.
+    """
+    waiting = deque(enumerate(tasks))
+    threads = max(1, (os.cpu_count() or 1) // at_once)
+    idle: list[Worker] = []
+    busy: dict[Worker, int] = {}
+    deadline: float | None = None
+    try:
+        while waiting or busy:
+            if stop and deadline is None:
+                deadline = time.monotonic() + closing_time
+                waiting.clear()
+                for worker in busy:
+                    worker.request_stop()
+            while waiting and len(busy) < at_once:
+                worker = idle.pop() if idle else Worker(work, method, threads)
+                number, task = waiting.popleft()
+                worker.send(number, task)
+                busy[worker] = number
+            for worker in _speaking(busy, stop, deadline):
+                message = _heard(worker, busy[worker])
+                if isinstance(message, Done):
+                    del busy[worker]
+                    if isinstance(message.error, ProcessDiedError):
+                        worker.end()
+                    else:
+                        idle.append(worker)
+                yield message
+            if deadline is not None and time.monotonic() > deadline:
+                late = ProcessDiedError(f'did not end within {closing_time:g} s, and was killed')
+                yield from (Done(number, None, late) for number in busy.values())
+                break
+    finally:
+        for worker in [*idle, *busy]:
+            worker.end()
+
+
+def _speaking(busy: dict[Worker, int], stop: Stop, deadline: float | None) -> list[Worker]:
+    """The workers that have something to say; none where the end was asked for first."""
+    descriptors = [worker.fileno() for worker in busy]
+    if deadline is None:
+        ready = wait([*descriptors, stop.fileno()])
+    else:
+        ready = wait(descriptors, max(0.0, deadline - time.monotonic()))
+    return [worker for worker in busy if worker.fileno() in ready]
+
+
+def _heard(worker: Worker, number: int) -> Told | Done[Any]:
+    try:
+        return worker.receive()
+    except ProcessDiedError as error:
+        return Done(number, None, error)
+
+
+def attempted(number: int, work: Callable[[], ResultT]) -> Done[ResultT]:
+    """The result of some work, or what went wrong."""
+    try:
+        return Done(number, work())
+    except Exception as error:
+        return Done(number, None, error)
+
+
+def _serve(
+    connection: Connection, parents_end: Connection | None, work: Work, threads: int
+) -> None:
+    """The life of a worker's process."""
+    if parents_end is not None:
+        # Forked with the rest of the parent: only without it does the pipe ever break.
+        parents_end.close()
+    parent = os.getppid()
+    with stop_on_signals() as stop:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+        cv2.setNumThreads(threads)
+        keep_freed_memory()
+        try:
+            while (given := _next_task(connection, stop, parent)) is not None:
+                number, task = given
+
+                def report(message: Any, number: int = number) -> None:
+                    # The pipe need not break: processes forked later hold it open as well.
+                    if os.getppid() != parent:
+                        stop.request()
+                    connection.send(Told(number, message))
+
+                done = attempted(number, partial(work, task, report, stop))
+                connection.send(_sendable(done))
+        except (BrokenPipeError, ConnectionResetError):
+            pass
+
+
+def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, Any] | None:
+    """Wait for a task; None when there will be none any more."""
+    while not stop and os.getppid() == parent:
+        if connection in wait([connection, stop.fileno()], _PARENT_LOOK):
+            try:
+                task: tuple[int, Any] = connection.recv()
+            except EOFError:
+                return None
+            return task
+    return None
+
+
+def _sendable(done: Done[Any]) -> Done[Any]:
+    """With an error that survives the way to the parent."""
+    if done.error is not None:
+        try:
+            pickle.loads(pickle.dumps(done.error))
+        except Exception:
+            return Done(done.number, None, RuntimeError(str(done.error)))
+    return done
+
+
+def _ending(exitcode: int | None) -> str:
+    if exitcode is None or exitcode >= 0:
+        return f'its process ended with status {exitcode}'
+    name = signal.Signals(-exitcode).name
+    return f'its process ended with {name}' + (' (out of memory?)' if name == 'SIGKILL' else '')

@@ -1,0 +1,36 @@
+"""Many recordings on one machine: so many at a time, each in a process."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+
+from mvuav_ros.offline.processes import Told, run_in_processes
+from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
+from mvuav_ros.offline.stopping import Stop
+
+Event = tuple[int, JobProgress | ReplayOutcome]
+"""The number of a job, and how far it is or what became of it."""
+
+
+def run_jobs(jobs: Sequence[ReplayJob], at_once: int, stop: Stop) -> Generator[Event, None, None]:
+    """Do the jobs, so many at a time; interrupted, those under way close their files.
+
+    A process that dies costs its own recording only.
+
+    Args:
+        jobs: in the order in which they are begun.
+        at_once: the number of processes.
+        stop: when to end early.
+
+    Yields:
+        Each job's progress and, at its end, its outcome.
+    """
+    # Forked, as importing everything anew takes a second; this process has no threads.
+    for message in run_in_processes(attempt, jobs, at_once, stop, method='fork'):
+        if isinstance(message, Told):
+            yield message.number, message.message
+        elif message.result is not None:
+            yield message.number, message.result
+        else:
+            job = jobs[message.number]
+            yield message.number, ReplayOutcome(job.source, job.output, failure=str(message.error))

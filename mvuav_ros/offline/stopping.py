@@ -1,0 +1,130 @@
+"""One request to end, which every loop looks at: Ctrl-C and SIGTERM only set a flag.
+
+A handler that raises may land anywhere: between a lock and its ``with``, in a destructor, in a
+callback. There the interruption is lost, or the lock is never let go of. These handlers raise
+nothing; what is to end in good order looks at the flag, or waits for the descriptor beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TypeVar
+
+ResultT = TypeVar('ResultT')
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+PATIENCE = 10.0
+"""Seconds after which a further signal ends the process at once."""
+_LOOK = 0.05
+
+
+class Interrupted(BaseException):
+    """Raised where a loop has seen the request and everything is closed, never by a handler.
+
+    No KeyboardInterrupt: typer would make status 130 of it, whatever the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f'interrupted by signal {number}')
+        self.number = number
+
+
+class Stop:
+    """Whether somebody wants the work to end.
+
+    Attributes:
+        number: of the signal that asked for it; 0 before.
+    """
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._reader, self._writer = os.pipe()
+
+    def __bool__(self) -> bool:
+        return self.number != 0
+
+    def request(self, number: int = signal.SIGTERM) -> None:
+        """Ask for the end; may be called by a signal's handler, and by any thread."""
+        if not self.number:
+            self.number = number
+            os.write(self._writer, b'\0')
+
+    def fileno(self) -> int:
+        """A descriptor that can be read from the request on, for whoever waits for several."""
+        return self._reader
+
+    def unless_requested(self, function: Callable[[], ResultT]) -> ResultT | None:
+        """What a function returns, or None as soon as the end is asked for.
+
+        It runs in a thread, which is left behind then: for what looks at no flag, such as the
+        opening of a damaged recording.
+
+        Raises:
+            Exception: what the function raises.
+        """
+        results: list[ResultT] = []
+        errors: list[BaseException] = []
+        done = threading.Event()
+
+        def run() -> None:
+            try:
+                results.append(function())
+            except BaseException as error:
+                errors.append(error)
+            done.set()
+
+        threading.Thread(target=run, name='opening', daemon=True).start()
+        while not done.wait(_LOOK):
+            if self:
+                return None
+        if errors:
+            raise errors[0]
+        return results[0]
+
+    def close(self) -> None:
+        """Let go of the descriptors."""
+        os.close(self._reader)
+        os.close(self._writer)
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """A request that SIGINT and SIGTERM make; once made, they are ignored after the block.
+
+    Outside of the main thread, which alone gets signals, nothing makes it but `Stop.request`.
+    """
+    stop = Stop()
+    requested = 0.0
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        nonlocal requested
+        if stop and time.monotonic() > requested + PATIENCE:
+            os._exit(128 + number)
+        requested = requested or time.monotonic()
+        stop.request(number)
+
+    ours = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, note) for number in SIGNALS} if ours else {}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            # The rest of a process that is ending must not be disturbed by a second Ctrl-C.
+            signal.signal(number, signal.SIG_IGN if stop else handler)
+        stop.close()
+
+
+@contextmanager
+def signals_held_back() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait until the block is done."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

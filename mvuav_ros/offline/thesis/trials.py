@@ -1,0 +1,97 @@
+"""The four trials of chapter 5.1, each flown several times, and their errors of prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
+from mvuav_ros.offline.evaluation.numbers import Array, Interval, distance_rms, pooled_rms
+from mvuav_ros.offline.thesis import known
+from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracking_pipelines, words
+from mvuav_ros.simulation.settings import TRIALS, TankerSettings
+from mvuav_ros.simulation.shake import VIBRATIONS
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One of the thesis's trials.
+
+    Attributes:
+        number: 1 to 4.
+        flights: the same trial with other seeds; figures show the first.
+    """
+
+    number: int
+    flights: tuple[FlownMarkers, ...]
+
+    @property
+    def motion(self) -> str:
+        """How the tanker moves, in words."""
+        return words(self.flights[0].settings.motion)
+
+    @property
+    def title(self) -> str:
+        """Number and motion."""
+        return f'Trial {self.number}: {self.motion}'
+
+    @property
+    def first(self) -> FlownMarkers:
+        """The flight that figures show."""
+        return self.flights[0]
+
+    def error(self, method: str, marker: int) -> Interval:
+        """RMS of predicted minus found of one marker over all flights, px."""
+        return pooled_rms([lengths(flight, method)[:, marker] for flight in self.flights])
+
+    def pooled(self, method: str) -> float:
+        """The same over all markers and flights."""
+        return distance_rms(np.concatenate([f.runs[method].prediction_error for f in self.flights]))
+
+
+def lengths(flight: FlownMarkers, method: str) -> Array:
+    """Distance between predicted and found, (n, 5) px."""
+    error = flight.runs[method].prediction_error
+    return np.asarray(np.hypot(error[..., 0], error[..., 1]))
+
+
+def trial_settings(plan: Plan, trial: str, shake: int = 0, repeat: int = 0) -> TankerSettings:
+    """A trial's flight: 10 s at 15 frames/s, as in the thesis."""
+    return TankerSettings(
+        motion=trial,
+        fps=known.TRIAL_FPS,
+        frames=plan.trial_frames,
+        seed=plan.seed_of(repeat),
+        shake=shake,
+    )
+
+
+def tracking_tasks(plan: Plan) -> list[MarkerTask]:
+    """The four trials without vibration, as often as planned, then once with each vibration."""
+    steady = [(trial, 0, repeat) for trial in TRIALS for repeat in range(plan.trial_repeats)]
+    shaken = [(trial, shake, 0) for trial in TRIALS for shake in range(1, len(VIBRATIONS))]
+    return [
+        MarkerTask(trial_settings(plan, *which), tracking_pipelines())
+        for which in (*steady, *shaken)
+    ]
+
+
+def fly_trials(runner: ExperimentRunner) -> tuple[list[Trial], list[FlownMarkers]]:
+    """The trials on a steady camera, and one flight for each trial and vibration."""
+    flown = runner.all_of(fly_markers, tracking_tasks(runner.plan))
+    return trials_of(flown), [f for f in flown if f.settings.shake]
+
+
+def trials_of(flown: Sequence[FlownMarkers]) -> list[Trial]:
+    """The flights on a steady camera, by trial."""
+    return [
+        Trial(number, flights)
+        for number, motion in enumerate(TRIALS, 1)
+        if (
+            flights := tuple(
+                f for f in flown if f.settings.motion == motion and not f.settings.shake
+            )
+        )
+    ]

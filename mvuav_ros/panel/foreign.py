@@ -1,0 +1,108 @@
+"""What nodes, bags and files say, made fit for the page: the one door through which it comes in.
+
+Whatever passes is text of bounded length that cannot break a line, a layout or a number. The page
+shows it as text only and never puts it into markup, into an attribute that the browser acts on,
+or into a string that NiceGUI parses (``props``, ``classes``, ``style``).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+from itertools import islice
+from typing import Any, Protocol
+
+LONGEST_WORDS = 200
+LONGEST_DESCRIPTION = 2000
+LONGEST_NAME = 255
+"""Characters of a ROS name; DDS itself allows no more."""
+_MOST_VALUES = 100
+_MOST_STATUSES = 100
+_MOST_MARKS = 2
+"""Combining marks on one letter; towers of them cover other lines."""
+_LINE = re.compile(r'\bline (\d{1,4})\b', re.ASCII)
+_ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
+
+
+class KeyValue(Protocol):
+    """As diagnostic_msgs has it."""
+
+    key: str
+    value: str
+
+
+def words(text: object, longest: int = LONGEST_WORDS) -> str:
+    """One line of visible characters, cut where it is too long."""
+    raw = str(text)
+    if len(raw) <= longest and raw.isascii() and raw.isprintable() and '  ' not in raw:
+        return raw.strip()
+    shown: list[str] = []
+    marks = 0
+    for letter in raw[: 4 * longest]:
+        if len(shown) > longest:
+            break
+        category = unicodedata.category(letter)
+        if letter.isspace() or category in ('Zl', 'Zp', 'Cc'):
+            letter = ' '
+        elif category[0] == 'C':
+            # Unseen: direction overrides, joiners, surrogates, private use.
+            continue
+        marks = marks + 1 if category[0] == 'M' else 0
+        if marks <= _MOST_MARKS and (letter != ' ' or not shown or shown[-1] != ' '):
+            shown.append(letter)
+    line = ''.join(shown).strip()
+    if len(line) > longest or len(raw) > 4 * longest:
+        return line[: longest - 1].rstrip() + '…'
+    return line
+
+
+def is_plain(text: str, longest: int = LONGEST_WORDS) -> bool:
+    """Whether `words` would show the text as it is."""
+    return words(text, longest) == text
+
+
+def number(text: object) -> float:
+    """The finite number that a text says; NaN where it says none."""
+    try:
+        value = float(str(text)[:LONGEST_WORDS])
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def fixed(text: object, digits: int) -> str:
+    """A number with so many digits after the point; ``-`` where the text is no number."""
+    value = number(text)
+    if math.isnan(value):
+        return '-'
+    return f'{value:.{digits}f}' if abs(value) < 1e9 else f'{value:.{digits}e}'
+
+
+def from_one(name: str) -> str:
+    """``line 0`` as ``line 1``: as the lines are numbered in the images."""
+    return _LINE.sub(lambda found: f'line {int(found[1]) + 1}', name)
+
+
+def is_ros_name(text: str) -> bool:
+    """Whether a node or topic can have this name; what else is announced was made to harm."""
+    return len(text) <= LONGEST_NAME and _ROS_NAME.fullmatch(text) is not None
+
+
+def key_values(pairs: Iterable[KeyValue]) -> dict[str, str]:
+    """Keys and values of a diagnostic status."""
+    return {words(pair.key): words(pair.value) for pair in islice(pairs, _MOST_VALUES)}
+
+
+def statuses(message: Any) -> dict[str, dict[str, str]]:
+    """The statuses of a DiagnosticArray by name, each with its keys and values."""
+    return {words(each.name): key_values(each.values) for each in message.status[:_MOST_STATUSES]}
+
+
+def parameter_value(value: Any) -> Any:
+    """A parameter's value: a scalar as it is, a list as a line of text."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    items: Sequence[Any] = value
+    return words(', '.join(words(item) for item in items[:_MOST_VALUES]))

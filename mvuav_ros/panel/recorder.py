@@ -1,0 +1,104 @@
+"""A node's input and results, as they come over DDS, into a recording."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, CompressedImage
+from sensor_msgs.msg import Image as RosImage
+
+from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.serialization.type_name import type_name
+from mvuav_ros.recordings.writing import RecordingWriter
+
+LONGEST = 600.0
+"""Seconds, after which a recording that was forgotten ends."""
+
+
+class Recorder:
+    """Records one node until it is stopped; its file can be replayed.
+
+    Attributes:
+        messages: written so far.
+        error: why it ended by itself; empty while it goes on.
+    """
+
+    def __init__(self, ros: RosThread, node: LiveNode, path: Path) -> None:
+        """Begin.
+
+        Args:
+            ros: our own node.
+            node: the other node.
+            path: the file to write; its folder is made.
+
+        Raises:
+            RecordingError: the file cannot be written.
+            OSError: its folder cannot be made.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path, self.messages, self.error = path, 0, ''
+        self._ros, self._began = ros, time.monotonic()
+        self._writer = RecordingWriter(path, metadata={'recorded': {'node': node.name}})
+        self._subscriptions: list[Any] = []
+        self._topics = _topics(node)
+        ros.do(self._open)
+
+    @property
+    def seconds(self) -> float:
+        """Since it began."""
+        return time.monotonic() - self._began
+
+    async def stop(self) -> None:
+        """End the recording.
+
+        Raises:
+            RecordingError: the file could not be completed.
+        """
+        await self._ros.call(self._unsubscribe)
+        self._writer.close()
+
+    def _open(self) -> None:
+        for topic, kind in self._topics.items():
+            image = kind in (RosImage, CompressedImage)
+            qos: Any = qos_profile_sensor_data if image else QoSProfile(depth=100)
+            self._subscriptions.append(
+                self._ros.node.create_subscription(
+                    kind, topic, self._keeper(topic, type_name(kind)), qos, raw=True
+                )
+            )
+
+    def _unsubscribe(self) -> None:
+        for subscription in self._subscriptions:
+            self._ros.node.destroy_subscription(subscription)
+        self._subscriptions = []
+
+    def _keeper(self, topic: str, kind: str) -> Any:
+        def keep(data: bytes) -> None:
+            if self.error:
+                return
+            try:
+                self._writer.write(topic, kind, time.time_ns(), data)
+                self.messages += 1
+            except RecordingError as error:
+                self.error = str(error)
+            if self.seconds > LONGEST:
+                self.error = f'ended after {LONGEST:.0f} s'
+
+        return keep
+
+
+def _topics(node: LiveNode) -> dict[str, type]:
+    processor = PROCESSORS[node.kind]
+    topics = {**processor.topics, **processor.periodic_topics}
+    found: dict[str, type] = {f'{node.name}/{topic}': kind for topic, kind in topics.items()}
+    if node.image_topic:
+        found[node.image_topic] = CompressedImage if node.found.compressed else RosImage
+        base = node.image_topic.removesuffix('/compressed').rpartition('/')[0]
+        found[f'{base}/camera_info'] = CameraInfo
+    return found

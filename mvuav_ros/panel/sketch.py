@@ -1,0 +1,155 @@
+"""A pose as a few numbers and lines: the runway as the camera sees it, or the tanker's attitude."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Segment = tuple[str, float, float, float, float]
+"""Colour and two points; the sketch reaches from -1 to 1, y down."""
+
+_OPTICAL_FROM_BODY: Array = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
+_FOCAL = 1.6
+"""In half widths of the sketch: 64 degrees wide."""
+_RUNWAY_LENGTH, _USUAL_WIDTH, _FAR, _NEAREST = 1500.0, 45.0, 1e5, 0.5
+_TANKER_REACH = 38.0
+_TANKER = (
+    ('ink', (-36.0, 0.0, 0.0), (34.0, 0.0, 0.0)),
+    ('left', (4.0, 0.0, 0.0), (-12.0, 29.8, 1.0)),
+    ('right', (4.0, 0.0, 0.0), (-12.0, -29.8, 1.0)),
+    ('left', (-32.0, 0.0, 2.0), (-37.0, 11.0, 3.0)),
+    ('right', (-32.0, 0.0, 2.0), (-37.0, -11.0, 3.0)),
+    ('accent', (-32.0, 0.0, 1.0), (-36.5, 0.0, 13.0)),
+)
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """What the page shows of a pose.
+
+    Attributes:
+        numbers: label and value with unit.
+        segments: lines.
+    """
+
+    numbers: tuple[tuple[str, str], ...]
+    segments: tuple[Segment, ...] = ()
+
+
+def sketch_runway(position: Sequence[float], rotation: Array, width: float) -> Sketch:
+    """The camera before a runway.
+
+    Args:
+        position: of the camera in the runway's frame, m; see `Guidance`.
+        rotation: (3, 3), runway's frame from the camera's body axes.
+        width: of the runway, m; 0: not known.
+    """
+    x, y, z = position
+    roll, pitch, yaw = _angles(rotation)
+    numbers = (
+        ('before the near end', _metres(-x)),
+        ('left of the centreline', _metres(y)),
+        ('height', _metres(z)),
+        ('roll', _degrees(roll)),
+        ('pitch', _degrees(pitch)),
+        ('heading error', _degrees(yaw)),
+    )
+    if not all(map(math.isfinite, (y, z, *rotation.flat))):
+        return Sketch(numbers)
+    place = np.array([x if math.isfinite(x) else 0.0, y, z])
+    half = (width if width > 0 else _USUAL_WIDTH) / 2
+    near, far = (0.0, _RUNWAY_LENGTH)
+    lines = [
+        ('ink', (near, -half), (near, half)),
+        ('ink', (far, -half), (far, half)),
+        ('ink', (near, half), (far, half)),
+        ('ink', (near, -half), (far, -half)),
+        ('soft', (near, 0.0), (far, 0.0)),
+        ('accent', (_FAR, 0.8 * _FAR), (_FAR, -0.8 * _FAR)),
+    ]
+    optical = _OPTICAL_FROM_BODY @ rotation.T
+    seen = (
+        _projected(color, optical @ (np.array((*a, 0.0, *b, 0.0)).reshape(2, 3) - place).T)
+        for color, a, b in lines
+    )
+    return Sketch(numbers, tuple(each for each in seen if each is not None))
+
+
+def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
+    """A body before the camera.
+
+    Args:
+        position: of the body in the optical frame, m.
+        rotation: (3, 3), optical frame from the body's.
+    """
+    x, y, z = position
+    roll, pitch, yaw = _angles(_OPTICAL_FROM_BODY.T @ rotation)
+    numbers = (
+        ('ahead', _metres(z)),
+        ('to the right', _metres(x)),
+        ('below', _metres(y)),
+        ('roll', _degrees(roll)),
+        ('pitch', _degrees(pitch)),
+        ('yaw', _degrees(yaw)),
+    )
+    if not all(map(math.isfinite, (x, y, z, *rotation.flat))):
+        return Sketch(numbers)
+    segments = []
+    for color, start, end in _TANKER:
+        ends = rotation @ np.array((start, end)).T / _TANKER_REACH
+        segments.append(_segment(color, ends[:2]))
+    return Sketch(numbers, tuple(segments))
+
+
+def rotation_of(quaternion: Any) -> Array:
+    """A geometry_msgs/Quaternion as a matrix; NaN where it is none."""
+    q = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=float)
+    length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
+    if length < 1e-6:
+        return np.full((3, 3), math.nan)
+    w, x, y, z = q / length
+    return np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        ]
+    )
+
+
+def _projected(color: str, ends: Array) -> Segment | None:
+    """A line (3, 2) in the optical frame, as far as it lies ahead."""
+    depth = ends[2]
+    if depth.max() <= _NEAREST:
+        return None
+    for near, far in ((0, 1), (1, 0)):
+        if depth[near] < _NEAREST:
+            share = (_NEAREST - depth[near]) / (depth[far] - depth[near])
+            ends[:, near] += share * (ends[:, far] - ends[:, near])
+    return _segment(color, _FOCAL * ends[:2] / ends[2])
+
+
+def _segment(color: str, ends: Array) -> Segment:
+    (x1, x2), (y1, y2) = np.clip(ends, -1e4, 1e4).round(4).tolist()
+    return color, x1, y1, x2, y2
+
+
+def _angles(rotation: Array) -> tuple[float, float, float]:
+    """Roll, pitch and yaw, rad: about x, then y, then z."""
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
+    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+def _metres(value: float) -> str:
+    return f'{value:.1f} m' if abs(value) < 1e6 else '-'
+
+
+def _degrees(value: float) -> str:
+    return f'{math.degrees(value):.1f}°' if math.isfinite(value) else '-'

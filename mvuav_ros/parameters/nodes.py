@@ -1,0 +1,48 @@
+"""Each node's parameters by the node's name, and a parameter file read as one of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.parameter_file import is_every_nodes, read_parameter_values
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+
+NODE_PARAMETERS: dict[str, type[ParameterSet]] = {
+    'video_source': VideoSourceParameters,
+    'marker_tracker': MarkerTrackerParameters,
+    'runway_detector': RunwayDetectorParameters,
+}
+
+
+def load_parameters(path: str | Path, node: str) -> ParameterSet:
+    """A node's parameters from a ROS 2 parameter file; what the file leaves out is the default.
+
+    Args:
+        path: YAML file, as ``ros2 param dump`` writes it.
+        node: ``marker_tracker``, ``runway_detector`` or ``video_source``.
+
+    Returns:
+        `MarkerTrackerParameters`, `RunwayDetectorParameters` or `VideoSourceParameters`.
+
+    Raises:
+        ParameterError: no such node, the file cannot be read, or it holds an unknown parameter
+            or a value that the parameter cannot take.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, 'mine.yaml')
+        ...     _ = file.write_text('marker_tracker: {ros__parameters: {threshold: 0.6}}')
+        ...     load_parameters(file, 'marker_tracker').threshold
+        0.6
+    """
+    parameters = NODE_PARAMETERS.get(node)
+    if parameters is None:
+        raise ParameterError(node, f'no such node; there are {", ".join(NODE_PARAMETERS)}')
+    values = read_parameter_values(Path(path), node)
+    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
+    return parameters.from_mapping(own)

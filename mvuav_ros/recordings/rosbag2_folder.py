@@ -1,0 +1,130 @@
+"""Writing a recording as the folder that rosbag2 makes: parts by size, and metadata.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import yaml
+
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.layout import METADATA
+from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.writing import RecordingWriter
+
+_VERSION = 5
+"""Of metadata.yaml: the newest that every release since Humble reads."""
+
+
+class Rosbag2Writer:
+    """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager."""
+
+    def __init__(self, folder: Path, split_bytes: int = 0) -> None:
+        """Create the folder.
+
+        Args:
+            folder: must not exist, or be empty.
+            split_bytes: a part that has reached this size is the last of its kind; 0: no limit.
+
+        Raises:
+            RecordingError: there is something already, or it cannot be created.
+        """
+        self._folder = folder
+        self._split_bytes = split_bytes
+        self._parts: list[_Part] = []
+        self._topics: dict[tuple[str, str], _Topic] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise RecordingError(f'{folder} is not empty; give another folder')
+        except OSError as error:
+            raise RecordingError(f'{folder} cannot be made: {error.strerror or error}') from None
+
+    def __enter__(self) -> Rosbag2Writer:
+        self._begin_part()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._parts[-1].writer.__exit__(kind, error, traceback)
+        (self._folder / METADATA).write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
+
+    def copy(self, message: RecordedMessage) -> None:
+        """Write a message of another recording with its own definition and QoS.
+
+        Raises:
+            RecordingError: the file cannot be written, such as when the disk is full.
+        """
+        if 0 < self._split_bytes <= self._parts[-1].writer.size:
+            self._parts[-1].writer.close()
+            self._begin_part()
+        self._parts[-1].writer.copy(message)
+        self._parts[-1].count(message.stamp_ns)
+        key = message.topic, message.type
+        topic = self._topics.setdefault(key, _Topic(message.qos))
+        topic.messages += 1
+
+    def _begin_part(self) -> None:
+        name = f'{self._folder.resolve().name}_{len(self._parts)}.mcap'
+        self._parts.append(_Part(RecordingWriter(self._folder / name)))
+
+    def _metadata(self) -> dict[str, Any]:
+        filled = [part for part in self._parts if part.messages]
+        first = min((part.first_ns for part in filled), default=0)
+        last = max((part.last_ns for part in filled), default=0)
+        content = {
+            'version': _VERSION,
+            'storage_identifier': 'mcap',
+            **_span(first, last, sum(part.messages for part in filled)),
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': name,
+                        'type': kind,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': topic.qos,
+                    },
+                    'message_count': topic.messages,
+                }
+                for (name, kind), topic in self._topics.items()
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [part.name for part in self._parts],
+            'files': [
+                {'path': part.name, **_span(part.first_ns, part.last_ns, part.messages)}
+                for part in self._parts
+            ],
+        }
+        return {'rosbag2_bagfile_information': content}
+
+
+class _Topic:
+    def __init__(self, qos: str) -> None:
+        self.qos = qos
+        self.messages = 0
+
+
+class _Part:
+    def __init__(self, writer: RecordingWriter) -> None:
+        self.writer = writer
+        self.name = writer.path.name
+        self.messages = self.first_ns = self.last_ns = 0
+
+    def count(self, stamp_ns: int) -> None:
+        self.first_ns = min(self.first_ns, stamp_ns) if self.messages else stamp_ns
+        self.last_ns = max(self.last_ns, stamp_ns)
+        self.messages += 1
+
+
+def _span(first_ns: int, last_ns: int, messages: int) -> dict[str, Any]:
+    return {
+        'duration': {'nanoseconds': last_ns - first_ns},
+        'starting_time': {'nanoseconds_since_epoch': first_ns},
+        'message_count': messages,
+    }

@@ -1,0 +1,142 @@
+"""Cameras through OpenCV, which speaks V4L2 to them on Linux."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
+from mvuav_ros.vision.image import Image
+
+_MANUAL = 1
+"""Of V4L2's auto_exposure: manual mode."""
+_FPS_TOLERANCE = 0.05
+"""Of the frame rate; 29.97 is taken for 30."""
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """What a camera is asked for; a field's default leaves the camera as it is.
+
+    Attributes:
+        width: px.
+        height: px.
+        fps: frames per second.
+        pixel_format: V4L2's four letters, such as YUYV, MJPG or GREY.
+        exposure_time_absolute: V4L2's control, 100 µs.
+        gain: V4L2's control, in the driver's own unit; negative: as it is.
+    """
+
+    width: int = 0
+    height: int = 0
+    fps: float = 0.0
+    pixel_format: str = ''
+    exposure_time_absolute: int = 0
+    gain: int = -1
+
+
+class Camera:
+    """A camera by index or device; frames carry the time at which they arrived."""
+
+    live = True
+    count: int | None = None
+
+    def __init__(self, device: int | str, settings: CameraSettings | None = None) -> None:
+        """Name the camera; it is opened when frames are read."""
+        self.name = f'camera {device}'
+        self.losses: list[str] = []
+        self._device = device
+        self._settings = settings or CameraSettings()
+        self.rate: float | None = self._settings.fps or None
+        self._capture: cv2.VideoCapture | None = None
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read until the camera stops delivering.
+
+        Raises:
+            SourceError: it cannot be opened, does not do what it is asked for, or has been
+                unplugged.
+        """
+        capture = self._capture = cv2.VideoCapture(self._device)
+        try:
+            if not capture.isOpened():
+                raise SourceError(f'{self.name} cannot be opened: is it plugged in and not in use?')
+            self._apply(capture)
+            while True:
+                ok, pixels = capture.read()
+                if not ok:
+                    raise SourceError(f'{self.name} has stopped delivering frames')
+                encoding = 'mono8' if pixels.ndim == 2 else 'bgr8'
+                yield Frame(time.time_ns(), OPTICAL_FRAME, Image(pixels, encoding))
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Let go of the device."""
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def _apply(self, capture: cv2.VideoCapture) -> None:
+        """Ask for the settings, then compare them with what the camera says."""
+        wanted = self._settings
+        if wanted.pixel_format:
+            # First, as the sizes and rates that there are depend on it.
+            capture.set(cv2.CAP_PROP_FOURCC, _fourcc(wanted.pixel_format))
+        for number, value in self._numbers():
+            capture.set(number, value)
+        differences = self._differences(capture)
+        if differences:
+            raise SourceError(
+                f'{self.name}: {", ".join(differences)}; v4l2-ctl --list-formats-ext and '
+                '--list-ctrls show what it offers'
+            )
+
+    def _numbers(self) -> list[tuple[int, float]]:
+        wanted = self._settings
+        numbers: list[tuple[int, float]] = []
+        if wanted.width:
+            numbers.append((cv2.CAP_PROP_FRAME_WIDTH, wanted.width))
+        if wanted.height:
+            numbers.append((cv2.CAP_PROP_FRAME_HEIGHT, wanted.height))
+        if wanted.fps:
+            numbers.append((cv2.CAP_PROP_FPS, wanted.fps))
+        if wanted.exposure_time_absolute:
+            numbers += [
+                (cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL),
+                (cv2.CAP_PROP_EXPOSURE, wanted.exposure_time_absolute),
+            ]
+        if wanted.gain >= 0:
+            numbers.append((cv2.CAP_PROP_GAIN, wanted.gain))
+        return numbers
+
+    def _differences(self, capture: cv2.VideoCapture) -> list[str]:
+        """What the camera says where it is not what it was asked for."""
+        wanted = self._settings
+        differences = []
+        got = _letters(int(capture.get(cv2.CAP_PROP_FOURCC)))
+        if wanted.pixel_format and got != wanted.pixel_format:
+            differences.append(f'pixel_format is {got}, not {wanted.pixel_format}')
+        for name, number in (
+            ('width', cv2.CAP_PROP_FRAME_WIDTH),
+            ('height', cv2.CAP_PROP_FRAME_HEIGHT),
+            ('fps', cv2.CAP_PROP_FPS),
+            ('exposure_time_absolute', cv2.CAP_PROP_EXPOSURE),
+            ('gain', cv2.CAP_PROP_GAIN),
+        ):
+            asked, said = getattr(wanted, name), capture.get(number)
+            tolerance = _FPS_TOLERANCE * asked if name == 'fps' else 0.5
+            if asked != getattr(CameraSettings, name) and abs(said - asked) > tolerance:
+                differences.append(f'{name} is {said:g}, not {asked:g}')
+        return differences
+
+
+def _fourcc(letters: str) -> int:
+    return sum(ord(letter) << 8 * place for place, letter in enumerate(letters.ljust(4)))
+
+
+def _letters(fourcc: int) -> str:
+    return ''.join(chr(fourcc >> 8 * place & 0xFF) for place in range(4)).strip('\0 ')

@@ -1,0 +1,69 @@
+"""The frames of REP-103, and rotations between them.
+
+Bodies and the world: x forward, y left, z up. A camera's optical frame: x right, y down, z ahead.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
+Array = TypeVar('Array', bound=NDArray[Any])
+
+OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
+"""The one matrix from a body's axes to the optical axes of a camera that looks along its x."""
+
+
+def about_x(angle: float) -> Matrix:
+    """Rotation by ``angle`` (rad) about x."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([(1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)])
+
+
+def about_y(angle: float) -> Matrix:
+    """Rotation by ``angle`` (rad) about y."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([(c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)])
+
+
+def about_z(angle: float) -> Matrix:
+    """Rotation by ``angle`` (rad) about z."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
+
+
+def from_rpy(roll: float, pitch: float, yaw: float) -> Matrix:
+    """World from body for REP-103's fixed-axis angles (rad).
+
+    Positive are: roll right wing down, pitch nose down, yaw nose left.
+    """
+    return about_z(yaw) @ about_y(pitch) @ about_x(roll)
+
+
+def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
+    """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
+    m = rotation.tolist()
+    parts = (m[0][0], m[1][1], m[2][2])
+    trace = sum(parts)
+    if trace > max(parts):
+        s = 2.0 * math.sqrt(max(1.0 + trace, 0.0))
+        return (m[2][1] - m[1][2]) / s, (m[0][2] - m[2][0]) / s, (m[1][0] - m[0][1]) / s, 0.25 * s
+    i = parts.index(max(parts))
+    j, k = (i + 1) % 3, (i + 2) % 3
+    s = 2.0 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
+    q = [0.0, 0.0, 0.0]
+    q[i], q[j], q[k] = 0.25 * s, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
+    w = (m[k][j] - m[j][k]) / s
+    sign = -1.0 if w < 0.0 else 1.0
+    return sign * q[0], sign * q[1], sign * q[2], sign * w
+
+
+def read_only(array: Array) -> Array:
+    """Forbid writing to what several frames share."""
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,124 @@
+"""The reprojection error of some markers of a rig, and the poses that make it least."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+
+Array = NDArray[np.float64]
+
+FEWEST = 3
+"""Markers for a pose: with three there may be four solutions, all of which fit."""
+_TILTS = tuple(math.radians(angle) for angle in (-40.0, 0.0, 40.0))
+_REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
+
+Solution = tuple[Array, Array, float]
+"""Rotation vector and translation, each (3, 1), and the sum of the squared residuals, px²."""
+
+
+class Reprojection:
+    """Some markers of a rig in one image."""
+
+    def __init__(self, camera: CameraModel, points: Array, image: Array) -> None:
+        self.image = image
+        self._points = points
+        self._matrix, self._distortion = camera.matrix, camera.distortion
+
+    def refine(self, rvec: Array, tvec: Array) -> Solution | None:
+        """The nearest minimum of the reprojection error; None behind the camera."""
+        try:
+            refined = cv2.solvePnPRefineLM(
+                self._points,
+                self.image,
+                self._matrix,
+                self._distortion,
+                rvec.copy(),
+                tvec.copy(),
+                _REFINEMENT,
+            )
+        except cv2.error:
+            return None
+        rvec, tvec = (np.asarray(vector, np.float64) for vector in refined)
+        if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
+            return None
+        in_front = (self._points @ rotation_of(rvec).T)[:, 2] + tvec[2] > 0.0
+        if not in_front.all():
+            return None
+        seen, _ = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)
+        residual = self.image - seen.reshape(-1, 2)
+        return rvec, tvec, float((residual * residual).sum())
+
+    def solve(self) -> list[Solution]:
+        """All solutions that OpenCV's solvers and a few tilted starts lead to."""
+        starts = self._closed_forms()
+        middle = self._points.mean(axis=0)
+        for rvec, tvec in starts[:1]:
+            centre = rotation_of(rvec) @ middle + tvec.reshape(3)
+            for pitch, yaw in product(_TILTS, _TILTS):
+                rotation = rotation_of(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
+                turned = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
+                starts.append((turned, (centre - rotation @ middle).reshape(3, 1)))
+        refined = [self.refine(rvec, tvec) for rvec, tvec in starts]
+        return [solution for solution in refined if solution is not None]
+
+    def _closed_forms(self) -> list[tuple[Array, Array]]:
+        methods = [cv2.SOLVEPNP_SQPNP]
+        if len(self._points) == FEWEST:
+            methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_SQPNP]
+        found: list[tuple[Array, Array]] = []
+        for method in methods:
+            try:
+                _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
+                    self._points, self.image, self._matrix, self._distortion, flags=method
+                )
+            except cv2.error:
+                continue
+            found += [
+                (np.asarray(rvec, np.float64), np.asarray(tvec, np.float64))
+                for rvec, tvec in zip(rvecs, tvecs, strict=True)
+            ]
+        return found
+
+    def jacobian(self, rvec: Array, tvec: Array) -> Array:
+        """(2n, 6), of the pixels by translation (m) and small turns about the fixed axes (rad)."""
+        derivatives = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)[1]
+        # A step of the rotation vector is a turn by this matrix times the step.
+        by_turn = derivatives[:, :3] @ np.linalg.inv(_left_jacobian(rvec.reshape(3)))
+        return np.hstack((derivatives[:, 3:6], by_turn))
+
+
+def likeness(rotation: Array, rvec: Array) -> float:
+    """1 + 2 cos of the angle between two rotations."""
+    return float(np.sum(rotation * rotation_of(rvec)))
+
+
+def rotation_of(rvec: Array) -> Array:
+    """Rotation matrix of a rotation vector."""
+    return np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
+
+
+def _left_jacobian(rvec: Array) -> Array:
+    """Turn about the fixed axes per step of a rotation vector, (3, 3)."""
+    angle = float(np.linalg.norm(rvec))
+    x, y, z = rvec.tolist()
+    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    if angle < 1e-6:
+        return np.asarray(np.eye(3) + 0.5 * cross)
+    first = (1.0 - math.cos(angle)) / angle**2
+    second = (angle - math.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+
+
+def inverse(matrix: Array) -> Array | None:
+    """Of a symmetric matrix; None where it has none."""
+    try:
+        return np.asarray(np.linalg.inv(matrix), np.float64)
+    except np.linalg.LinAlgError:
+        return None

@@ -1,0 +1,156 @@
+"""Whether a rig's markers can be told apart, and give a pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.rig import MarkerRig
+
+Array = NDArray[np.float64]
+Cycles = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class ExaminationTuning:
+    """What counts as alike.
+
+    Attributes:
+        alike: part of the rig's size by which a turned marker may miss another one's place and
+            still be taken for it; twice what the start allows a body among other lights.
+        straight: part of the rig's length by which markers on one line may lie beside it.
+        farthest_tilt_deg: between the camera's axis and the body's, when it is seen from behind.
+    """
+
+    alike: float = 0.02
+    straight: float = 0.01
+    farthest_tilt_deg: float = 40.0
+
+
+TUNING = ExaminationTuning()
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """A turn after which a rig looks the same but for the names.
+
+    Attributes:
+        exchanged: the cycles of names: each marker comes to lie where the next one was.
+        axis: of the turn, in the body's frame.
+        angle_deg: of the turn.
+    """
+
+    exchanged: Cycles
+    axis: tuple[float, float, float]
+    angle_deg: float
+
+    def __str__(self) -> str:
+        cycles = ', '.join(' -> '.join(cycle) for cycle in self.exchanged)
+        axis = ', '.join(f'{part:.2f}' for part in self.axis)
+        return f'{cycles} are exchanged by a turn of {self.angle_deg:.0f} deg about [{axis}]'
+
+
+def examine(rig: MarkerRig) -> tuple[str, ...]:
+    """What a rig leaves in doubt; empty where nothing.
+
+    Args:
+        rig: with markers in different places.
+
+    Returns:
+        One line for each reason for which names or a pose cannot be certain.
+    """
+    if len(rig.names) < 3:
+        return (f'{len(rig.names)} markers are too few for a pose, which takes three',)
+    if is_straight(rig):
+        return ('all markers lie on one line: there is no pose',)
+    return tuple(f'the shape is symmetric: {symmetry}' for symmetry in symmetries(rig))
+
+
+def is_straight(rig: MarkerRig) -> bool:
+    """Whether all markers lie on one line."""
+    lengths = np.linalg.svd(_centred(rig), compute_uv=False)
+    return bool(lengths[1] < TUNING.straight * lengths[0])
+
+
+def is_flat(rig: MarkerRig) -> bool:
+    """Whether all markers lie in one plane, so that two tilts look nearly the same."""
+    lengths = np.linalg.svd(_centred(rig), compute_uv=False)
+    return len(lengths) < 3 or bool(lengths[2] < TUNING.straight * lengths[0])
+
+
+def symmetries(rig: MarkerRig) -> list[Symmetry]:
+    """The turns that exchange markers and leave the body in sight from behind; none backwards.
+
+    A turn about the middle takes two markers that do not lie on one line with it to two others;
+    every such pair is tried, and holds where all markers come to lie on markers.
+
+    Args:
+        rig: whose markers do not lie on one line.
+    """
+    points = _centred(rig)
+    size = float(np.linalg.norm(points, axis=1).max())
+    found: dict[tuple[int, ...], Symmetry] = {}
+    for rotation in _turns(points, TUNING.alike * size):
+        if rotation[0, 0] < math.cos(math.radians(2 * TUNING.farthest_tilt_deg)):
+            continue
+        apart = np.linalg.norm((points @ rotation.T)[:, None] - points, axis=2)
+        order = tuple(apart.argmin(axis=1).tolist())
+        if len(set(order)) < len(order) or apart.min(axis=1).max() > TUNING.alike * size:
+            continue
+        back = tuple(np.argsort(order).tolist())
+        if order != tuple(range(len(order))) and not {order, back} & set(found):
+            found[order] = _symmetry(rig.names, order, rotation)
+    return list(found.values())
+
+
+def _centred(rig: MarkerRig) -> Array:
+    return np.asarray(rig.positions - rig.positions.mean(axis=0))
+
+
+def _turns(points: Array, tolerance: float) -> Iterator[Array]:
+    """Rotations that take two of (n, 3) points to two others, as far as distances allow."""
+    far = np.linalg.norm(points, axis=1)
+    first = int(far.argmax())
+    beside = np.linalg.norm(np.cross(points, points[first]), axis=1)
+    second = int(beside.argmax())
+    apart = float(np.linalg.norm(points[first] - points[second]))
+    here = _frame(points[first], points[second])
+    for i, j in permutations(range(len(points)), 2):
+        there = float(np.linalg.norm(points[i] - points[j]))
+        changes = far[i] - far[first], far[j] - far[second], there - apart
+        if max(abs(change) for change in changes) <= 2 * tolerance:
+            yield _frame(points[i], points[j]) @ here.T
+
+
+def _frame(first: Array, second: Array) -> Array:
+    """Right-handed axes, the first along one vector, the second in the plane of two."""
+    x = first / np.linalg.norm(first)
+    z = np.cross(first, second)
+    z = z / np.linalg.norm(z)
+    return np.column_stack((x, np.cross(z, x), z))
+
+
+def _symmetry(names: tuple[str, ...], order: tuple[int, ...], rotation: Array) -> Symmetry:
+    angle = math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(rotation)) - 1.0))))
+    # The axis is what the rotation leaves where it is.
+    axis = np.linalg.svd(rotation - np.eye(3))[2][-1]
+    turn = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]])
+    turn = np.append(turn, rotation[1, 0] - rotation[0, 1])
+    x, y, z = (np.round(axis if axis @ turn >= 0.0 else -axis, 3) + 0.0).tolist()
+    return Symmetry(tuple(cycles_of(names, order)), (x, y, z), math.degrees(angle))
+
+
+def cycles_of(names: tuple[str, ...], order: tuple[int, ...]) -> Iterator[tuple[str, ...]]:
+    """The cycles of a permutation, without the markers that stay."""
+    left = [index for index, other in enumerate(order) if index != other]
+    while left:
+        cycle = [left[0]]
+        while order[cycle[-1]] != cycle[0]:
+            cycle.append(order[cycle[-1]])
+        left = [index for index in left if index not in cycle]
+        yield tuple(names[index] for index in cycle)

@@ -1,0 +1,61 @@
+"""Every example runs as its first line says, and prints what it promises."""
+
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from support.marker_scenes import draw, tanker_at
+from support.places import ROOT
+
+EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))
+
+
+def run(name, *arguments):
+    command = [sys.executable, f'examples/{name}.py', *map(str, arguments)]
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_detect_in_one_image(tmp_path):
+    cv2.imwrite(str(tmp_path / 'frame.png'), draw(tanker_at()))
+    out = run('detect_in_one_image', tmp_path / 'frame.png')
+    assert out.count('detected at') == 5
+    assert 'roll 0.0000 rad' in out or 'roll -0.0000 rad' in out
+
+
+def test_replay_a_bag():
+    out = run('replay_a_bag', 'bags/tanker.mcap').splitlines()
+    assert len(out) == 180
+    assert sum('5 of 5' in line for line in out) > 160
+
+
+def test_own_marker_rig():
+    assert '[0.5 0.2 8. ]' in run('own_marker_rig')
+
+
+def test_approach_with_guidance():
+    out = run('approach_with_guidance').splitlines()
+    assert len(out) == 40
+    assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
+
+
+def test_plot_a_result_bag(tmp_path):
+    results, figure = tmp_path / 'results.mcap', tmp_path / 'roll.png'
+    command = [sys.executable, '-m', 'mvuav_ros', 'mvuav', 'replay', 'bags/tanker.mcap']
+    subprocess.run([*command, '-o', str(results)], cwd=ROOT, check=True, capture_output=True)
+    assert '180 values' in run('plot_a_result_bag', results, figure)
+    assert cv2.imread(str(figure)) is not None
+
+
+@pytest.mark.parametrize('name', EXAMPLES)
+def test_examples_are_short_and_tested(name):
+    lines = (ROOT / 'examples' / f'{name}.py').read_text().splitlines()
+    assert len([line for line in lines if line.strip()]) <= 26
+    assert f'def test_{name}(' in (ROOT / 'test' / 'examples' / 'test_examples.py').read_text()

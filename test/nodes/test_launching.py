@@ -1,0 +1,150 @@
+"""What the launch files start. ROS's launch is not on PyPI: small stand-ins record the calls."""
+
+import runpy
+import sys
+import types
+
+import pytest
+from support.places import ROOT
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.parameters.video_source import VideoSourceParameters
+
+SETS = {
+    'marker_tracker': MarkerTrackerParameters,
+    'runway_detector': RunwayDetectorParameters,
+    'video_source': VideoSourceParameters,
+}
+OURS = 'mvuav_ros.nodes.launching'
+
+
+class Recorded:
+    def __init__(self, *arguments, **keywords):
+        self.arguments = arguments
+        self.__dict__.update(keywords)
+
+
+class Configuration(Recorded):
+    def perform(self, context):
+        return context[self.arguments[0]]
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Run a launch file with arguments; returns the nodes by executable."""
+    names = {
+        'launch': ('LaunchContext', 'LaunchDescription'),
+        'launch.actions': ('DeclareLaunchArgument', 'OpaqueFunction', 'LogInfo'),
+        'launch.conditions': ('IfCondition',),
+        'launch.substitutions': (),
+        'launch_ros': (),
+        'launch_ros.actions': ('Node',),
+    }
+    for name, classes in names.items():
+        module = types.ModuleType(name)
+        module.__dict__.update({each: type(each, (Recorded,), {}) for each in classes})
+        monkeypatch.setitem(sys.modules, name, module)
+    sys.modules['launch.substitutions'].LaunchConfiguration = Configuration
+    monkeypatch.delitem(sys.modules, OURS, raising=False)
+
+    def run(file, **given):
+        made = runpy.run_path(str(ROOT / 'launch' / file))['generate_launch_description']()
+        (actions,) = made.arguments
+        values = {}
+        nodes = []
+        for action in actions:
+            kind = type(action).__name__
+            if kind == 'DeclareLaunchArgument':
+                (name,) = action.arguments
+                values[name] = given.pop(name, action.default_value)
+                assert action.description
+            elif kind == 'OpaqueFunction':
+                nodes += action.function(values)
+            elif kind == 'Node':
+                nodes.append(action)
+        assert given == {}
+        return nodes
+
+    yield run
+    sys.modules.pop(OURS, None)
+
+
+def settings(node):
+    return node.parameters[-1]
+
+
+@pytest.mark.parametrize(
+    ('file', 'executables'),
+    [
+        ('vision.launch.py', ['video_source', 'marker_tracker', 'runway_detector']),
+        ('both.launch.py', ['video_source', 'marker_tracker', 'runway_detector']),
+        ('markers.launch.py', ['video_source', 'marker_tracker']),
+        ('runway.launch.py', ['video_source', 'runway_detector']),
+        ('one_process.launch.py', ['vision_process']),
+    ],
+)
+def test_short_cuts(launch, file, executables):
+    nodes = launch(file)
+    assert [node.executable for node in nodes] == executables
+    wanted = 2 if 'process' in file else len(executables) - 1
+    assert settings(nodes[0])['wait_for_subscribers'] == wanted
+    for node in nodes:
+        assert node.parameters[0] == str(ROOT / 'config' / 'default.yaml')
+        assert not node.respawn and node.remappings == []
+        given = {name: v for name, v in settings(node).items() if name != 'use_sim_time'}
+        SETS[node.executable.replace('vision_process', 'video_source')].from_mapping(given)
+
+
+@pytest.mark.parametrize('source', ['none', '', "''"])
+def test_detectors_alone_for_another_image_topic(launch, source):
+    nodes = launch(
+        'vision.launch.py',
+        source=source,
+        detectors='runway',
+        image_topic='/nose/camera/image',
+        namespace='nose',
+        use_sim_time='true',
+        transport='compressed',
+        respawn='True',
+        autostart='false',
+    )
+    (node,) = nodes
+    assert node.executable == 'runway_detector'
+    assert (node.namespace, node.respawn) == ('nose', True)
+    assert node.remappings == [
+        ('image_raw', '/nose/camera/image'),
+        ('camera_info', '/nose/camera/camera_info'),
+    ]
+    assert settings(node) == {
+        'use_sim_time': True,
+        'autostart': False,
+        'image_transport': 'compressed',
+    }
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml does not exist'),
+        ({'detectors': 'markers,lights'}, "'lights' is none of markers, runway"),
+    ],
+)
+def test_mistakes_are_named(launch, given, words):
+    with pytest.raises(RuntimeError, match=words):
+        launch('vision.launch.py', **given)
+
+
+def test_the_demo_plays_the_sample_bags(launch, monkeypatch):
+    monkeypatch.setattr('shutil.which', lambda name: f'/usr/bin/{name}')
+    nodes = launch('demo.launch.py')
+    assert [(node.executable, getattr(node, 'namespace', None)) for node in nodes] == [
+        ('video_source', 'tanker'),
+        ('marker_tracker', 'tanker'),
+        ('video_source', 'runway'),
+        ('runway_detector', 'runway'),
+        ('rviz2', None),
+    ]
+    for node in nodes[:-1]:
+        SETS[node.executable].from_mapping(settings(node))
+    assert nodes[-1].arguments == ['-d', str(ROOT / 'config' / 'mvuav.rviz')]

@@ -1,0 +1,59 @@
+"""Names and poses where other lights take the markers' place."""
+
+import numpy as np
+import pytest
+
+from mvuav_ros.offline.evaluation import integrity_runs
+from mvuav_ros.offline.evaluation.integrity_runs import IntegrityTask, fly_integrity
+from mvuav_ros.offline.thesis.integrity import integrity_claims, integrity_table
+from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+
+
+@pytest.mark.parametrize(
+    ('scene', 'seed'),
+    [
+        ('a light passes where a marker goes dark', 0),
+        ('the same, k1 -0.3', 1),
+        ('rolling, shaking, losses and three glares', 2),
+    ],
+)
+def test_another_light_does_not_keep_a_name(scene, seed):
+    flown = fly_integrity(IntegrityTask(scene, seed))
+    assert max(flown.wrong, default=0) <= 10
+    assert flown.moved.max() < 0.05
+    assert flown.turned.max() < 5.0
+    assert len(flown.moved) > 0.3 * flown.frames
+
+
+@pytest.mark.parametrize('scene', ['three markers at any roll', 'eight markers at any roll'])
+@pytest.mark.parametrize('calibrated', [True, False])
+def test_rigs_start_right_or_stay_without_names(scene, calibrated):
+    flown = [fly_integrity(IntegrityTask(scene, seed, calibrated)) for seed in range(4)]
+    assert [flight.wrong for flight in flown] == [()] * 4
+    assert any(flight.missed == 0 for flight in flown)
+
+
+class Exchanging(MarkerTracker):
+    """Gives the wings each other's names."""
+
+    def process(self, image, stamp_ns):
+        result = super().process(image, stamp_ns)
+        left, *others, right = result.markers
+        left, right = right._replace(label=left.label), left._replace(label=right.label)
+        return MarkerResult((left, *others, right))
+
+
+def test_exchanged_names_are_counted(monkeypatch):
+    monkeypatch.setattr(integrity_runs, 'MarkerTracker', Exchanging)
+    flown = fly_integrity(IntegrityTask('calm', 4))
+    assert sum(flown.wrong) > 100
+    assert not integrity_claims([flown])[0].holds
+    assert integrity_table([flown]).rows[0][2] == sum(flown.wrong)
+
+
+def test_a_flight_is_the_same_every_time():
+    scene = 'three markers at any roll'
+    first, second = (fly_integrity(IntegrityTask(scene, 7)) for _ in range(2))
+    assert (first.seen, first.missed) == (second.seen, second.missed)
+    np.testing.assert_array_equal(first.moved, second.moved)

@@ -1,0 +1,37 @@
+"""A batch says what became of each recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from support.commands import mvuav, write_flight
+
+
+def test_a_batch_tells_what_became_of_each(tmp_path: Path) -> None:
+    good = write_flight(tmp_path / 'good.mcap', 6)
+    bad = tmp_path / 'bad.mcap'
+    bad.write_bytes(b'no recording')
+    out = tmp_path / 'out'
+    arguments = ('replay', good, bad, '-o', out, '--nodes', 'marker_tracker')
+    assert mvuav(*arguments).status == 1
+    manifest = json.loads((out / 'manifest.json').read_text())
+    first, second = manifest['recordings']
+    assert (first['input'], first['outcome'], first['frames']) == (str(good), 'finished', 6)
+    assert int(first['input_bytes']) == good.stat().st_size
+    assert first['output_bytes'] == (out / 'good.mcap').stat().st_size
+    assert second['outcome'] == 'failed'
+    assert 'is not a recording' in second['failure']
+    assert manifest['settings']['parameters']['marker_tracker']['mode']
+    assert manifest['started'] < manifest['ended']
+    # What has failed is in nobody's way, and what is finished is not done again.
+    mvuav(*arguments)
+    again = json.loads((out / 'manifest.json').read_text())['recordings']
+    assert [entry['outcome'] for entry in again] == ['finished before', 'failed']
+    assert sorted(path.name for path in out.iterdir()) == ['good.mcap', 'manifest.json']
+
+
+def test_an_url_is_no_output_yet(tmp_path: Path) -> None:
+    good = write_flight(tmp_path / 'good.mcap', 3)
+    assert 'not to URLs' in mvuav('replay', good, '-o', 's3://bucket/a.mcap').error
+    assert 'not to URLs' in mvuav('repair', good, '-o', 's3://bucket/a.mcap').error

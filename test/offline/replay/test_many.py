@@ -1,0 +1,271 @@
+"""Several recordings into a folder: in processes, on a Dask cluster, and once more."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Generator, Sequence
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from support.commands import (
+    COMMAND,
+    ENVIRONMENT,
+    ROOT,
+    mvuav,
+    mvuav_process,
+    read,
+    stamps,
+    write_flight,
+)
+from support.recording_samples import image_samples, write_mcap, write_rosbag2
+
+from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
+from mvuav_ros.offline.replay.many import Event
+from mvuav_ros.offline.replay.outputs import plan
+from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.recordings.recording import RecordedMessage
+
+NODE = ('--nodes', 'marker_tracker')
+
+
+@pytest.fixture
+def bags(tmp_path: Path) -> list[Path]:
+    """Of different lengths, the longest first: the order of the ends is not that of the starts."""
+    lengths = (60, 20, 40)
+    return [write_mcap(tmp_path / f'flight{n}.mcap', image_samples(n)) for n in lengths]
+
+
+def content(path: Path) -> tuple[list[RecordedMessage], dict[str, dict[str, str]]]:
+    """All but the chunks' borders: on a machine slower than the recording, the clock sets them."""
+    with path.open('rb') as stream:
+        metadata = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    assert set(metadata) == {'mvuav_replay', 'mvuav_replay_result'}
+    return read(path), metadata
+
+
+@pytest.fixture
+def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The jobs in this process: what is tested is not the pool, and starting takes a second."""
+
+    def run(jobs: Sequence[ReplayJob], _: int, stop: Stop) -> Generator[Event, None, None]:
+        for number, job in enumerate(jobs):
+            yield number, attempt(job, lambda _: None, stop)
+
+    monkeypatch.setattr('mvuav_ros.cli.commands.replay_reports.run_jobs', run)
+
+
+def test_jobs_give_what_single_runs_give(bags: list[Path], tmp_path: Path) -> None:
+    several, one = tmp_path / 'several', tmp_path / 'one'
+    run = mvuav_process('replay', *bags, '-o', several, '--jobs', 2)
+    assert (run.status, run.err) == (0, '')
+    assert len(run.out.splitlines()) == 3
+    assert mvuav_process('replay', *bags, '-o', one, '--jobs', 1).status == 0
+    for bag in bags:
+        single = tmp_path / 'single.mcap'
+        assert mvuav('replay', bag, '-o', single, '--force').status == 0
+        assert content(several / bag.name) == content(one / bag.name) == content(single)
+
+
+def test_a_failed_one_does_not_stop_the_rest(bags: list[Path], tmp_path: Path) -> None:
+    bags[0].write_bytes(b'nothing that could be read')
+    out = tmp_path / 'out'
+    run = mvuav_process('replay', *bags, tmp_path / 'missing.mcap', '-o', out, *NODE)
+    assert run.status == 1
+    errors = [line for line in run.err.splitlines() if line.startswith('mvuav: ')]
+    assert str(bags[0]) in errors[0]
+    assert 'missing.mcap' in errors[1]
+    assert errors[2:] == ['mvuav: 2 of 4 recordings failed']
+    assert [len(stamps(out / bag.name)) for bag in bags[1:]] == [20, 40]
+
+
+@pytest.mark.usefixtures('without_processes')
+def test_what_is_finished_is_not_done_again(bags: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / 'out'
+    options = ('-o', out, *NODE)
+    assert mvuav('replay', *bags[:2], *options).status == 0
+    written = {bag.name: (out / bag.name).stat().st_mtime_ns for bag in bags[:2]}
+    run = mvuav('replay', *bags, *options)
+    assert run.status == 0
+    assert run.out.count('finished before') == 2
+    for name, moment in written.items():
+        assert (out / name).stat().st_mtime_ns == moment
+    assert len(stamps(out / bags[2].name)) == 40
+    run = mvuav('replay', *bags, *options, '--force')
+    assert 'finished before' not in run.out
+    assert all((out / name).stat().st_mtime_ns != moment for name, moment in written.items())
+
+
+@pytest.mark.parametrize(
+    'change', ['parameter', 'part', 'input', 'foreign file', 'topics', 'another maker']
+)
+@pytest.mark.usefixtures('without_processes')
+def test_results_of_something_else_are_not_overwritten(
+    bags: list[Path], tmp_path: Path, change: str
+) -> None:
+    bag, out = bags[1], tmp_path / 'out'
+    assert mvuav('replay', bag, '-o', out, *NODE).status == 0
+    result = out / bag.name
+    options: tuple[str, ...] = ()
+    if change == 'parameter':
+        options = ('--param', 'marker_tracker:threshold:=0.5')
+    elif change == 'part':
+        options = ('--every', '2')
+    elif change == 'topics':
+        options = ('--keep-inputs',)
+    elif change == 'input':
+        os.utime(bag, (1, 1))
+    elif change == 'foreign file':
+        result.write_bytes(b'mine')
+    else:
+        shutil.copy(bag, result)
+    before = result.read_bytes()
+    run = mvuav('replay', bag, '-o', out, *NODE, *options)
+    assert run.status == 1
+    assert '--force overwrites it' in run.error
+    assert result.read_bytes() == before
+    assert mvuav('replay', bag, '-o', out, *NODE, *options, '--force').status == 0
+    assert result.read_bytes() != before
+
+
+@pytest.mark.parametrize('left', ['nothing', 'start', 'half', 'all but the end'])
+@pytest.mark.usefixtures('without_processes')
+def test_what_was_interrupted_is_done_again(bags: list[Path], tmp_path: Path, left: str) -> None:
+    bag, out = bags[0], tmp_path / 'out'
+    assert mvuav('replay', bag, '-o', out, *NODE).status == 0
+    result = out / bag.name
+    whole, messages = result.read_bytes(), read(result)
+    size = {'nothing': 0, 'start': 3000, 'half': len(whole) // 2, 'all but the end': len(whole) - 1}
+    result.write_bytes(whole[: size[left]])
+    run = mvuav('replay', bag, '-o', out, *NODE)
+    assert run.status == 0
+    assert 'finished before' not in run.out
+    assert read(result) == messages
+    assert 'finished before' in mvuav('replay', bag, '-o', out, *NODE).out
+
+
+@pytest.mark.usefixtures('without_processes')
+def test_warnings_of_what_is_finished_are_repeated(tmp_path: Path) -> None:
+    bag = write_mcap(tmp_path / 'cut.mcap', image_samples(30))
+    bag.write_bytes(bag.read_bytes()[:-20_000])
+    out = tmp_path / 'out'
+    runs = [mvuav('replay', bag, '-o', out, *NODE, *strict) for strict in ((), ())]
+    assert [run.status for run in runs] == [0, 0]
+    assert runs[0].err == runs[1].err != ''
+    run = mvuav('replay', bag, '-o', out, *NODE, '--strict')
+    assert run.status == 1
+    assert 'finished before' in run.out
+
+
+def test_a_process_that_dies_costs_its_own_recording_only(tmp_path: Path) -> None:
+    long = write_flight(tmp_path / 'long.mcap', 6000)
+    short = write_flight(tmp_path / 'short.mcap', 20)
+    out = tmp_path / 'out'
+    jobs = ('--jobs', '1')
+    command = [*COMMAND, 'replay', str(long), str(short), '-o', str(out), *NODE, *jobs]
+    with subprocess.Popen(
+        command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True
+    ) as process:
+        os.kill(_child_at_work(process, out / 'long.mcap'), signal.SIGKILL)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert f'mvuav: {long}: its process ended with SIGKILL' in err
+    assert len(stamps(out / 'short.mcap')) == 20
+
+
+def _wait_for(process: subprocess.Popen[str], output: Path) -> None:
+    deadline = time.monotonic() + 30
+    while not (output.exists() and output.stat().st_size > 10_000):
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.02)
+
+
+def _child_at_work(process: subprocess.Popen[str], output: Path) -> int:
+    _wait_for(process, output)
+    children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split()
+    (child,) = children
+    return int(child)
+
+
+def test_names_of_outputs(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / 'day.one', image_samples(2))
+    settings = ReplaySettings({})
+    sources = [str(folder), 'a/x.tar.mcap', 'b/y.db3.zstd', 'c/z.bag', 'film.avi', 'set/*.png']
+    jobs = plan(sources, tmp_path / 'out', settings)
+    assert [job.output.name for job in jobs] == [
+        'day.one.mcap', 'x.tar.mcap', 'y.mcap', 'z.mcap', 'film.mcap', 'set.mcap'
+    ]  # fmt: skip
+    assert all(job.resume for job in jobs)
+    (single,) = plan(['a.bag'], tmp_path / 'b.mcap', settings)
+    assert (single.output, single.resume) == (tmp_path / 'b.mcap', False)
+
+
+def test_outputs_that_do_not_fit(bags: list[Path], tmp_path: Path) -> None:
+    error = mvuav('replay', *bags, '-o', tmp_path / 'out.mcap').error
+    assert 'several inputs need a folder' in error
+    other = tmp_path / 'other'
+    other.mkdir()
+    twin = shutil.copy(bags[0], other / bags[0].name)
+    error = mvuav('replay', bags[0], twin, '-o', tmp_path / 'out').error
+    assert f'{bags[0]} and {twin} would both become' in error
+    (tmp_path / 'file').touch()
+    assert 'File exists' in mvuav('replay', *bags, '-o', tmp_path / 'file').error
+
+
+@pytest.mark.parametrize('with_files', [True, False])
+def test_dask_missing_or_away(
+    bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_files: bool
+) -> None:
+    address = 'tcp://127.0.0.1:1'
+    if with_files:
+        pytest.importorskip('distributed', reason='Dask is not installed')
+        monkeypatch.setattr('mvuav_ros.offline.replay.cluster._CONNECT_TIME', 1)
+        words = 'no Dask scheduler answers there'
+    else:
+        monkeypatch.setitem(__import__('sys').modules, 'distributed', None)
+        words = 'pip install "mvuav_ros[dask]"'
+    run = mvuav('replay', *bags, '-o', tmp_path / 'out', '--dask', address)
+    assert run.status == 1
+    assert words in run.error
+    assert len(run.err.splitlines()) == 1
+
+
+def test_dask_gives_what_jobs_give(bags: list[Path], tmp_path: Path) -> None:
+    distributed = pytest.importorskip('distributed', reason='Dask is not installed')
+    missing = tmp_path / 'missing.mcap'
+    local, remote = tmp_path / 'local', tmp_path / 'remote'
+    assert mvuav_process('replay', *bags, '-o', local, '--jobs', 1).status == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, env=ENVIRONMENT
+    ) as cluster:
+        address = cluster.scheduler_address
+        run = mvuav_process('replay', *bags, missing, '-o', remote, '--dask', address)
+        assert run.status == 1
+        assert str(missing) in run.err and '1 of 4 recordings failed' in run.err
+        again = mvuav_process('replay', *bags, '-o', remote, '--dask', address)
+        interrupted = _interrupt_on_cluster(tmp_path, address)
+    assert again.status == 0
+    assert 0 < len(stamps(interrupted)) < 20_000
+    assert again.out.count('finished before') == 3
+    assert {path.name for path in remote.glob('*.mcap')} == {bag.name for bag in bags}
+    for bag in bags:
+        assert content(remote / bag.name) == content(local / bag.name)
+
+
+def _interrupt_on_cluster(folder: Path, address: str) -> Path:
+    flight = write_flight(folder / 'long.mcap', 20_000)
+    output = folder / 'interrupted' / 'long.mcap'
+    command = [*COMMAND, 'replay', str(flight), '-o', str(output.parent), *NODE, '--dask', address]
+    with subprocess.Popen(
+        command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True
+    ) as process:
+        _wait_for(process, output)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err == 'mvuav: interrupted\n'
+    return output

@@ -1,0 +1,54 @@
+"""What replay, evaluate and sweep make of parameter files and options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from support.commands import mvuav
+from support.places import ROOT
+
+from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
+from mvuav_ros.parameters.declaration import ParameterError
+
+BAG = ROOT / 'bags' / 'tanker.mcap'
+
+
+def file_with(folder: Path, name: str) -> Path:
+    path = folder / 'parameters.yaml'
+    path.write_text(f'marker_tracker:\n  ros__parameters:\n    {name}: 7\n')
+    return path
+
+
+def test_assignments_win_over_the_file_and_ros_own_parameters_are_left_out(tmp_path: Path) -> None:
+    path = file_with(tmp_path, 'use_sim_time: true\n    search_radius')
+    nodes = ['marker_tracker', 'runway_detector']
+    assert resolve_parameters(nodes, path) == {
+        'marker_tracker': {'search_radius': 7},
+        'runway_detector': {},
+    }
+    changed = resolve_parameters(nodes, path, ['marker_tracker:search_radius:=9'])
+    assert changed['marker_tracker'] == {'search_radius': 9}
+    assert complete(changed)['marker_tracker']['search_radius'] == 9
+    assert len(complete(changed)['runway_detector']) > 5
+
+
+def test_a_misspelt_name_is_refused_wherever_it_stands(tmp_path: Path) -> None:
+    path = file_with(tmp_path, 'search_radios')
+    for given in ((path, []), (None, ['marker_tracker:search_radios:=7'])):
+        with pytest.raises(ParameterError, match='search_radios'):
+            resolve_parameters(['marker_tracker'], *given)
+    with pytest.raises(ParameterError, match='marker_trackr'):
+        resolve_parameters(['marker_tracker'], None, ['marker_trackr:threshold:=0.5'])
+    with pytest.raises(ParameterError, match='marker_trackr'):
+        node_names('marker_trackr')
+
+
+@pytest.mark.parametrize('command', ['replay', 'evaluate', 'sweep'])
+def test_every_command_refuses_it(tmp_path: Path, command: str) -> None:
+    run = mvuav(
+        command, BAG, '-o', tmp_path / 'out', '--params-file', file_with(tmp_path, 'search_radios')
+    )
+    assert run.status == 1
+    assert 'search_radios' in run.error
+    assert not list(tmp_path.glob('out/*'))

@@ -1,0 +1,31 @@
+"""A node's parameters from a file."""
+
+import pytest
+
+from mvuav_ros import load_parameters
+from mvuav_ros.parameters.declaration import ParameterError
+
+
+def test_a_dump_of_a_running_node_can_be_loaded(tmp_path):
+    file = tmp_path / 'dump.yaml'
+    file.write_text(
+        '/runway_detector:\n  ros__parameters:\n    num_peaks: 2\n    use_sim_time: false\n'
+        '    qos_overrides:\n      /parameter_events:\n        publisher:\n          depth: 1000\n'
+    )
+    assert load_parameters(file, 'runway_detector').num_peaks == 2
+    assert load_parameters(str(file), 'marker_tracker').threshold == 0.7
+
+
+@pytest.mark.parametrize(
+    ('node', 'line', 'words'),
+    [
+        ('marker_tracker', 'treshold: 0.5', 'treshold'),
+        ('marker_tracker', 'threshold: 3', 'threshold: must be 0 to 1'),
+        ('tracker', 'threshold: 0.5', 'no such node; there are video_source, marker_tracker'),
+    ],
+)
+def test_what_cannot_be_is_refused_with_the_reason(tmp_path, node, line, words):
+    file = tmp_path / 'wrong.yaml'
+    file.write_text(f'/**:\n  ros__parameters:\n    {line}\n')
+    with pytest.raises(ParameterError, match=words):
+        load_parameters(file, node)

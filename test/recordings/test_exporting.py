@@ -1,0 +1,90 @@
+"""Results as tables and trajectories."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.recording_samples import STORE, cdr
+
+from mvuav_ros.processing.messages.markers import encode_markers, encode_rpy
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.exporting import export
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.results import MarkerResult
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+
+STAMP_NS = 1_700_000_000_123_456_789
+POSE = 'geometry_msgs/msg/PoseStamped'
+
+
+def marker_result() -> MarkerResult:
+    pixels = np.zeros((480, 640), np.uint8)
+    pixels[100:106, 200:206] = 255
+    return MarkerTracker().process(Image(pixels, 'mono8'), STAMP_NS)
+
+
+def pose(x: float) -> bytes:
+    types = STORE.types
+    stamp = types['builtin_interfaces/msg/Time'](STAMP_NS // 10**9, STAMP_NS % 10**9)
+    header = types['std_msgs/msg/Header'](stamp, 'camera')
+    place = types['geometry_msgs/msg/Point'](x, 2.0, 3.0)
+    turn = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    return cdr(types[POSE](header, types['geometry_msgs/msg/Pose'](place, turn)))
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    path = tmp_path / 'results.mcap'
+    header = cdr_header(STAMP_NS, 'camera')
+    result = marker_result()
+    with RecordingWriter(path) as writer:
+        for _ in range(3):
+            write = (STAMP_NS, encode_markers(result, header))
+            writer.write('/marker_tracker/markers', 'sensor_msgs/msg/PointCloud2', *write)
+        roll = (STAMP_NS, encode_rpy(result, header))
+        writer.write('/marker_tracker/rpy', 'geometry_msgs/msg/Vector3Stamped', *roll)
+        writer.write('/pose', POSE, STAMP_NS, pose(0.1))
+        writer.write('/pose', POSE, STAMP_NS, pose(math.nan))
+        writer.write('/pose', POSE, STAMP_NS, b'\0\1\0\0damage')
+    return path
+
+
+def test_csv_holds_every_row(results: Path, tmp_path: Path) -> None:
+    files = export(results, tmp_path / 'out', 'csv')
+    markers = tmp_path / 'out' / 'marker_tracker_markers.csv'
+    assert files[markers] == 15
+    with markers.open(newline='') as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 15
+    assert {row['stamp_ns'] for row in rows} == {str(STAMP_NS)}
+    assert [int(row['label']) for row in rows[:5]] == [0, 1, 2, 3, 4]
+    assert files[tmp_path / 'out' / 'pose.csv'] == 2
+    with pytest.raises(RecordingError, match='exists'):
+        export(results, tmp_path / 'out', 'csv')
+
+
+def test_tum_holds_known_poses_with_exact_stamps(results: Path, tmp_path: Path) -> None:
+    (file,) = export(results, tmp_path / 'out', 'tum')
+    assert file.read_text() == '1700000000.123456789 0.1 2.0 3.0 0.0 0.0 0.0 1.0\n'
+
+
+def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip('pyarrow.parquet')
+    export(results, tmp_path / 'out', 'parquet')
+    table = parquet.read_table(tmp_path / 'out' / 'marker_tracker_markers.parquet')
+    assert table.num_rows == 15
+    assert table['stamp_ns'].to_pylist() == [STAMP_NS] * 15
+    assert table.column_names[:3] == ['stamp_ns', 'row', 'x']
+
+
+def test_nothing_to_export(tmp_path: Path) -> None:
+    path = tmp_path / 'empty.mcap'
+    RecordingWriter(path).close()
+    with pytest.raises(RecordingError, match='nothing that can be exported'):
+        export(path, tmp_path / 'out', 'csv')

@@ -1,0 +1,87 @@
+"""The marker programs behind one call: in what of a colour image lights are looked for."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+
+PLACES = ((100, 240), (230, 225), (320, 120), (410, 225), (540, 240))
+RED, WHITE = (0, 0, 255), (255, 255, 255)
+
+
+def lights(color, shift=0, background=30):
+    """Five lights of one colour, blue first."""
+    image = np.full((480, 640, 3), background, np.uint8)
+    for x, y in PLACES:
+        cv2.circle(image, (x + shift, y), 5, color, -1, cv2.LINE_AA)
+    return image
+
+
+def detected(result):
+    return sum(marker.state is MarkerState.DETECTED for marker in result.markers)
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('color', [RED, (0, 255, 0), (255, 0, 0), (0, 140, 255), WHITE])
+def test_five_lights_of_any_colour_are_found_with_the_defaults(mode, color):
+    tracker = MarkerTracker(MarkerTrackerParameters(mode=mode))
+    for frame in range(6):
+        result = tracker.process(Image(lights(color, 2 * frame), 'bgr8'), frame * 33_000_000)
+        assert detected(result) == 5
+
+
+def test_intensity_alone_does_not_see_pure_red():
+    tracker = MarkerTracker(MarkerTrackerParameters(channel='intensity'))
+    assert detected(tracker.process(Image(lights(RED), 'bgr8'), 0)) == 0
+
+
+def test_one_colour_leaves_the_others_out():
+    both = lights(RED)
+    both[200:206, 20:26] = (0, 255, 0)
+    for channel, count in (('red', 5), ('green', 1)):
+        parameters = MarkerTrackerParameters(mode='detect_any', channel=channel)
+        assert detected(MarkerTracker(parameters).process(Image(both, 'bgr8'), 0)) == count
+
+
+def test_auto_is_intensity_where_that_finds_the_lights():
+    """A bright blue background pulls at lights in the brightest channel."""
+    image = lights(WHITE)
+    image[..., 0] = np.maximum(image[..., 0], np.linspace(60, 170, 640).astype(np.uint8))
+    results = {
+        channel: MarkerTracker(MarkerTrackerParameters(channel=channel)).process(
+            Image(image, 'bgr8'), 0
+        )
+        for channel in ('auto', 'intensity', 'brightest')
+    }
+    assert detected(results['auto']) == detected(results['brightest']) == 5
+    assert results['auto'].markers == results['intensity'].markers
+    assert results['auto'].markers != results['brightest'].markers
+
+
+def test_the_channel_stays_when_markers_are_lost_and_is_forgotten_by_reset():
+    tracker = MarkerTracker()
+    tracker.process(Image(lights(RED), 'bgr8'), 0)
+    dark = Image(np.zeros((480, 640, 3), np.uint8), 'bgr8')
+    for frame in range(1, 40):
+        assert detected(tracker.process(dark, frame * 33_000_000)) == 0
+    # White lights are bright in every channel, red ones in the brightest alone.
+    assert detected(tracker.process(Image(lights(RED), 'bgr8'), 41 * 33_000_000)) == 5
+    tracker.reset()
+    assert detected(tracker.process(Image(lights(WHITE), 'bgr8'), 0)) == 5
+
+
+@pytest.mark.parametrize('prediction', ['kalman', 'acceleration_program'])
+def test_grey_images_have_no_channel(prediction):
+    gray = cv2.cvtColor(lights(WHITE), cv2.COLOR_BGR2GRAY)
+    results = []
+    for channel in ('auto', 'intensity', 'brightest', 'blue'):
+        parameters = MarkerTrackerParameters(channel=channel, prediction=prediction)
+        tracker = MarkerTracker(parameters)
+        results.append(
+            [repr(tracker.process(Image(gray, 'mono8'), i * 33_000_000)) for i in range(6)]
+        )
+    assert results.count(results[0]) == len(results)

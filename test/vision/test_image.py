@@ -1,0 +1,76 @@
+"""The views of an image: every channel, of every encoding, whole and in windows."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.image import CHANNELS, ENCODINGS, Image, ImageError
+
+COLORED = [
+    name
+    for name, e in ENCODINGS.items()
+    if e.channels > 1 or e.to_gray is not None or e.chroma_below
+]
+
+
+def noise(encoding, height=12, width=16):
+    layout = ENCODINGS[encoding]
+    shape = (height, width, layout.channels) if layout.channels > 1 else (height, width)
+    highest = np.iinfo(layout.dtype).max
+    return np.random.default_rng(3).integers(0, highest, shape, layout.dtype, endpoint=True)
+
+
+@pytest.mark.parametrize('encoding', COLORED)
+@pytest.mark.parametrize('channel', CHANNELS)
+@pytest.mark.parametrize('columns', [slice(0, 16), slice(3, 8), slice(4, 9), slice(15, 16)])
+def test_a_window_is_a_part_of_the_whole(encoding, channel, columns):
+    image = Image(noise(encoding), encoding).seen_in(channel)
+    window = image.gray_window(slice(2, 7), columns)
+    np.testing.assert_array_equal(window, image.gray()[2:7, columns])
+
+
+@pytest.mark.parametrize('encoding', [name for name in COLORED if name != '8UC3'])
+def test_channels_are_those_of_the_colour_image(encoding):
+    image = Image(noise(encoding), encoding)
+    bgr = image.bgr()
+    # The image in colour has 8 bits of 16; a mosaic's are rounded otherwise.
+    shift, tolerance = (8, 1) if image.pixels.dtype == np.uint16 else (0, 0)
+    wanted = {'blue': bgr[..., 0], 'green': bgr[..., 1], 'red': bgr[..., 2]}
+    wanted['brightest'] = bgr.max(axis=2)
+    if ENCODINGS[encoding].colors is not None:
+        wanted['intensity'] = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
+    for channel, expected in wanted.items():
+        found = image.seen_in(channel).gray() >> shift
+        np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'mono16'])
+def test_a_grey_image_is_itself_in_every_channel(encoding):
+    image = Image(noise(encoding), encoding)
+    assert all(image.seen_in(channel) is image for channel in CHANNELS)
+
+
+def test_gamma_is_applied_to_the_values():
+    image = Image(noise('bgr8'), 'bgr8')
+    assert image.gamma_corrected(1.0) is image
+    darker = image.gamma_corrected(2.0)
+    expected = np.round((image.pixels / 255.0) ** 2 * 255).astype(np.uint8)
+    np.testing.assert_array_equal(darker.pixels, expected)
+    assert darker.encoding == 'bgr8'
+
+
+@pytest.mark.parametrize('encoding', ['nv12', 'nv21'])
+def test_intensity_above_its_colours(encoding):
+    """Half of the image red, half dark grey; Y, then U and V or V and U of every 2x2 pixels."""
+    pixels = np.full((6, 8), 16, np.uint8)
+    pixels[:4, :4] = 81
+    order = (90, 240) if encoding == 'nv12' else (240, 90)
+    pixels[4:] = np.tile([*order, *order, 128, 128, 128, 128], (2, 1))
+    image = Image(pixels, encoding)
+    assert (image.height, image.width, image.is_gray) == (4, 8, False)
+    np.testing.assert_array_equal(image.gray(), pixels[:4])
+    np.testing.assert_allclose(image.bgr()[0, 0], (0, 0, 255), atol=3)
+    np.testing.assert_allclose(image.bgr()[0, 7], 0, atol=3)
+    assert image.seen_in('red').gray()[0, 0] > 250
+    with pytest.raises(ImageError, match='even'):
+        Image(pixels[:5], encoding)

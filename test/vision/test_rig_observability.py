@@ -1,0 +1,61 @@
+"""How well a rig's pose and names can be known."""
+
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+from mvuav_ros.vision.rig import TANKER_747, parse_rig
+from mvuav_ros.vision.rig_observability import confusions, pose_error
+
+CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
+NOISE = 0.3
+
+
+def test_the_expected_error_is_the_one_that_is_found():
+    distance = 100.0
+    points = TANKER_747.positions - TANKER_747.positions.mean(axis=0)
+    behind = points @ FROM_BEHIND.T + (0.0, 0.0, distance)
+    pixels = (behind @ CAMERA.matrix.T)[:, :2] / behind[:, 2:]
+    middle = TANKER_747.positions.mean(axis=0)
+    rng = np.random.default_rng(1)
+    errors, angles = [], []
+    for _ in range(300):
+        noisy = pixels + rng.normal(0.0, NOISE, pixels.shape)
+        pose = PoseEstimator(TANKER_747).estimate(CAMERA, range(5), noisy, 0.0)
+        errors.append(pose.rotation @ middle + pose.translation - (0.0, 0.0, distance))
+        angles.append(pose.rpy)
+    expected = pose_error(TANKER_747, CAMERA, distance, NOISE)
+    found = np.std(errors, axis=0)
+    assert found[2] == pytest.approx(expected.along, rel=0.2)
+    assert found[:2].max() == pytest.approx(expected.across, rel=0.2)
+    roll, pitch, yaw = np.degrees(np.std(angles, axis=0))
+    assert roll == pytest.approx(expected.roll, rel=0.2)
+    assert max(pitch, yaw) == pytest.approx(expected.tilt, rel=0.2)
+
+
+def test_errors_grow_with_the_distance():
+    near, far = (pose_error(TANKER_747, CAMERA, d, NOISE) for d in (50.0, 200.0))
+    assert far.span < near.span
+    assert far.along > 10 * near.along
+    assert far.roll > 3 * near.roll
+
+
+def test_the_worst_confusions_come_first():
+    found = confusions(TANKER_747, CAMERA, 120.0)
+    residuals = [confusion.residual for confusion in found]
+    assert residuals == sorted(residuals)
+    assert residuals[0] > 1.0
+    assert {frozenset(name) for name in found[0].names} <= {
+        frozenset(('left_wing', 'left_stabilizer')),
+        frozenset(('right_wing', 'right_stabilizer')),
+    }
+
+
+def test_what_is_symmetric_is_confused_without_a_residual():
+    square = parse_rig(
+        {'markers': {'a': [0, 1, 1], 'b': [0, -1, 1], 'c': [0, -1, -1], 'd': [0, 1, -1]}}
+    )
+    worst = confusions(square, CAMERA, 6.0)[0]
+    assert worst.residual < 0.01
+    assert worst.names == (('a', 'c'), ('b', 'd'))

@@ -1,0 +1,227 @@
+"""Runs the tests part by part, all of them even if one fails, with one verdict at the end.
+
+Usage: run_tests.py test|fast|rest|all|footage|robot (see the Makefile).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = ROOT / '.venv' / 'bin'
+PYTHONS = ('3.11', '3.12', '3.13')
+WITHOUT_GRAPH = ['test', *(f'--ignore=test/{name}' for name in ('nodes', 'cli/demo', 'panel'))]
+DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
+QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
+_COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
+
+
+class Part(NamedTuple):
+    """Commands that run one after the other; ``counts`` is told from pytest's last lines."""
+
+    name: str
+    commands: Callable[[], list[list[str]]]
+
+
+class Outcome(NamedTuple):
+    """What became of a part."""
+
+    name: str
+    passed: int
+    failed: int
+    skipped: int
+    seconds: float
+    note: str = ''
+
+
+def pytest(*arguments: str, python: Path = BIN / 'python') -> list[str]:
+    """A run of pytest; ``-rs`` tells every skip with its reason."""
+    return [str(python), '-m', 'pytest', '-q', '-rfEs', *arguments]
+
+
+def parallel(*arguments: str, python: Path = BIN / 'python') -> list[str]:
+    """A run of pytest on all cores; a worker that is done takes over from the others."""
+    return pytest('-n', 'auto', '--dist', 'worksteal', *arguments, python=python)
+
+
+def lint() -> list[list[str]]:
+    """ruff, mypy and import-linter."""
+    return [
+        [str(BIN / 'ruff'), 'check', '--quiet', '.'],
+        [str(BIN / 'ruff'), 'format', '--quiet', '--check', '.'],
+        [str(BIN / 'mypy'), '--no-error-summary'],
+        [str(BIN / 'lint-imports')],
+    ]
+
+
+def without_graph() -> list[list[str]]:
+    """All that needs no ROS graph."""
+    return [parallel('-m', 'not long', '--ignore=test/footage', *WITHOUT_GRAPH)]
+
+
+def quick() -> list[list[str]]:
+    """What a developer waits for."""
+    return [parallel('-m', 'not long', *QUICK)]
+
+
+def doctests() -> list[list[str]]:
+    """The examples in docstrings."""
+    return [pytest('--doctest-modules', *DOCTESTS)]
+
+
+def nodes() -> list[list[str]]:
+    """Live nodes on real DDS, each test in a domain of its own; two at a time, as they wait."""
+    return [pytest('-n', '2', '--dist', 'worksteal', '-m', 'not long', 'test/nodes')]
+
+
+def demo_and_panel() -> list[list[str]]:
+    """What has a browser or a whole demo in it."""
+    return [pytest('-m', 'not long', 'test/cli/demo', 'test/panel')]
+
+
+def longest() -> list[list[str]]:
+    """Fuzzing, interruptions by the hundred, soaks, long simulations, colcon."""
+    return [pytest('-n', '2', '--dist', 'worksteal', '-m', 'long', 'test')]
+
+
+def footage() -> list[list[str]]:
+    """Real flights, roads and recordings."""
+    return [parallel('test/footage')]
+
+
+def find_python(version: str) -> Path | None:
+    """A Python of that version on this machine: on the path, or one of pyenv's."""
+    candidates = [shutil.which(f'python{version}')]
+    pyenv = Path(os.environ.get('PYENV_ROOT', Path.home() / '.pyenv')) / 'versions'
+    candidates += [str(path / 'bin' / 'python3') for path in sorted(pyenv.glob(f'{version}*'))]
+    for candidate in filter(None, candidates):
+        told = subprocess.run([candidate, '--version'], capture_output=True, text=True)
+        if told.stdout.startswith(f'Python {version}.'):
+            return Path(candidate)
+    return None
+
+
+def other_python(version: str) -> list[list[str]]:
+    """The part without a graph on another Python."""
+    python = find_python(version)
+    if python is None:
+        return []
+    folder = f'.venv-{version}'
+    tests = parallel(
+        *('-m', 'not long', '--ignore=test/footage', '--ignore=test/package', *WITHOUT_GRAPH),
+        python=ROOT / folder / 'bin' / 'python',
+    )
+    return [[str(python), 'tools/install.py', folder, 'ros,dask,test'], tests]
+
+
+def robot() -> list[list[str]]:
+    """Library and nodes with apt's NumPy, OpenCV and SciPy of Ubuntu 24.04, on its Python 3.12."""
+    python = find_python('3.12')
+    if python is None:
+        return []
+    inside = ROOT / '.venv-robot' / 'bin' / 'python'
+    library = parallel('-m', 'not long', *QUICK[:-1], python=inside)
+    live = pytest('-n', '2', '--dist', 'worksteal', '-m', 'not long', 'test/nodes', python=inside)
+    install = [str(python), 'tools/install.py', '.venv-robot', 'requirements/robot.txt']
+    return [install, library, live]
+
+
+def parts(which: str) -> list[Part]:
+    """The parts of a target of the Makefile."""
+    here = f'{sys.version_info.major}.{sys.version_info.minor}'
+    test = [
+        Part('lint and types', lint),
+        Part('without a graph', without_graph),
+        Part("docstrings' examples", doctests),
+        Part('live nodes', nodes),
+        Part('demo and panel', demo_and_panel),
+    ]
+    others = [
+        Part(f'Python {version}', lambda version=version: other_python(version))
+        for version in PYTHONS
+        if version != here
+    ]
+    rest = [Part('the longest', longest), *others, Part("a robot's libraries", robot)]
+    fast = [test[0], Part('quick tests', quick), test[2]]
+    return {
+        'test': test,
+        'fast': fast,
+        'rest': rest,
+        'all': test + rest,
+        'footage': [Part('real footage', footage)],
+        'robot': rest[-1:],
+    }[which]
+
+
+def run(part: Part) -> Outcome:
+    """Run a part to its end, passing its output on."""
+    print(f'\n== {part.name}', flush=True)
+    started = time.monotonic()
+    counts = {'passed': 0, 'failed': 0, 'skipped': 0, 'error': 0}
+    commands = part.commands()
+    if not commands:
+        return Outcome(part.name, 0, 0, 1, 0.0, 'not checked: no such Python on this machine')
+    for command in commands:
+        status, last = _pass_on(command)
+        found = {word: int(number) for number, word in _COUNT.findall(last)}
+        for word, number in found.items():
+            counts[word] += number
+        if not found:
+            counts['passed' if status == 0 else 'failed'] += 1
+        elif status != 0 and not (found.get('failed') or found.get('error')):
+            counts['failed'] += 1
+        if status != 0 and 'tools/install.py' in command:
+            break
+    failed = counts['failed'] + counts['error']
+    return Outcome(
+        part.name, counts['passed'], failed, counts['skipped'], time.monotonic() - started
+    )
+
+
+def _pass_on(command: Sequence[str]) -> tuple[int, str]:
+    """A command's exit status and its last line, everything shown as it comes."""
+    last = ''
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            print(line, end='', flush=True)
+            last = line.strip() or last
+    return process.returncode, last
+
+
+def summarize(outcomes: Sequence[Outcome]) -> int:
+    """Print the table and the one line at its end; the exit status."""
+    print('\n== summary')
+    for outcome in outcomes:
+        print(
+            f'{outcome.name:24}{outcome.passed:6} passed{outcome.failed:5} failed'
+            f'{outcome.skipped:5} skipped{outcome.seconds:7.0f} s  {outcome.note}'
+        )
+    passed, failed, skipped = (
+        sum(column) for column in zip(*(o[1:4] for o in outcomes), strict=True)
+    )
+    print(f'{passed} passed, {failed} failed, {skipped} skipped')
+    return 1 if failed else 0
+
+
+def main() -> int:
+    """Run what the command line names."""
+    which = sys.argv[1] if len(sys.argv) > 1 else 'test'
+    outcomes = [run(part) for part in parts(which)]
+    if which in ('test', 'all'):
+        print('\nReal footage was not looked at: make test-footage FOOTAGE=FOLDER does that.')
+    return summarize(outcomes)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
