@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from mvuav_ros.simulation.rotation import Matrix, from_rpy
 from mvuav_ros.simulation.runway_truth import CameraPose
+from mvuav_ros.vision.frames import Matrix, from_rpy
 
 BIAS_DEG, NOISE_DEG = 0.4, 0.1
 """Standard deviations of roll and pitch each: of a flight, and from sample to sample, as small

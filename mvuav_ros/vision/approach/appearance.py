@@ -328,7 +328,8 @@ def _greyness(inside: Numbers, before: Numbers, after: Numbers) -> Numbers:
     if len(inside) == 1:
         return np.zeros(inside.shape[1])
     colours = [np.hypot(each[1], each[2]).mean(axis=1) for each in (inside, before, after)]
-    return np.clip(np.minimum(colours[1], colours[2]) - colours[0], -30, 30) / 10
+    less: Numbers = np.minimum(colours[1], colours[2]) - colours[0]
+    return np.clip(less, -30, 30) / 10
 
 
 def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
@@ -342,8 +343,9 @@ def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
         start = (x[:, None] + left[:, None] * depth)[:, :, None]
         width = np.maximum((right - left)[:, None] * depth, 1)[:, :, None]
         rows = np.rint(y[:, None] + depth).astype(np.intp)[:, :, None]
-        result: Numbers = image.means(rows, start + begin * width, start + end * width)[0]
-        return result.mean(axis=2)
+        means = image.means(rows, start + begin * width, start + end * width)[0]
+        result: Numbers = means.mean(axis=2)
+        return result
 
     rows = np.rint(y + near).astype(np.intp)
     texture = _texture(image, rows, x + (left + right) / 2 * near)

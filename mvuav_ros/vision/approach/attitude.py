@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 
-_OPTICAL_FROM_BODY = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
 _STEEPEST = math.radians(80.0)
 """Rad, of the camera's axis against the level; beyond, the horizon is nowhere near the image."""
 _BESIDE = 0.05
@@ -80,12 +80,7 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
         rpy_deg: roll, pitch and yaw of the camera on the body, degrees, about fixed axes.
     """
     roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
-    cos, sin = math.cos, math.sin
-    about_x = np.array([(1, 0, 0), (0, cos(roll), -sin(roll)), (0, sin(roll), cos(roll))])
-    about_y = np.array([(cos(pitch), 0, sin(pitch)), (0, 1, 0), (-sin(pitch), 0, cos(pitch))])
-    about_z = np.array([(cos(yaw), -sin(yaw), 0), (sin(yaw), cos(yaw), 0), (0, 0, 1)])
-    rotation: NDArray[np.float64] = about_z @ about_y @ about_x
-    return rotation
+    return from_rpy(roll, pitch, yaw)
 
 
 def horizon_from(
@@ -103,7 +98,7 @@ def horizon_from(
     """
     if not attitude.valid:
         return None
-    up = _OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
+    up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
     if np.linalg.norm(level) < math.cos(_STEEPEST):

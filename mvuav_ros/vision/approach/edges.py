@@ -68,7 +68,8 @@ def find_edges(
     def steps_of(smoothing: int) -> NDArray[Any]:
         features = features_of(sampled.pixels, colours, smoothing)
         profile = direction[0] * features[0] + direction[1] * features[1]
-        return np.clip(sampled.steps(profile), 0.0, size)
+        clipped: NDArray[Any] = np.clip(sampled.steps(profile), 0.0, size)
+        return clipped
 
     # Noise of colour hides the line, smoothing it moves the steps: each for what it leaves alone.
     return sampled.fit(steps_of(1), steps_of(_COLOUR_SMOOTHING), size)
@@ -88,9 +89,9 @@ class EdgeSamples:
     """
 
     pixels: NDArray[Any]
-    expected: NDArray[np.float64]
-    rows: NDArray[np.float64]
-    across: NDArray[np.float64]
+    expected: NDArray[np.floating[Any]]
+    rows: NDArray[np.floating[Any]]
+    across: NDArray[np.floating[Any]]
     inside: NDArray[np.bool_]
     base: int
 

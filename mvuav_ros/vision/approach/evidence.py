@@ -154,10 +154,10 @@ def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     reach = TUNING.step_reach
     kernel = np.array([[-1] * reach + [0] + [1] * reach], np.float32) / reach
     step = cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE)
-    size = np.abs(step)
+    size: NDArray[Any] = np.abs(step)
     # One bright roof must not hide the field beside it.
     np.minimum(size, 4.0 * float(size[::3, ::3].mean()) + floor, out=size)
-    usual: NDArray[np.float32] = cv2.blur(size, TUNING.texture_window)
+    usual = cv2.blur(size, TUNING.texture_window)
     return np.asarray(step / (1.25 * usual + floor), np.float32)
 
 

@@ -21,7 +21,7 @@ from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.targets import TARGETS
 from mvuav_ros.vision.approach.tracker import Tracker
 from mvuav_ros.vision.approach.tuning import TUNING
-from mvuav_ros.vision.image import Pixels
+from mvuav_ros.vision.point_operations import Pixels
 
 _AFRESH = 10
 """Frames between two looks for the horizon at any slope."""
@@ -104,12 +104,12 @@ class RunwayFinder:
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         if attitude is not None:
-            row = (attitude.row + 0.5) / factor - 0.5
             level = Derotation(width, height, factor, attitude.slope)
-            row = level.row_of(row)
+            at = level.row_of((attitude.row + 0.5) / factor - 0.5)
+            row: float | None = at
             reach = TUNING.attitude_reach
-            ranges = [SearchRange(level.slope, row - reach, row + reach)]
-            known: tuple[float, float] | None = (row, TUNING.attitude_sigma)
+            ranges = [SearchRange(level.slope, at - reach, at + reach)]
+            known: tuple[float, float] | None = (at, TUNING.attitude_sigma)
         else:
             level, ranges, seen = self._from_image(pixels, factor)
             row, known = seen, self._agreed(seen)

@@ -52,7 +52,7 @@ def evidence_weights() -> EvidenceWeights:
     data = json.loads(text)
     if tuple(data['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    return EvidenceWeights(
-        *(np.array(data[name]) for name in ('mean', 'deviation', 'knots', 'slopes')),
-        float(data['offset']),
+    mean, deviation, knots, slopes = (
+        np.array(data[name], np.float64) for name in ('mean', 'deviation', 'knots', 'slopes')
     )
+    return EvidenceWeights(mean, deviation, knots, slopes, float(data['offset']))

@@ -17,6 +17,8 @@ _PAINT_BEFORE_STEPS = 1.0
 """Paint must be that much more evident than steps, in textures, before edges are looked for in it:
 a runway's edge is the pavement's, where that can be seen."""
 _MEMORY = 0.2
+_REGION = 5
+"""Share of the samples across an edge, at either end, that are its outside and its inside."""
 
 
 class EdgeLook:
@@ -34,6 +36,8 @@ class EdgeLook:
         shape: NDArray[np.float64],
         span: tuple[float, float],
         paint_lead: float,
+        *,
+        wide: bool = False,
     ) -> tuple[EdgePoints, EdgePoints]:
         """Measure both edges, and learn what they look like.
 
@@ -43,12 +47,13 @@ class EdgeLook:
             shape: (4,) vanishing point and slopes, px of the levelled working image.
             span: rows from the vanishing point to the far and to the near end.
             paint_lead: by how much paint is more evident than steps, in textures.
+            wide: the runway's edges may be farther from the shape's than its lines are apart.
         """
         samples = sample_edges(image, level, shape, span)
         levels = samples.pixels / 256.0 if image.dtype == np.uint16 else samples.pixels
         channels = opponent_channels(np.asarray(levels))
         steps = np.stack([samples.steps(channel) for channel in channels])
-        self._learn(steps, samples, channels[0])
+        self._learn(steps, samples, channels, wide)
         if paint_lead > _PAINT_BEFORE_STEPS:
             ridge = _ridges(samples, channels[0])
             size = max(self._paint, _LEAST_CONTRAST)
@@ -61,23 +66,44 @@ class EdgeLook:
         along = np.clip(along, 0.0, size)
         return samples.fit(along, along, size)
 
-    def _learn(self, steps: NDArray[Any], samples: EdgeSamples, brightness: NDArray[Any]) -> None:
+    def _learn(
+        self,
+        steps: NDArray[Any],
+        samples: EdgeSamples,
+        channels: list[NDArray[np.float32]],
+        wide: bool,
+    ) -> None:
         """Take the strongest step that both edges have in common near where they are expected."""
         middle = steps.shape[3] // 2
         near = slice(max(0, middle - 3), middle + 4)
-        average = steps.mean(axis=2)[:, :, near]
-        left, right = average[:, 0], average[:, 1]
-        size_left, size_right = (np.linalg.norm(each, axis=0) for each in (left, right))
-        # Each edge where it is steepest; the contrast is what the two agree in.
-        one, other = left[:, size_left.argmax()], right[:, size_right.argmax()]
-        common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
+        if wide:
+            left, right = _regions(samples, channels)
+        else:
+            average = steps.mean(axis=2)[:, :, near]
+            size = np.linalg.norm(average, axis=0)
+            left = average[:, 0, size[0].argmax()]
+            right = average[:, 1, size[1].argmax()]
+        # The contrast is what the two edges agree in.
+        common = np.maximum(np.minimum(left, right), 0) + np.minimum(np.maximum(left, right), 0)
         contrast = np.zeros(3)
         contrast[: common.size] = common
-        paint = float(_ridges(samples, brightness).mean(axis=1)[:, near].max())
+        paint = float(_ridges(samples, channels[0]).mean(axis=1)[:, near].max())
         share = _MEMORY if self._known else 1.0
         self._contrast += share * (contrast - self._contrast)
         self._paint += share * (paint - self._paint)
         self._known = True
+
+
+def _regions(
+    samples: EdgeSamples, channels: list[NDArray[np.float32]]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Inside minus outside, farthest from either edge: lines beside the edge do not count."""
+    rows = samples.rows.size
+    outer = max(1, samples.across.size // _REGION)
+    values = np.stack([channel.reshape(2, rows, -1).mean(axis=1) for channel in channels])
+    first, last = values[:, :, :outer].mean(axis=2), values[:, :, -outer:].mean(axis=2)
+    rise = last - first
+    return rise[:, 0], -rise[:, 1]
 
 
 def _ridges(samples: EdgeSamples, brightness: NDArray[Any]) -> NDArray[Any]:

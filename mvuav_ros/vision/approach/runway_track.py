@@ -48,6 +48,11 @@ _CLEAR_PX, _CLEAR_SHARE = 1.0, 0.03
 the frame itself."""
 _AGREE = 2.0
 """Px between such a measurement and the mean, at most."""
+_WIDE, _LEAST_SUPPORT = 18.0, 0.25
+"""Px of the near end from which a runway's lines are so far apart that its edges are those with the
+clearest steps, and their support, 0 to 1, from which that holds. The simulator's flights."""
+_SHARP_SUPPORT, _SHARP_AGREEMENT = 0.75, 0.3
+"""Support of wide edges from which they count as agreed on, and that agreement at least."""
 _POINTS = 12
 _SURE_AGE = 10
 _PAINT = FEATURES.index('paint')
@@ -156,7 +161,9 @@ class RunwayTrack:
         mean = _columns(strip[None], rows)[0]
         points = _points_along(mean, rows, np.zeros((2, 2)))
         if self._clear:
-            exact = self._look.find(image, level, strip[:4], (self.far, self.near), self._lead)
+            span = self.far, self.near
+            wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
+            exact = self._look.find(image, level, strip[:4], span, self._lead, wide=wide)
             if all(map(_agrees, exact, points)):
                 points = exact
                 self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
@@ -223,12 +230,16 @@ class RunwayTrack:
         self.agreement += max(_MEMORY, 1.0 / self.age) * (agreement - self.agreement)
         self._clear = bool(spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width))
         self._lead = float(features[_PAINT] - features[_STEPS[0]] - features[_STEPS[1]])
-        if self._clear:
+        wide = width >= _WIDE
+        if self._clear or wide:
             span = float(best[4]), float(best[5])
-            shape = _shape_through(mean, rows)
-            exact = self._look.find(image, level, shape, span, self._lead)
-            if all(map(_agrees, exact, points)):
-                points = exact
+            through = _shape_through(mean, rows)
+            exact = self._look.find(image, level, through, span, self._lead, wide=wide)
+            agree = all(map(_agrees, exact, points))
+            if agree or (wide and min(edge.support for edge in exact) > _LEAST_SUPPORT):
+                points, self._clear = exact, True
+                if min(edge.support for edge in exact) > _SHARP_SUPPORT:
+                    self.agreement = max(self.agreement, _SHARP_AGREEMENT)
         shape = self.shape
         shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
         row, sigma = horizon if horizon is not None else (None, 1.0)
