@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.pose import FROM_BEHIND, PoseEstimator
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
 from mvuav_ros.vision.rig_observability import confusions, pose_error
 
@@ -15,7 +16,7 @@ NOISE = 0.3
 def test_the_expected_error_is_the_one_that_is_found():
     distance = 100.0
     points = TANKER_747.positions - TANKER_747.positions.mean(axis=0)
-    behind = points @ FROM_BEHIND.T + (0.0, 0.0, distance)
+    behind = points @ OPTICAL_FROM_BODY.T + (0.0, 0.0, distance)
     pixels = (behind @ CAMERA.matrix.T)[:, :2] / behind[:, 2:]
     middle = TANKER_747.positions.mean(axis=0)
     rng = np.random.default_rng(1)

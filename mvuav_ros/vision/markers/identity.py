@@ -144,6 +144,7 @@ class IdentityTracker:
         self._markers: list[_Known] = []
         self._attempts = Attempts(self._count)
         self._doubts = 0
+        self._exact = True
         self._tick = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -198,6 +199,7 @@ class IdentityTracker:
     def _filter_of(self, named: Named, time: float, rig_error: float | None = None) -> ViewFilter:
         """Begin to follow the view of a whole body."""
         assert named.view is not None
+        self._exact = named.fits
         places = np.array([(spot.x, spot.y) for spot in named.spots])
         offsets = None if named.fits else offsets_of(self._shape, named.view, places)
         return ViewFilter(self._shape, named.view, time, offsets, rig_error)
@@ -315,11 +317,23 @@ class IdentityTracker:
             lights = frame.lights(self._lens, around)
         except GroupingError as error:
             return str(error)
+        if not self._exact and not search.found and len(lights) >= self._count:
+            self._name_afresh(frame, search, lights)
+            in_image.update(lights.measured)
+            return ''
         fewest = 2 if frame.time - self._newest < YOUNG else 3
+        if not self._exact:
+            fewest = self._count
         nameless = search.name(lights, self._clutter, min(fewest, self._count))
         self._challenge(frame, search, lights, nameless)
         in_image.update(lights.measured)
         return ''
+
+    def _name_afresh(self, frame: _Frame, search: Search, lights: Lights) -> None:
+        """Name a body that is not quite its rig as at the start: its view tells too little."""
+        named = initialize(self._shape, lights, self._rig.names)
+        if named.view is not None and named.certain:
+            self._replace(search, named, frame.time)
 
     def _challenge(self, frame: _Frame, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where lights have no name and markers no light for long."""
