@@ -138,4 +138,5 @@ def test_shipped_parameter_files_are_valid(file):
 def test_default_yaml_holds_the_defaults():
     for node, parameters in _generator().NODES.items():
         values = read_parameter_values(ROOT / 'config' / 'default.yaml', node)
-        assert values == parameters().as_dict()
+        assert parameters.from_mapping(values) == parameters()
+        assert values.keys() == parameters().as_dict().keys()

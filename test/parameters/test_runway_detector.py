@@ -34,6 +34,9 @@ CONTRACT = {
     'autostart': True,
     'publish_tf': True,
     'runway_frame': 'runway',
+    'min_confidence': 0.5,
+    'horizon_source': 'auto',
+    'camera_mount_rpy_deg': (0.0, 0.0, 0.0),
 }
 
 

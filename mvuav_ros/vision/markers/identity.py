@@ -317,20 +317,22 @@ class IdentityTracker:
             lights = frame.lights(self._lens, around)
         except GroupingError as error:
             return str(error)
-        if not self._exact and not search.found and len(lights) >= self._count:
-            self._name_afresh(frame, search, lights)
-            in_image.update(lights.measured)
-            return ''
         fewest = 2 if frame.time - self._newest < YOUNG else 3
-        if not self._exact:
-            fewest = self._count
+        moved = not self._exact and not search.found and len(lights) >= self._count
         nameless = search.name(lights, self._clutter, min(fewest, self._count))
-        self._challenge(frame, search, lights, nameless)
+        if moved and len(search.found) < self._count:
+            self._name_afresh(frame, search, lights)
+        else:
+            self._challenge(frame, search, lights, nameless)
         in_image.update(lights.measured)
         return ''
 
     def _name_afresh(self, frame: _Frame, search: Search, lights: Lights) -> None:
-        """Name a body that is not quite its rig as at the start: its view tells too little."""
+        """Name a body that is not quite its rig as at the start, or not at all.
+
+        Its view, carried over a gap, tells too little to name a part of it.
+        """
+        search.found.clear()
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is not None and named.certain:
             self._replace(search, named, frame.time)

@@ -105,7 +105,7 @@ def test_sweep_writes_table_and_trends_and_reports_a_failed_run(tmp_path):
     rows = rows_of(out / 'sweep.csv')
     assert [row['runway_detector:rho_error_threshold'] for row in rows] == ['1', '1000'] * 2
     assert [bool(row['error']) for row in rows] == [False, False, True, True]
-    assert float(rows[0]['rho flags']) > float(rows[1]['rho flags']) == 0.0
+    assert float(rows[0]['rho flags [frames]']) > float(rows[1]['rho flags [frames]']) == 0.0
     for name in ('trends_subplot', 'trend_flag_counts', 'grouped_average_rho'):
         assert (out / f'{name}.png').stat().st_size > 5000
     page = (out / 'index.html').read_text()

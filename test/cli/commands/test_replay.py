@@ -327,7 +327,7 @@ def test_parameters_come_from_file_and_command_line(tmp_path: Path) -> None:
         (('--param', 'marker_tracker:threshold:=2'), 'threshold'),
         (('--param', 'marker_tracker:nonsense:=2'), 'no such parameter'),
         (('--param', 'nonsense'), 'node:name:=value'),
-        (('--param', 'runway_detector:num_peaks:=2'), 'not among --nodes'),
+        (('--param', 'runway_detector:num_peaks:=2'), 'is not among'),
         (('--params-file', '/does/not/exist.yaml'), 'No such file'),
         (('--nodes', 'nonsense'), 'there are marker_tracker, runway_detector'),
         (('--every', '0'), 'every'),
@@ -427,4 +427,4 @@ def test_the_output_says_from_what_it_was_made(bag: Path, tmp_path: Path) -> Non
     assert metadata['mvuav_replay']['input'] == str(bag)
     settings = json.loads(metadata['mvuav_replay']['settings'])
     assert settings['parameters']['marker_tracker']['threshold'] == 0.25
-    assert json.loads(metadata['mvuav_replay_result']['json'])['answered'] == 30
+    assert json.loads(metadata['mvuav_replay_result']['json'])['processed'] == 30

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from support.node_outputs import messages_of as messages_from
 from support.places import ROOT
 
@@ -25,6 +25,7 @@ TYPES = {
     '/truth/lines': PointCloud2,
     '/truth/rpy': Vector3Stamped,
     '/truth/pose': PoseStamped,
+    '/imu': Imu,
 }
 
 

@@ -29,6 +29,7 @@ TABLES = {
     'runway_flags',
     'runway_truth',
     'approach',
+    'integrity',
     'names',
     'pose',
     'prediction_by_motion',

@@ -1,6 +1,7 @@
 """What the tracker's processor makes of a pose."""
 
 import math
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 
-FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=8, seed=3, failures='all@0.2-9'))
+FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3, failures='all@0.2-9'))
 CAMERA = CameraModel(640, 480, tuple(FLIGHT.camera.matrix.ravel()))
 
 
@@ -23,7 +24,7 @@ def run(camera=CAMERA, debug=(), **parameters):
         processor.set_camera(camera)
     frames = [
         messages_of(processor, processor.process(Frame(f.stamp_ns, 'camera', f.image), debug))
-        for f in FLIGHT
+        for f in islice(FLIGHT, 8)
     ]
     return processor, frames
 

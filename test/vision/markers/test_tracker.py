@@ -58,8 +58,9 @@ def test_auto_is_intensity_where_that_finds_the_lights():
         for channel in ('auto', 'intensity', 'brightest')
     }
     assert detected(results['auto']) == detected(results['brightest']) == 5
-    assert results['auto'].markers == results['intensity'].markers
-    assert results['auto'].markers != results['brightest'].markers
+    # As text: velocities are NaN, which equals nothing.
+    assert repr(results['auto'].markers) == repr(results['intensity'].markers)
+    assert repr(results['auto'].markers) != repr(results['brightest'].markers)
 
 
 def test_the_channel_stays_when_markers_are_lost_and_is_forgotten_by_reset():
