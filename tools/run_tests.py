@@ -48,8 +48,8 @@ def pytest(*arguments: str, python: Path = BIN / 'python') -> list[str]:
 
 
 def parallel(*arguments: str, python: Path = BIN / 'python') -> list[str]:
-    """A run of pytest on all cores; a worker that is done takes over from the others."""
-    return pytest('-n', 'auto', '--dist', 'worksteal', *arguments, python=python)
+    """A run of pytest on all cores; a file stays together, so that its flights are flown once."""
+    return pytest('-n', 'auto', '--dist', 'loadfile', *arguments, python=python)
 
 
 def lint() -> list[list[str]]:
@@ -79,7 +79,7 @@ def doctests() -> list[list[str]]:
 
 def nodes() -> list[list[str]]:
     """Live nodes on real DDS, each test in a domain of its own; two at a time, as they wait."""
-    return [pytest('-n', '2', '--dist', 'worksteal', '-m', 'not long', 'test/nodes')]
+    return [pytest('-n', '2', '--dist', 'loadfile', '-m', 'not long', 'test/nodes')]
 
 
 def demo_and_panel() -> list[list[str]]:

@@ -132,9 +132,9 @@ def _read(path: Path) -> SavedRun:
         kind=PROCESSORS[content['kind']].name,
         source=words(content['source'], foreign.LONGEST_DESCRIPTION),
         parameters={
-            words(name): value
+            words(name): tuple(value) if isinstance(value, list) else value
             for name, value in dict(content['parameters']).items()
-            if isinstance(value, (bool, int, float, str))
+            if isinstance(value, (bool, int, float, str)) or _is_numbers(value)
         },
         metrics=tuple(
             Metric(
@@ -186,6 +186,10 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 bags.setdefault(foreign.words(name), path)
     return bags
+
+
+def _is_numbers(value: object) -> bool:
+    return isinstance(value, list) and all(type(number) in (int, float) for number in value)
 
 
 def _cell(value: Value | None) -> Cell:

@@ -105,7 +105,7 @@ FORBIDDEN_MODULES = {'pickle', 'cPickle', 'dill', 'shelve', 'marshal', 'subproce
 FORBIDDEN_CALLS = {'eval', 'exec', 'compile', '__import__', 'system', 'popen', 'load_module'}
 # The demo and the benchmark start our own executables, from lists and without a shell.
 MAY_START_PROCESSES = {'cli/demo/processes.py', 'cli/bench/live.py'}
-# What processes that we forked ourselves say to each other; never anything from a file or a network.
+# What processes that we forked ourselves say to each other; never what a file or a network says.
 MAY_PICKLE = {'offline/processes.py', 'offline/replay/shared_buffer.py'}
 
 

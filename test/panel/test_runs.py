@@ -118,7 +118,7 @@ def test_trends_over_names_and_over_a_parameter_that_differs(made):
     assert [row['run'] for row in rows] == ['first', 'second']
     assert rows[0]['num_peaks'] == '2' and float(rows[0]['rho flags [frames]']) >= 0
     assert varied(runs) == ['mode', 'num_peaks'] and varied([done]) == []
-    columns = ['rho flags [frames]', 'theta flags [frames]']
+    columns = ['rho flags', 'theta flags']
     named = line_options(runs, columns, 'run')
     assert named['xAxis']['data'] == ['first', 'second']
     over = line_options(runs, columns, 'num_peaks')

@@ -118,8 +118,8 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
         distance = np.linalg.norm(frame.truth.translation)
         error = np.subtract((position.x, position.y, position.z), frame.truth.translation)
         assert np.linalg.norm(error) < 0.01 * distance
-    roll = outputs['rpy'].vector.x
-    assert roll == pytest.approx(0.0, abs=0.02)
+        roll = outputs['rpy'].vector.x
+        assert roll == pytest.approx(0.0, abs=0.02)
 
 
 @pytest.mark.parametrize(
