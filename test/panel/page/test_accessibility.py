@@ -7,7 +7,7 @@ import tarfile
 import pytest
 from support.panel import DETECTOR, TRACKER, needs_chromium, open_panel
 
-pytestmark = needs_chromium
+pytestmark = [needs_chromium, pytest.mark.long]
 AXE = 'axe-core@4.14.1'
 PARTS = ('images', 'results', 'runs', 'parameters')
 

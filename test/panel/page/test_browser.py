@@ -17,7 +17,7 @@ from support.panel import DETECTOR, PATIENCE, TRACKER, needs_chromium, open_pane
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.reading import open_recording
 
-pytestmark = needs_chromium
+pytestmark = [needs_chromium, pytest.mark.long]
 
 
 @pytest.fixture(scope='module')

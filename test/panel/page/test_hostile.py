@@ -23,7 +23,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from support.graph import ROOT
 from support.panel import DETECTOR, needs_chromium, open_panel
 
-pytestmark = needs_chromium
+pytestmark = [needs_chromium, pytest.mark.long]
 
 EVIL = '/evil'
 MARKUP = '<img src=x onerror="window.harmed=1"><b id=harm>b</b><script>window.harmed=1</script>'
