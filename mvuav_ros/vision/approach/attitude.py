@@ -42,8 +42,8 @@ class Attitude:
         w: of the unit quaternion.
 
     Example:
-        >>> Attitude.from_roll_pitch(0.0, 0.0)
-        Attitude(x=0.0, y=0.0, z=0.0, w=1.0)
+        >>> Attitude.from_roll_pitch(0.0, 0.0).w
+        1.0
     """
 
     x: float
