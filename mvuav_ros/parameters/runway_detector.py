@@ -76,6 +76,9 @@ class RunwayDetectorParameters(ParameterSet):
         'Probability below which mode approach reports no runway: its rows are NaN then.',
         minimum=0.0,
         maximum=1.0,
+        counts=_APPROACH,
+        stage='Approach',
+        usual=(0, 1),
     )
     horizon_source: str = parameter(
         'auto',
@@ -83,6 +86,8 @@ class RunwayDetectorParameters(ParameterSet):
         'the image; imu: the same, and /diagnostics warns while there is none; image: never from '
         'imu.',
         choices=HORIZON_SOURCES,
+        counts=_APPROACH,
+        stage='Approach',
     )
     camera_mount_rpy_deg: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
@@ -91,6 +96,8 @@ class RunwayDetectorParameters(ParameterSet):
         minimum=-180.0,
         maximum=180.0,
         unit='°',
+        counts=_APPROACH,
+        stage='Approach',
     )
     start_row: int = parameter(
         50,
