@@ -21,6 +21,7 @@ from mvuav_ros.cli.commands.rig import rig
 from mvuav_ros.cli.commands.simulate import simulate
 from mvuav_ros.cli.commands.sweep import sweep
 from mvuav_ros.cli.typer_annotations import spell_unions_out
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
@@ -81,6 +82,9 @@ def main() -> NoReturn:
         _fail('interrupted', 128 + interruption.number)
     except OSError as error:
         _fail(str(error), 1)
+    except ImportError as error:
+        # Commands import what they need when they are called.
+        _fail(explain_missing_module(sys.argv[1], error), 1)
     except Exception as error:
         # Usage errors of typer, whose own click is not importable under a public name.
         if not hasattr(error, 'format_message'):

@@ -1,8 +1,6 @@
-"""The figures of ``mvuav bench live`` as a table and as JSON."""
+"""The results of ``mvuav bench live`` as a table."""
 
 from __future__ import annotations
-
-from dataclasses import asdict
 
 from rich.console import Console
 from rich.table import Table
@@ -47,13 +45,3 @@ def _row(result: LiveResult) -> list[str]:
         f'{result.memory_mb:.0f}',
         '' if result.within_limits else f'EXCEEDED {result.limit:g} x',
     ]
-
-
-def as_figures(result: LiveResult) -> dict[str, object]:
-    """One row as JSON."""
-    return {
-        **asdict(result),
-        'ratio': result.ratio,
-        'limit_ratio': result.limit,
-        'within_limits': result.within_limits,
-    }

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Observations, Rows
 from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
-from mvuav_ros.offline.evaluation.observed import EvaluationRun, Observations, Rows
 from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
 
 NEAR = 5.0
@@ -66,9 +66,9 @@ class LineErrors:
         return [match for match in self.matches if match.true == true]
 
 
-def marker_errors(observed: EvaluationRun) -> MarkerErrors | None:
+def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     """Markers against truth; None where one of them is missing, or there are other lights."""
-    results, truth = observed.results.markers, observed.truth.markers
+    results, truth = run.results.markers, run.truth.markers
     stamps = [
         stamp
         for stamp in sorted(results.keys() & truth.keys())
@@ -93,9 +93,9 @@ def _wrong_names(found: Array, true: Array, state: Array) -> Array:
     return np.asarray((state == MarkerState.DETECTED) & ~(own <= NEAR) & (nearest <= NEAR))
 
 
-def roll_errors(observed: EvaluationRun) -> RollErrors | None:
+def roll_errors(run: EvaluationRun) -> RollErrors | None:
     """Roll against truth; None where one of them is missing."""
-    results, truth = observed.results.rpy, observed.truth.rpy
+    results, truth = run.results.rpy, run.truth.rpy
     stamps = sorted(results.keys() & truth.keys())
     if not stamps:
         return None
@@ -110,9 +110,9 @@ TRUE_LINES = ('left edge', 'right edge', 'centreline')
 """Of ``/truth/lines``, the rows that run along the runway."""
 
 
-def line_errors(observed: EvaluationRun) -> LineErrors | None:
+def line_errors(run: EvaluationRun) -> LineErrors | None:
     """Lines against truth; None where one of them is missing."""
-    results, truth = observed.results.lines, observed.truth.lines
+    results, truth = run.results.lines, run.truth.lines
     stamps = sorted(results.keys() & truth.keys())
     if not stamps:
         return None
