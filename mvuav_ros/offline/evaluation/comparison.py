@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Observations, Rows
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
 from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
 from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
@@ -137,11 +137,6 @@ def _true_lines(rows: Rows) -> list[TrueLine]:
         )
         for row in rows[: len(TRUE_LINES)]
     ]
-
-
-def has_truth(truth: Observations) -> bool:
-    """Whether there is any."""
-    return len(truth) > 0
 
 
 def _places(rows: Rows) -> Array:

@@ -134,25 +134,6 @@ def _metric_cell(result: RunResult, column: str) -> Cell:
     return next((m.cell for m in result.metrics if m.column == column), None)
 
 
-def trend_image(
-    results: Sequence[RunResult], arrangement: str, group: str, ticks: Sequence[str]
-) -> Figure:
-    """The trends of some runs in one figure.
-
-    Args:
-        results: in the order of the runs.
-        arrangement: ``single``, ``subplots`` or ``grouped``.
-        group: of metrics, where not all are drawn.
-        ticks: a name for each run.
-    """
-    groups = _groups(results)
-    if arrangement == 'subplots':
-        return _subplots(results, groups, ticks)
-    if arrangement == 'grouped':
-        return _grouped(results, {group: groups[group]}, ())[0]
-    return _single(results, group, groups[group], ticks)
-
-
 def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:
     return metric_groups(result.metrics for result in results)
 
