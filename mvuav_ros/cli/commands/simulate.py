@@ -67,7 +67,7 @@ def _parse_size(text: str) -> tuple[int, int]:
 
 
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
-    from mvuav_ros.offline.simulate import truth_messages
+    from mvuav_ros.offline.simulate import simulated_messages
 
     flight = make_flight(kind, given)
     if output.exists() and not force:
@@ -81,7 +81,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in truth_messages(frame, camera, FRAME_ID, seed):
+            for topic, type_name, data in simulated_messages(frame, camera, FRAME_ID, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
             if stop:
                 break

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
-from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
 from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
+from mvuav_ros.vision.runway.normal_form import NormalForm
 
 NEAR = 5.0
 """px; a marker within this of another light's true place, and not of its own, is a wrong name."""
@@ -123,7 +124,7 @@ def line_errors(run: EvaluationRun) -> LineErrors | None:
         true = _true_lines(truth[stamp])
         for index, line in enumerate(true):
             visible[index] += math.isfinite(line.line.rho)
-        lines = [Line(float(row['rho']), float(row['theta'])) for row in results[stamp]]
+        lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
         found += sum(math.isfinite(line.rho) for line in lines)
         matches += match_lines(lines, true)
     return LineErrors(len(stamps), found, tuple(visible), tuple(matches), TRUE_LINES)
@@ -132,7 +133,7 @@ def line_errors(run: EvaluationRun) -> LineErrors | None:
 def _true_lines(rows: Rows) -> list[TrueLine]:
     return [
         TrueLine(
-            Line(float(row['rho']), float(row['theta'])),
+            NormalForm(float(row['rho']), float(row['theta'])),
             (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
         )
         for row in rows[: len(TRUE_LINES)]

@@ -4,16 +4,51 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
-from mvuav_ros.offline.evaluation.metric import Metric
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics
+
+
+class Metric(NamedTuple):
+    """One number; metrics of one group are drawn together, since they have one unit."""
+
+    group: str
+    name: str
+    unit: str
+    value: float
+
+    @property
+    def cell(self) -> int | float:
+        """The value; counts as whole numbers."""
+        whole = not self.unit and self.value.is_integer()
+        return int(self.value) if whole else self.value
+
+    @property
+    def column(self) -> str:
+        """Name and unit."""
+        return f'{self.name} [{self.unit}]' if self.unit else self.name
+
+
+def metric_groups(runs: Iterable[Iterable[Metric]]) -> dict[str, list[str]]:
+    """Columns by group, without those that have no number at all.
+
+    Args:
+        runs: the metrics of each.
+    """
+    groups: dict[str, list[str]] = {}
+    for metrics in runs:
+        for metric in metrics:
+            names = groups.setdefault(metric.group, [])
+            if metric.column not in names and not math.isnan(metric.value):
+                names.append(metric.column)
+    return {group: names for group, names in groups.items() if names}
 
 
 def metrics_of(run: EvaluationRun) -> list[Metric]:

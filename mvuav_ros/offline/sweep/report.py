@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import mvuav_ros
-from mvuav_ros.offline.evaluation.metric import metric_groups
+from mvuav_ros.offline.evaluation.metrics import metric_groups
 from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below
 from mvuav_ros.offline.sweep.run import Axis as SweepAxis

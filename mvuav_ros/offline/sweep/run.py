@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mvuav_ros.offline.evaluation.evaluation_run import replay
-from mvuav_ros.offline.evaluation.metric import Metric
-from mvuav_ros.offline.evaluation.metrics import metrics_of
+from mvuav_ros.offline.evaluation.metrics import Metric, metrics_of
 from mvuav_ros.offline.node_parameters import PROCESSING_NODES
 from mvuav_ros.offline.processes import Done
 from mvuav_ros.offline.replay.cluster import connect
