@@ -17,7 +17,7 @@ import mvuav_ros
 from mvuav_ros.offline.processes import ProcessDiedError
 from mvuav_ros.offline.replay.ahead import ReplayAhead
 from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
-from mvuav_ros.offline.replay.inputs import Input, Item, open_input
+from mvuav_ros.offline.replay.inputs import Item, ReplayInput
 from mvuav_ros.offline.replay.records import DESCRIPTION, RESULT, State, fingerprint, state_of
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
@@ -104,6 +104,11 @@ class ReplayOutcome:
         """Whether anything was lost or rejected."""
         return bool(self.rejected or self.errors)
 
+    def counts(self) -> dict[str, Any]:
+        """What is kept of it in files."""
+        names = ('frames', 'processed', 'rejected', 'errors', 'warnings')
+        return {name: getattr(self, name) for name in names}
+
     def count(self, results: FrameResults) -> None:
         """Take in a frame; very many different reasons are counted as one."""
         self.frames += 1
@@ -114,7 +119,6 @@ class ReplayOutcome:
 
 
 _MOST_REASONS = 100
-_RESULT_FIELDS = ('frames', 'processed', 'rejected', 'errors', 'warnings')
 
 
 class JobProgress(NamedTuple):
@@ -158,7 +162,10 @@ def run_job(
         return
     redo = job.overwrite or (job.resume and state is State.UNFINISHED)
     if state is not State.ABSENT and not redo:
-        raise RecordingError(_exists(job))
+        other = ', but was not made from this input by this version with these parameters'
+        raise RecordingError(
+            f'{job.output} exists{other if job.resume else ""}; --force overwrites it'
+        )
     settings = job.settings
     processors = make_processors(settings.parameters)
     # The processes first: they are forked, which is right only before the input has threads.
@@ -168,18 +175,18 @@ def run_job(
             return
         progress(JobProgress(source.name, 0, source.count))
         with RecordingWriter(job.output, redo, {DESCRIPTION: description}) as writer:
-            camera = any(processor.uses_camera_info for processor in processors)
-            attitude = any(processor.awaits_attitude for processor in processors)
-            items = source.items(settings.keep_inputs, camera, attitude)
-            items = gamma_corrected(items, settings.gamma)
-            with closing(items):
+            items = source.items(
+                keep=settings.keep_inputs,
+                camera=any(processor.uses_camera_info for processor in processors),
+                attitude=any(processor.awaits_attitude for processor in processors),
+            )
+            with closing(gamma_corrected(items, settings.gamma)) as items:
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted:
                 if outcome.processed == 0:
                     raise SourceError(f'{job.source}: not a single frame could be used')
-                result = {name: getattr(outcome, name) for name in _RESULT_FIELDS}
-                writer.conclude(RESULT, {'json': json.dumps(result)})
+                writer.conclude(RESULT, {'json': json.dumps(outcome.counts())})
 
 
 def attempt(job: ReplayJob, progress: Progress, stop: Stop, processes: int = 1) -> ReplayOutcome:
@@ -207,14 +214,12 @@ def _replaying(
 
 
 @contextmanager
-def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
+def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
-    settings = job.settings
-
-    def open_it() -> Input:
-        return open_input(job.source, settings.image_topic, settings.fps, settings.selection)
-
-    source = stop.unless_requested(open_it)
+    given = job.settings
+    source = stop.unless_requested(
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection)
+    )
     try:
         yield source
     finally:
@@ -225,7 +230,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
 def _write(
     steps: Iterator[FrameResults | RecordedMessage],
     output: _Output,
-    source: Input,
+    source: ReplayInput,
     progress: Progress,
     stop: Stop,
 ) -> None:
@@ -281,15 +286,6 @@ def _description(job: ReplayJob) -> dict[str, str]:
         **fingerprint(job.source),
         'settings': json.dumps(settings, sort_keys=True),
     }
-
-
-def _exists(job: ReplayJob) -> str:
-    if job.resume:
-        return (
-            f'{job.output} exists, but was not made from this input by this version with these '
-            'parameters; --force overwrites it'
-        )
-    return f'{job.output} exists; --force overwrites it'
 
 
 def _refuse_own_input(job: ReplayJob) -> None:

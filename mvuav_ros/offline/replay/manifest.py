@@ -52,7 +52,7 @@ def _entry(job: ReplayJob, outcome: ReplayOutcome | None) -> dict[str, Any]:
         'output': job.output.name,
         'output_bytes': size,
         'outcome': _word(outcome),
-        **({} if outcome is None else _counts(outcome)),
+        **({} if outcome is None else {**outcome.counts(), 'failure': outcome.failure}),
     }
 
 
@@ -69,8 +69,3 @@ def _word(outcome: ReplayOutcome | None) -> str:
     if outcome.failure:
         return 'failed'
     return 'finished before' if outcome.done_before else 'finished'
-
-
-def _counts(outcome: ReplayOutcome) -> dict[str, Any]:
-    names = ('frames', 'processed', 'rejected', 'errors', 'warnings', 'failure')
-    return {name: getattr(outcome, name) for name in names}
