@@ -72,7 +72,7 @@ class RunwayDetectorParameters(ParameterSet):
     horizon_source: str = _approach(
         'auto',
         'Where mode approach takes the horizon from. auto: from imu while there is one, else from '
-        'the image; imu: the same, and /diagnostics warns while there is none; image: never from '
+        'the image; imu: as auto, and /diagnostics warns while there is none; image: never from '
         'imu.',
         choices=HORIZON_SOURCES,
     )

@@ -36,7 +36,7 @@ class MarkerTrackerProcessor(Processor):
     """Frames to labelled points, roll and pose.
 
     Attributes:
-        topics: with one for each marker of the layout; they are those of the parameters given at
+        topics: with one for each marker of the rig; they are those of the parameters given at
             the construction or by the first `configure`.
     """
 
@@ -79,22 +79,22 @@ class MarkerTrackerProcessor(Processor):
         }
         if parameters.publish_tf and transforms.TF_TYPE is not None:
             topics[transforms.TF_TOPIC] = transforms.TF_TYPE
-        # The layout is known from the start on, so this stands before anybody asks.
+        # The rig is known from the start on, so this stands before anybody asks.
         self.topics = topics  # type: ignore[misc]
-        self._pipeline = MarkerTracker(parameters, self._rig)
+        self._tracker = MarkerTracker(parameters, self._rig)
         self._poses = PoseEstimator(self._rig)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """See `Processor.configure`.
 
         Raises:
-            ParameterError: the layout's file cannot be used.
+            ParameterError: the rig's file cannot be used.
         """
         before, self._parameters = self._parameters, parameters
         if _setup(parameters) != _setup(before):
             self._set_rig(parameters)
         else:
-            self._pipeline.configure(parameters)
+            self._tracker.configure(parameters)
         self._share_camera()
 
     @property
@@ -111,15 +111,15 @@ class MarkerTrackerProcessor(Processor):
 
     def _share_camera(self) -> None:
         # Without a pose nobody waits for a calibration, so names must not depend on one.
-        self._pipeline.set_camera(self._camera if self._parameters.pose else None)
+        self._tracker.set_camera(self._camera if self._parameters.pose else None)
 
     def _forget(self) -> None:
         self._newest = None
-        self._pipeline.reset()
+        self._tracker.reset()
         self._poses.reset()
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        result = self._pipeline.process(frame.image, frame.stamp_ns)
+        result = self._tracker.process(frame.image, frame.stamp_ns)
         pose = self._estimate(frame, result)
         self.status = '; '.join(filter(None, (result.status, *self._warnings, *self._doubts)))
         numbered = self._parameters.mode == 'track_any'

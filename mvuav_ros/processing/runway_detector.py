@@ -36,7 +36,7 @@ from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_over
 from mvuav_ros.vision.runway.results import RunwayResult
 
 # The thesis's video windows two to five.
-_PICTURES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {
+_DEBUG_IMAGES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {
     'debug/confined': (draw_confined, 'mono8'),
     'debug/edges': (draw_edges, 'mono8'),
     'debug/hough': (draw_hough, 'bgr8'),
@@ -57,7 +57,7 @@ class RunwayDetectorProcessor(Processor):
         'pose': PoseWithCovarianceStamped,
         'vision_pose': PoseWithCovarianceStamped,
     }
-    debug_topics = tuple(_PICTURES)
+    debug_topics = tuple(_DEBUG_IMAGES)
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
@@ -112,8 +112,8 @@ class RunwayDetectorProcessor(Processor):
 
     def periodic(self, header: bytes) -> list[Output]:
         """See `Processor.periodic`."""
-        pipeline = self._approach if self._parameters.mode == 'approach' else self._thesis
-        return [Output('statistics', partial(encode_statistics, pipeline.statistics(), header))]
+        detector = self._approach if self._parameters.mode == 'approach' else self._thesis
+        return [Output('statistics', partial(encode_statistics, detector.statistics(), header))]
 
     def _forget(self) -> None:
         self._newest = None
@@ -180,8 +180,8 @@ class RunwayDetectorProcessor(Processor):
             return [Output('debug/overlay', partial(serialize_image, drawn, header))]
         outputs = []
         for topic in debug:
-            paint, encoding = _PICTURES[topic]
-            image = paint(result)
+            draw, encoding = _DEBUG_IMAGES[topic]
+            image = draw(result)
             if image.size:
                 outputs.append(
                     Output(topic, partial(serialize_image, Image(image, encoding), header))

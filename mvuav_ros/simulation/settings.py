@@ -132,7 +132,7 @@ class TankerSettings(FlightSettings):
         unit='m',
     )
     end_distance: float = parameter(
-        10.0, 'Docking: the same in the end.', limits=(0.1, 10_000.0), unit='m'
+        10.0, 'Docking: that distance in the end.', limits=(0.1, 10_000.0), unit='m'
     )
     distortion: str = parameter('', "The lens's k1, k2, p1, p2[, k3]; empty: none.")
     airframe: bool = parameter(True, 'Whether the aircraft is drawn, or its lights alone.')

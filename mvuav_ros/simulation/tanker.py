@@ -57,7 +57,7 @@ class TankerFlight(Flight[TankerTruth]):
             settings: of the flight; the defaults if None.
 
         Raises:
-            ParameterError: the layout's file cannot be used, or a schedule names no light of it.
+            ParameterError: the rig's file cannot be used, or a schedule names no light of it.
         """
         self.settings = settings or TankerSettings()
         super().__init__(self.settings, self.settings.camera())

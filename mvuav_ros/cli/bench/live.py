@@ -39,7 +39,7 @@ class LiveResult:
     Attributes:
         node: whose results these are; the stream may have had other nodes as well.
         sent: images published.
-        answered: images whose result came back to the camera.
+        processed: images whose result came back to the camera.
         latency: p50, p95 and p99 from the image's publication to the result's arrival.
         floor_taken: images that the minimal subscriber took.
         floor: its p50, p95 and p99 from publication to callback.
@@ -52,7 +52,7 @@ class LiveResult:
     case: LiveCase
     node: str
     sent: int
-    answered: int
+    processed: int
     latency: tuple[float, float, float]
     floor_taken: int
     floor: tuple[float, float, float]
@@ -141,7 +141,7 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
                 case=case,
                 node=name,
                 sent=sent,
-                answered=len(latencies),
+                processed=len(latencies),
                 latency=_percentiles(latencies),
                 floor_taken=len(floor_ms),
                 floor=_percentiles(floor_ms),

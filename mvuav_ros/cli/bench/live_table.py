@@ -8,7 +8,7 @@ from rich.table import Table
 from mvuav_ros.cli.bench.live import LiveResult
 
 _HEADINGS = (
-    'node', 'image', 'Hz', 'answered', 'p50', 'p95', 'p99', 'floor p50', 'p95', 'p99', 'ratio',
+    'node', 'image', 'Hz', 'processed', 'p50', 'p95', 'p99', 'floor p50', 'p95', 'p99', 'ratio',
     'decode', 'process', 'publish', 'CPU', 'MB', '',
 )  # fmt: skip
 
@@ -37,7 +37,7 @@ def _row(result: LiveResult) -> list[str]:
         f'{case.width}x{case.height} {case.encoding}'
         + (' jpeg' if case.transport == 'compressed' else ''),
         f'{case.hz:g}',
-        f'{result.answered}/{result.sent}',
+        f'{result.processed}/{result.sent}',
         *(f'{ms:.2f}' for ms in (*result.latency, *result.floor)),
         f'{result.ratio:.2f}',
         *stages,

@@ -24,7 +24,7 @@ class MarkerTask:
     """A flight, and the parameters of each tracker that follows it, by a name of one's own."""
 
     flight: TankerSettings
-    pipelines: Mapping[str, MarkerTrackerParameters]
+    trackers: Mapping[str, MarkerTrackerParameters]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
     """Draw every frame once and show it to every tracker."""
     flight = TankerFlight(task.flight)
     followers = {
-        name: _Follower(MarkerTracker(parameters)) for name, parameters in task.pipelines.items()
+        name: _Follower(MarkerTracker(parameters)) for name, parameters in task.trackers.items()
     }
     places, rolls = [], []
     for frame in flight:
@@ -108,7 +108,7 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
 
 
 class _Follower:
-    """Collects one pipeline's results."""
+    """Collects one tracker's results."""
 
     def __init__(self, tracker: MarkerTracker) -> None:
         self._tracker = tracker

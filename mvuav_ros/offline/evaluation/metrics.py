@@ -55,7 +55,7 @@ def metrics_of(run: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
     metrics = [
         Metric('frames', 'frames', '', float(run.frames)),
-        Metric('frames', 'frames refused', '', float(run.rejected)),
+        Metric('frames', 'frames rejected', '', float(run.rejected)),
         Metric('time per frame', 'time per frame', 'ms', run.milliseconds),
     ]
     if run.results.markers:
@@ -89,7 +89,7 @@ def _roll_statistics(rolls: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -
     deviation = float(np.std(unwrapped, ddof=1)) if rolls.size > 1 else math.nan
     return [
         Metric('average roll', 'roll mean', '°', float(np.mean(unwrapped))),
-        Metric('deviation of roll', 'roll std', '°', deviation),
+        Metric('deviation of roll', 'roll std', '°', spread),
     ]
 
 

@@ -31,7 +31,7 @@ class RunwayTask:
     """A flight, the parameters of each detector by name, and whose images to keep when."""
 
     flight: RunwaySettings
-    pipelines: Mapping[str, RunwayDetectorParameters]
+    detectors: Mapping[str, RunwayDetectorParameters]
     images: Sequence[int] = ()
     row: float = 90.0
 
@@ -85,7 +85,7 @@ class FlownRunway:
 def fly_runway(task: RunwayTask) -> FlownRunway:
     """Draw every frame once and show it to every detector."""
     flight = RunwayFlight(task.flight)
-    watchers = {n: _Watcher(_make_detector(p), task.row) for n, p in task.pipelines.items()}
+    watchers = {n: _Watcher(_make_detector(p), task.row) for n, p in task.detectors.items()}
     for index in flight.indices:
         frame = flight.frame(index)
         image = frame.image.bgr()
