@@ -20,7 +20,7 @@ class MarkerTruth(NamedTuple):
         vx: px/s, the camera's shake included.
         vy: px/s.
         visible: it is lit, its centre is on the frame and not behind the boom.
-        whole: all of its disc is lit, on the frame and not behind the boom: a centroid can be right.
+        whole: all of its disc is visible, so that a centroid can be right.
     """
 
     name: str

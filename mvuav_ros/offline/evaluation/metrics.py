@@ -89,7 +89,7 @@ def _roll_statistics(rolls: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -
     deviation = float(np.std(unwrapped, ddof=1)) if rolls.size > 1 else math.nan
     return [
         Metric('average roll', 'roll mean', '°', float(np.mean(unwrapped))),
-        Metric('deviation of roll', 'roll std', '°', spread),
+        Metric('deviation of roll', 'roll std', '°', deviation),
     ]
 
 
