@@ -70,14 +70,7 @@ class RunwayDetectorProcessor(Processor):
         self._approach = ApproachDetector(parameters)
         self._camera: CameraModel | None = None
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
-        self._set_topics()
-
-    def _set_topics(self) -> None:
-        topics: dict[str, type] = dict(type(self).topics)
-        if self._parameters.publish_tf and transforms.TF_TYPE is not None:
-            topics[transforms.TF_TOPIC] = transforms.TF_TYPE
-        # publish_tf is known from the start on, so this stands before anybody asks.
-        self.topics = topics  # type: ignore[misc]
+        self._set_topics(type(self).topics, self._parameters.publish_tf)
 
     @property
     def awaits_attitude(self) -> bool:
@@ -93,7 +86,7 @@ class RunwayDetectorProcessor(Processor):
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
-        self._set_topics()
+        self._set_topics(type(self).topics, self._parameters.publish_tf)
         self._thesis.configure(parameters)
         self._approach.configure(parameters)
         if parameters.mode != before.mode:
@@ -150,14 +143,8 @@ class RunwayDetectorProcessor(Processor):
         camera = transforms.camera_in_runway(guidance)
         if not camera.known:
             return outputs
-        make = partial(transforms.encode_placement, camera, runway_header)
-        outputs.append(Output('vision_pose', make))
-        # tf2 takes no frame without a name.
-        if transforms.TF_TOPIC in self.topics and frame.frame_id:
-            runway = transforms.runway_in_camera(guidance)
-            make = partial(transforms.encode_transform, runway, header, name)
-            outputs.append(Output(transforms.TF_TOPIC, make))
-        return outputs
+        runway = transforms.runway_in_camera(guidance)
+        return outputs + self._placements(camera, runway, name, frame, header)
 
     def _usable_camera(self, image: Image) -> CameraModel | None:
         if self._camera is None:
