@@ -73,7 +73,7 @@ def mvuav_process(*arguments: Any, **options: Any) -> Run:
         text=True,
         env=environment(),
         cwd=ROOT,
-        timeout=120,
+        timeout=600,
         **options,
     )
     assert 'Traceback' not in done.stderr
