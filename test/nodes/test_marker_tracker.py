@@ -264,7 +264,7 @@ def test_a_camera_that_sends_h264(graph):
     graph.publish_images(messages, topic='/image_raw/compressed')
     graph.until(lambda: len(markers) == 12, '12 answers')
     assert [message.header for message in markers] == [image.header for image in images]
-    assert graph.diagnostics(NODE)['rejected_bad_image'] == '0'
+    assert 'rejected_bad_image' not in graph.diagnostics(NODE)
 
 
 def test_a_transport_whose_messages_are_missing_is_said(graph):
