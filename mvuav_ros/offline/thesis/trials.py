@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracking_pipelines, words
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +81,18 @@ def tracking_tasks(plan: Plan) -> list[MarkerTask]:
 
 def fly_trials(runner: ExperimentRunner) -> tuple[list[Trial], list[FlownMarkers]]:
     """The trials on a steady camera, and one flight for each trial and vibration."""
-    flown = runner.all_of(fly_markers, tracking_tasks(runner.plan))
+    flown = [_after_start(f) for f in runner.all_of(fly_markers, tracking_tasks(runner.plan))]
     return trials_of(flown), [f for f in flown if f.settings.shake]
+
+
+def _after_start(flight: FlownMarkers) -> FlownMarkers:
+    """Without the predictions of the thesis's whole frames: all methods are judged by the same."""
+    runs = {}
+    for name, run in flight.runs.items():
+        predicted = run.predicted.copy()
+        predicted[:WHOLE_FRAMES] = np.nan
+        runs[name] = replace(run, predicted=predicted)
+    return replace(flight, runs=runs)
 
 
 def trials_of(flown: Sequence[FlownMarkers]) -> list[Trial]:
