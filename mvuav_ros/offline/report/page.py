@@ -34,8 +34,8 @@ p { margin: .5rem 0; max-width: 76ch; }
 nav { margin: 1.25rem 0 0; font-size: .95rem; }
 nav a { color: var(--accent); text-decoration: none; margin-right: 1.2em; white-space: nowrap; }
 figure, .table { margin: 1.75rem 0 2.25rem; }
-figure img { display: block; width: 100%; max-width: 1040px; height: auto; background: #fff; border-radius: 6px;
-  border: 1px solid var(--line); padding: .5rem; }
+figure img { display: block; width: 100%; max-width: 1040px; height: auto;
+  background: #fff; border-radius: 6px;  border: 1px solid var(--line); padding: .5rem; }
 figcaption, .note { color: var(--soft); font-size: .88rem; margin-top: .45rem; max-width: 92ch; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; min-width: 45%;
@@ -59,7 +59,8 @@ ol.worse li { margin: .15rem 0; }
 .yes { color: var(--good); font-weight: 600; white-space: nowrap; }
 .no { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
-@media screen and (max-width: 600px) { main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
+@media screen and (max-width: 600px) {
+  main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
   th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
   figure img { width: 720px; max-width: none; }
   nav a { display: inline-block; padding: .2rem 0; } }

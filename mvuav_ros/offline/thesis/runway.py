@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,12 +13,11 @@ from mvuav_ros.offline.evaluation.runway_runs import (
     FlownRunway,
     RunwayRun,
     RunwayTask,
-    fly_runway,
 )
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, thesis_detector
+from mvuav_ros.offline.thesis.plan import Plan, thesis_detector
 from mvuav_ros.offline.thesis.runway_stages import THESIS_YAML
 from mvuav_ros.offline.thesis.runway_truth import (
     APPROACH,
@@ -53,9 +52,8 @@ FIGURE_SCENE = 'low pass, gain steps, 10 Hz camera'
 """Beside Fig. 4.30: the thesis's camera gave 10 images a second and changed its gain by itself."""
 
 
-def runway_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
-    """Fly the scenes and show what was found."""
-    flown = runner.all_of(fly_runway, runway_tasks(runner.plan))
+def runway_section(plan: Plan, flown: Sequence[FlownRunway]) -> tuple[Section, list[Claim]]:
+    """Show what was found on the scenes."""
     scenes = dict(zip(_SCENES, flown, strict=True))
     figures = [
         scene_figure(f'figure_5_{12 + number}', f'Figure 5.{12 + number}: {name}', flight)
@@ -64,7 +62,7 @@ def runway_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
     section = Section(
         'Runway lines',
         (
-            f'Simulated flights of {runner.plan.runway_frames} frames at {known.RUNWAY_FPS:g} '
+            f'Simulated flights of {plan.runway_frames} frames at {known.RUNWAY_FPS:g} '
             f'frames/s and 320x240, as in the thesis, with {THESIS_YAML}, with our defaults '
             f'({SHIPPED}) and in mode approach. The images of the thesis are of real flights, '
             'without truth; here each found line is compared with the runway that was drawn.',

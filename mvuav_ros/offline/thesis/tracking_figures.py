@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -213,7 +214,7 @@ def _bars(trials: Sequence[Trial]) -> Figure:
     )
 
 
-def _bar_style(number: int) -> dict[str, object]:
+def _bar_style(number: int) -> dict[str, Any]:
     color = (COLORS[0], COLORS[1], COLORS[0], COLORS[1], COLORS[2])[number]
     if number < 2:
         return {'color': color, 'alpha': 0.35}

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
+from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask
 from mvuav_ros.offline.evaluation.numbers import Array, Interval, distance_rms, pooled_rms
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracking_pipelines, words
+from mvuav_ros.offline.thesis.plan import Plan, tracking_pipelines, words
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
@@ -79,10 +79,15 @@ def tracking_tasks(plan: Plan) -> list[MarkerTask]:
     ]
 
 
-def fly_trials(runner: ExperimentRunner) -> tuple[list[Trial], list[FlownMarkers]]:
+def trials_of(flown: Sequence[FlownMarkers]) -> tuple[list[Trial], list[FlownMarkers]]:
     """The trials on a steady camera, and one flight for each trial and vibration."""
-    flown = [_after_start(f) for f in runner.all_of(fly_markers, tracking_tasks(runner.plan))]
-    return trials_of(flown), [f for f in flown if f.settings.shake]
+    judged = [_after_start(flight) for flight in flown]
+    steady = [flight for flight in judged if not flight.settings.shake]
+    trials = [
+        Trial(number, tuple(f for f in steady if f.settings.motion == motion))
+        for number, motion in enumerate(TRIALS, 1)
+    ]
+    return trials, [flight for flight in judged if flight.settings.shake]
 
 
 def _after_start(flight: FlownMarkers) -> FlownMarkers:
@@ -93,16 +98,3 @@ def _after_start(flight: FlownMarkers) -> FlownMarkers:
         predicted[:WHOLE_FRAMES] = np.nan
         runs[name] = replace(run, predicted=predicted)
     return replace(flight, runs=runs)
-
-
-def trials_of(flown: Sequence[FlownMarkers]) -> list[Trial]:
-    """The flights on a steady camera, by trial."""
-    return [
-        Trial(number, flights)
-        for number, motion in enumerate(TRIALS, 1)
-        if (
-            flights := tuple(
-                f for f in flown if f.settings.motion == motion and not f.settings.shake
-            )
-        )
-    ]
