@@ -62,10 +62,12 @@ ol.worse li { margin: .15rem 0; }
 @media screen and (max-width: 600px) {
   main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
   th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
+  .claims td.word { min-width: 0; } .claims span { white-space: normal; }
   figure img { width: 720px; max-width: none; }
   nav a { display: inline-block; padding: .2rem 0; } }
 footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
+@page wide { size: A4 landscape; }
 @media print {
   body { font-size: 10pt; }
   main { max-width: none; padding: 0; }
@@ -76,8 +78,9 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
   .scroll { overflow: visible; }
   table { font-size: 8pt; min-width: 0; }
   th, td { padding: .15rem .38rem; }
-  .wide table { font-size: 5.6pt; }
-  .wide th, .wide td { padding: .1rem .16rem; }
+  .wide { page: wide; }
+  .wide table { font-size: 7.5pt; }
+  figcaption, .note, ol.worse { font-size: 8pt; max-width: none; }
   thead { display: table-header-group; }
   tr { break-inside: avoid; }
   figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
@@ -150,7 +153,7 @@ def _claims(claims: tuple[Claim, ...]) -> str:
         f'<th class="word">{text}</th>' for text in ('statement', 'thesis, or limit', 'here', '')
     )
     return (
-        f'<div class="table short">{_SCROLL}<table>'
+        f'<div class="table short claims">{_SCROLL}<table>'
         f'<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></div>'
     )
 
