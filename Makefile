@@ -3,8 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := $(shell find mvuav_ros executables config launch bags resource sros2 -type f \
 		-not -name '*.pyc' 2>/dev/null) \
-	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py
-TOOLS := ros,panel,dask,test,dev
+	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py Makefile
+TOOLS := ros,panel,dask,remote,parquet,test,dev
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-fast test-all test-rest test-footage test-robot lint bench report \
