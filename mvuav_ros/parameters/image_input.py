@@ -11,8 +11,10 @@ def image_transport() -> Any:
     """How images come to a processing node."""
     return parameter(
         'raw',
-        'raw subscribes to the image topic, compressed to <image topic>/compressed.',
-        choices=('raw', 'compressed'),
+        'raw subscribes to the image topic, another to <image topic>/<its name>: compressed for '
+        'JPEG, PNG, H.264 and H.265 in CompressedImage, ffmpeg for FFMPEGPacket, foxglove for '
+        'CompressedVideo.',
+        choices=('raw', 'compressed', 'ffmpeg', 'foxglove'),
         read_only=True,
         stage='Node',
     )

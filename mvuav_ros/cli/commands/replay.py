@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from mvuav_ros.cli.options import Dask, Force, ImageTopic, Param, ParamsFile, takes
+from mvuav_ros.cli.storage import Storage
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.selection import Selection
@@ -23,15 +22,16 @@ class ReplayOptions:
     sources: Annotated[
         list[str],
         typer.Argument(
-            metavar='INPUT...', help='Bags, video files, or folders or globs of images.'
+            metavar='INPUT...', help='Bags, videos, folders or globs of images; or their URLs.'
         ),
     ]
     output: Annotated[
-        Path,
+        str,
         typer.Option(
             '--output',
             '-o',
-            help='The bag to write, OUT.mcap; of several inputs the folder for their bags.',
+            help='The bag to write, OUT.mcap; of several inputs the folder for their bags; '
+            'or an URL.',
             show_default=False,
         ),
     ]
@@ -71,6 +71,13 @@ class ReplayOptions:
             max=100.0,
         ),
     ] = 1.0
+    storage: Annotated[
+        Storage,
+        typer.Option('--format', help='mcap files, or rosbag2 folders with metadata.yaml.'),
+    ] = Storage.MCAP
+    split_mb: Annotated[
+        int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
+    ] = 0
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -92,13 +99,12 @@ def replay(options: ReplayOptions) -> None:
 
     The messages are those that the live nodes publish for the same images.
 
-    With a folder as output, a recording that was finished before is not done again, and
-    manifest.json tells what became of each.
+    With a folder as output, manifest.json tells what became of each recording, and one that it
+    says is finished is not done again.
     """
     from mvuav_ros.cli.commands import replay_reports as reports
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.job import ReplaySettings
-    from mvuav_ros.offline.replay.manifest import write_manifest
     from mvuav_ros.offline.replay.outputs import plan
 
     nodes = node_names(options.nodes)
@@ -110,6 +116,7 @@ def replay(options: ReplayOptions) -> None:
         keep_inputs=options.keep_inputs,
         debug_images=options.debug_images,
         gamma=options.gamma,
+        split_bytes=options.storage.split_bytes(options.split_mb),
     )
     planned = plan(
         options.sources,
@@ -118,15 +125,9 @@ def replay(options: ReplayOptions) -> None:
         overwrite=options.force,
         absolute=options.dask is not None,
     )
-    started = datetime.now(UTC)
     processes = options.jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
-        if options.dask is None and len(planned) == 1:
-            outcomes = [reports.replay_one(planned[0], processes, stop)]
-        else:
-            outcomes = reports.replay_many(planned, processes, options.dask, stop)
-    if planned[0].resume:
-        write_manifest(options.output, planned, outcomes, started)
+        outcomes = reports.replay_all(planned, processes, options.dask, stop)
     if stop:
         raise Interrupted(stop.number)
     if any(outcome.failure for outcome in outcomes):
