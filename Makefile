@@ -3,8 +3,15 @@ PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := $(shell find mvuav_ros executables config launch bags resource sros2 -type f \
 		-not -name '*.pyc' 2>/dev/null) \
-	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py
-TOOLS := ros,panel,dask,test,docs,dev
+	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py Makefile
+TOOLS := ros,panel,dask,remote,parquet,test,docs,dev
+
+# Where Python must not leave compiled files beside the sources, each of the hundreds of processes
+# of a test run would compile every library again; they are kept inside .venv instead.
+ifdef PYTHONDONTWRITEBYTECODE
+unexport PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
+endif
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-fast test-all test-rest test-footage test-robot lint bench report \

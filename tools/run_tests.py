@@ -121,7 +121,7 @@ def other_python(version: str) -> list[list[str]]:
         *('-m', 'not long', '--ignore=test/footage', '--ignore=test/package', *WITHOUT_GRAPH),
         python=ROOT / folder / 'bin' / 'python',
     )
-    return [[str(python), 'tools/install.py', folder, 'ros,dask,test'], tests]
+    return [[str(python), 'tools/install.py', folder, 'ros,dask,remote,parquet,test'], tests]
 
 
 def robot() -> list[list[str]]:

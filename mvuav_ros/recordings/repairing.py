@@ -66,7 +66,7 @@ def repair(
                 if number % _PROGRESS_STEP == 0:
                     progress(number, total)
         report.skipped = dict(recording.skipped)
-        report.errors, report.warnings = recording.losses, recording.remarks
+        report.errors, report.warnings = recording.errors, recording.warnings
     return report
 
 

@@ -20,7 +20,7 @@ from rosbags.serde import SerdeError
 from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, unpack
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import (
-    Losses,
+    Problems,
     RecordedMessage,
     TopicInfo,
     counted,
@@ -53,9 +53,9 @@ class _Message(NamedTuple):
 class Ros1File:
     """One ROS 1 bag; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, losses: Losses) -> None:
+    def __init__(self, path: Path, problems: Problems) -> None:
         self._path = path
-        self._losses = losses
+        self._problems = problems
         self._topics: dict[int, TopicInfo] = {}
         self._types: dict[int, Ros1Type] = {}
         self._scanned = False
@@ -255,7 +255,7 @@ class Ros1File:
         self._note('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
 
     def _note(self, key: object, text: str) -> None:
-        self._losses.note((self._path, key), f'{self._path.name}: {text}')
+        self._problems.error((self._path, key), f'{self._path.name}: {text}')
 
 
 def _record_at(stream: BinaryIO, position: int) -> _Record | None:

@@ -45,7 +45,7 @@ def write(path: Path, samples: list[Sample]) -> None:
 
 def read(path: Path) -> tuple[list[Sample], list[str]]:
     with open_recording(path) as recording:
-        return [Sample(*message[:4]) for message in recording.messages()], recording.losses
+        return [Sample(*message[:4]) for message in recording.messages()], recording.errors
 
 
 def test_read_back_by_everyone(tmp_path: Path) -> None:
@@ -161,9 +161,9 @@ def test_after_a_crash_it_does_not_look_complete(tmp_path: Path) -> None:
         for sample in SAMPLES[:10]:
             writer.write(*sample)
         raise ZeroDivisionError
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == SAMPLES[:10]
-    assert 'index is missing' in losses[0]
+    assert 'index is missing' in errors[0]
 
 
 def test_killed_writer_leaves_all_that_it_had_flushed(tmp_path: Path) -> None:
@@ -194,10 +194,10 @@ for number in range(100_000):
             with suppress(RecordingError):  # nothing is in it yet
                 flushed, _ = read(copy)
         process.send_signal(signal.SIGKILL)
-    got, losses = read(path)
+    got, errors = read(path)
     assert got[: len(flushed)] == flushed
     assert [sample.stamp_ns for sample in got] == list(range(len(got)))
-    assert losses
+    assert errors
 
 
 def test_idle_writer_flushes_by_itself(tmp_path: Path) -> None:
@@ -229,10 +229,10 @@ def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write(path, SAMPLES)
     monkeypatch.undo()
     assert '\n' not in str(failure.value)
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == SAMPLES[: len(got)]
     assert len(got) > 100
-    assert len(losses) == 1  # no index, but no torn record either
+    assert len(errors) == 1  # no index, but no torn record either
 
 
 def test_writing_after_closing_is_refused(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def read(path: Path) -> list[RecordedMessage]:
     """Every message of a recording that must be whole."""
     with open_recording(path) as recording:
         messages = list(recording.messages())
-        assert recording.losses == []
+        assert recording.errors == []
     return messages
 
 

@@ -30,9 +30,7 @@ def marker_pipeline(path: Path) -> None:
     tracker = MarkerTracker()
     tracker.set_camera(camera)
     estimator = PoseEstimator(tracker.rig)
-    results = []
-    for frame in flight:
-        results.append((frame.image, tracker.process(frame.image, frame.stamp_ns)))
+    results = [(frame.image, tracker.process(frame.image, frame.stamp_ns)) for frame in flight]
     image, result = results[-1]
     gray = cv2.cvtColor(image.bgr(), cv2.COLOR_BGR2GRAY)
     parameters = MarkerTrackerParameters()

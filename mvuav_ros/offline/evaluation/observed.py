@@ -112,7 +112,7 @@ def read_bag(path: Path) -> EvaluationRun:
                 target.add(kind, message.data)
             except (MalformedMessageError, AttributeError, KeyError, ValueError):
                 unreadable += 1
-        run.errors = list(recording.losses)
+        run.errors = list(recording.errors)
     if unreadable:
         run.errors.append(f'{unreadable} messages of truth or results do not decode')
     return run
@@ -165,7 +165,7 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
         run.truth, run.errors = stored.truth, stored.errors
     with closing(open_source(text, topic=topic, cameras=False)) as source:
         yield from source.frames()
-        run.errors = list(dict.fromkeys([*run.errors, *source.losses]))
+        run.errors = list(dict.fromkeys([*run.errors, *source.errors]))
 
 
 def _flown(text: str, truth: Observations) -> Iterator[Frame]:

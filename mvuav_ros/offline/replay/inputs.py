@@ -74,11 +74,11 @@ class _Bag:
 
     @property
     def errors(self) -> list[str]:
-        return self._bag.losses
+        return self._bag.errors
 
     @property
     def warnings(self) -> list[str]:
-        return self._bag.remarks
+        return self._bag.warnings
 
     def items(
         self, keep: bool, camera: bool, attitude: bool = False
@@ -99,7 +99,7 @@ class _Images:
 
     @property
     def errors(self) -> list[str]:
-        return self._source.losses
+        return self._source.errors
 
     def items(
         self, keep: bool, camera: bool, attitude: bool = False

@@ -104,7 +104,7 @@ class BagImages:
         Raises:
             SourceError: it is not a bag, or the topic cannot be chosen.
         """
-        self.losses: list[str] = []
+        self.errors: list[str] = []
         try:
             self._recording = open_recording(path)
         except RecordingError as error:
@@ -123,13 +123,13 @@ class BagImages:
         self.name = f'bag {path.name} {self.topic}'
 
     @property
-    def remarks(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What is unusual about the bag, though nothing of it is lost."""
         skipped = [
             f'{name} is {encoding or "of no encoding"}, not CDR: skipped'
             for name, encoding in self._recording.skipped
         ]
-        return [*self._recording.remarks, *skipped]
+        return [*self._recording.warnings, *skipped]
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
@@ -172,7 +172,7 @@ class BagImages:
             yield from self._items(selection, others, _Companions(self, camera, attitude))
         except RecordingError as error:
             raise SourceError(str(error)) from error
-        self.losses += self._recording.losses
+        self.errors += self._recording.errors
 
     def _items(
         self, selection: Selection, others: bool, companions: _Companions
