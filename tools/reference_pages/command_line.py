@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import typer
 
-from mvuav_ros.cli.app import app
+from mvuav_ros.cli.app import application
 from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 
 _KINDS = {str: 'text', Path: 'path', int: 'integer', float: 'number'}
@@ -51,7 +51,7 @@ The content decides what a file is, not its name.
 def command_line_page() -> str:
     """The page."""
     parts = [_HEAD, _INPUTS]
-    for name, command in _commands(typer.main.get_command(app), 'mvuav'):
+    for name, command in _commands(typer.main.get_command(application()), 'mvuav'):
         parts.append(_command(name, command))
     parts.append(_nodes())
     return '\n'.join(parts)
