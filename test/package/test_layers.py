@@ -81,7 +81,8 @@ def test_contributing_lists_the_rooms_as_the_contract_has_them():
 def test_one_version():
     package = ET.parse(ROOT / 'package.xml').getroot()
     assert package.findtext('version') == mvuav_ros.__version__
-    assert f'## {mvuav_ros.__version__} ' in (ROOT / 'CHANGELOG.md').read_text()
+    for file in ('CHANGELOG.md', 'CHANGELOG.rst'):
+        assert mvuav_ros.__version__ in (ROOT / file).read_text()
 
 
 def test_importing_the_package_is_cheap():
