@@ -70,7 +70,7 @@ docs-pictures: .venv/.ros  ## The documentation's pictures, from the code.
 	$(BIN)/python tools/make_doc_pictures.py
 
 docs-site: .venv/.tools  ## The documentation as a site in out/site, every warning an error.
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 .venv: .venv/.ros  ## Just the virtual environment, with mvuav and the nodes in .venv/bin.
 
