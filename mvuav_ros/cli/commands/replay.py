@@ -48,9 +48,7 @@ Start = Annotated[float, typer.Option(help='Begin so many seconds into the recor
 Duration = Annotated[
     float | None, typer.Option(help='End so many seconds after the beginning.', min=0.0)
 ]
-Every = Annotated[
-    int, typer.Option(help='Process only every so manieth frame.', metavar='N', min=1)
-]
+Every = Annotated[int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)]
 KeepInputs = Annotated[
     bool,
     typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
