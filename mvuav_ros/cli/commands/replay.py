@@ -54,7 +54,7 @@ class ReplayOptions:
         float | None, typer.Option(help='End so many seconds after the beginning.', min=0.0)
     ] = None
     every: Annotated[
-        int, typer.Option(help='Process only every so manieth frame.', metavar='N', min=1)
+        int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
     ] = 1
     keep_inputs: Annotated[
         bool,

@@ -32,7 +32,7 @@ TOLERANCE = Tolerance()
 WARM_UP = 24
 """Frames before the first that counts."""
 _CORNERS = ('near_left', 'near_right', 'far_right', 'far_left')
-_COLUMNS = tuple(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy')
+COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy'))
 
 Point = tuple[float, float]
 
@@ -199,7 +199,7 @@ def read_corners(path: Path) -> list[LabelledFrame]:
     """
     frames = [
         LabelledFrame(file, *zip(numbers[::2], numbers[1::2], strict=True))
-        for file, numbers in _read_rows(path, _COLUMNS)
+        for file, numbers in _read_rows(path, COLUMNS)
     ]
     if not frames:
         raise CornersError(f'{path}: no rows')
@@ -244,7 +244,7 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
     """
     lines = {
         file: HorizonLine(row, math.radians(slope))
-        for file, (row, slope) in _read_rows(path, ('row_at_centre', 'slope_deg'))
+        for file, (row, slope) in _read_rows(path, ('file', 'row_at_centre', 'slope_deg'))
     }
     absent = [frame.file for frame in frames if frame.file not in lines]
     if absent:
@@ -253,16 +253,15 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
 
 
 def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[float]]]:
-    """The column ``file`` of each row, and the numbers in other columns."""
+    """The first column of each row as text, the others as numbers."""
     with path.open(newline='', encoding='utf-8') as stream:
         reader = csv.DictReader(stream)
-        missing = {'file', *columns}.difference(reader.fieldnames or ())
+        missing = [name for name in columns if name not in (reader.fieldnames or ())]
         if missing:
-            names = [name for name in ('file', *columns) if name in missing]
-            raise CornersError(f'{path}: no column {", ".join(names)}')
+            raise CornersError(f'{path}: no column {", ".join(missing)}')
         for number, row in enumerate(reader, 2):
             try:
-                yield row['file'], [float(row[name] or '') for name in columns]
+                yield row[columns[0]], [float(row[name] or '') for name in columns[1:]]
             except ValueError as error:
                 raise CornersError(f'{path}, line {number}: {error}') from error
 
