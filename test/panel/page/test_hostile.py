@@ -5,7 +5,6 @@ import math
 import re
 from itertools import pairwise
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -314,12 +313,19 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
     unharmed(panel, page)
 
 
+def is_finite(text):
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
 def test_a_page_opened_beside_it_is_whole_and_the_panel_is_calm(panel):
     page = panel.new_page()
     panel.choose(DETECTOR, page)
     rate = page.locator('.health .number').first
-    panel.until(lambda: rate.inner_text() != '-', 'its rate')
-    assert np.isfinite(float(rate.inner_text()))
+    # Between the node's own, the liar's numbers come under its name.
+    panel.until(lambda: is_finite(rate.inner_text()), 'its rate')
     unharmed(panel, page)
     assert 'Traceback' not in panel.said()
     assert page.goto(panel.url).status == 200
