@@ -303,7 +303,7 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
     row.get_by_role('checkbox').click()
     page.locator('[data-trend]').wait_for()
     page.get_by_role('combobox', name='Recording').click()
-    page.get_by_role('option', name='line break.mcap').wait_for()
+    page.get_by_role('option', name='line break.mcap', exact=True).wait_for()
     page.keyboard.press('Escape')
     page.locator('.sets').get_by_role('combobox', name='Set').click()
     page.get_by_role('option', name='words').wait_for()
