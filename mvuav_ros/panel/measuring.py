@@ -31,13 +31,13 @@ def measured_run(
     Raises:
         RecordingError: the results or the recording cannot be read.
     """
-    observed = read_bag(outcome.output)
+    observed = read_bag(Path(outcome.output))
     observed.truth = read_bag(Path(source)).truth
     observed.frames = outcome.frames
     observed.rejected = outcome.frames - outcome.processed
     if name:
         described = {key: str(value) for key, value in parameters.items()}
-        write_report(bag_report(observed, described), outcome.output.parent / REPORT)
+        write_report(bag_report(observed, described), Path(outcome.output).parent / REPORT)
     metrics = [metric for metric in metrics_of(observed) if metric.name != 'time per frame']
     return SavedRun(
         name=name,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
     AUTOSTART,
+    HOW_IMAGES_COME,
     IMAGE_TRANSPORTS,
     MOST_OPENCV_THREADS,
     OPENCV_THREADS,
@@ -176,7 +177,7 @@ class MarkerTrackerParameters(ParameterSet):
     )
     image_transport: str = parameter(
         'raw',
-        'raw subscribes to the image topic, compressed to <image topic>/compressed.',
+        HOW_IMAGES_COME,
         choices=IMAGE_TRANSPORTS,
         read_only=True,
         stage='Node',

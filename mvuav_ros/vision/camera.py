@@ -27,7 +27,7 @@ class CameraModel:
         d: OpenCV's distortion coefficients, at most 14.
         distortion_model: ``plumb_bob``, ``rational_polynomial`` or empty.
 
-    Example:
+    Examples:
         >>> from mvuav_ros import CameraModel
         >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
         >>> camera.check(640, 480)

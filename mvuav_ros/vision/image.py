@@ -95,7 +95,7 @@ class Image:
     Raises:
         ImageError: the encoding is unknown, the pixels do not fit it, or there are none.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from mvuav_ros import Image
         >>> image = Image(np.full((2, 3, 3), (255, 0, 0), np.uint8), 'bgr8')

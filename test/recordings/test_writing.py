@@ -250,31 +250,21 @@ def test_stamps_in_any_order(tmp_path: Path) -> None:
     assert read(tmp_path / 'a.mcap') == (samples, [])
 
 
-def test_metadata_at_both_ends(tmp_path: Path) -> None:
+def test_metadata_at_the_beginning(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     with RecordingWriter(path, metadata={'made': {'by': 'me'}}) as writer:
         # There at once, whatever comes.
         assert b'by' in path.read_bytes()
         for sample in SAMPLES:
             writer.write(*sample)
-        writer.conclude('end', {'frames': '600'})
     assert read(path) == (SAMPLES, [])
     with path.open('rb') as stream:
         indexed = make_reader(stream, validate_crcs=True)
         found = {record.name: record.metadata for record in indexed.iter_metadata()}
         summary = indexed.get_summary()
-    assert found == {'made': {'by': 'me'}, 'end': {'frames': '600'}}
+    assert found == {'made': {'by': 'me'}}
     assert summary is not None and summary.statistics is not None
-    assert summary.statistics.metadata_count == 2
+    assert summary.statistics.metadata_count == 1
     with rosbag2.Reader(path) as reader:
         assert reader.message_count == len(SAMPLES)
     assert len(list(StreamReader(str(path), validate_crcs=True).records)) > len(SAMPLES)
-
-
-def test_a_crash_has_no_conclusion(tmp_path: Path) -> None:
-    path = tmp_path / 'a.mcap'
-    with pytest.raises(ZeroDivisionError), RecordingWriter(path) as writer:
-        writer.write(*SAMPLES[0])
-        writer.conclude('end', {'frames': '1'})
-        raise ZeroDivisionError
-    assert b'frames' not in path.read_bytes()

@@ -54,7 +54,7 @@ def corners(
 
     The columns of CSV are file and near_left, near_right, far_right, far_left, each with _x and
     _y, px. An edge is right when a line with its role is within max(3 px, 5 % of the near
-    width) of its corners, measured along the rows of the near and of the far corner. Wrong are
+    width) of its corners. That is measured along the rows of both corners. Wrong are
     frames in which both edges were reported (so with at least min_confidence) and one is not
     right. Frames count from the 25th on; the first report is counted from the first frame. Mode
     approach is used unless another one is given.

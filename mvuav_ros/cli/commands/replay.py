@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from mvuav_ros.cli.storage import Storage
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.recordings.sources.frame import SourceError
@@ -16,14 +16,16 @@ from mvuav_ros.recordings.sources.selection import Selection
 
 Sources = Annotated[
     list[str],
-    typer.Argument(metavar='INPUT...', help='Bags, video files, or folders or globs of images.'),
+    typer.Argument(
+        metavar='INPUT...', help='Bags, videos, folders or globs of images; or their URLs.'
+    ),
 ]
 Output = Annotated[
-    Path,
+    str,
     typer.Option(
         '--output',
         '-o',
-        help='The bag to write, OUT.mcap; of several inputs the folder for their bags.',
+        help='The bag to write, OUT.mcap; of several inputs the folder for their bags; or an URL.',
         show_default=False,
     ),
 ]
@@ -46,9 +48,7 @@ Start = Annotated[float, typer.Option(help='Begin so many seconds into the recor
 Duration = Annotated[
     float | None, typer.Option(help='End so many seconds after the beginning.', min=0.0)
 ]
-Every = Annotated[
-    int, typer.Option(help='Process only every so manieth frame.', metavar='N', min=1)
-]
+Every = Annotated[int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)]
 KeepInputs = Annotated[
     bool,
     typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
@@ -61,6 +61,12 @@ Gamma = Annotated[
         min=0.01,
         max=100.0,
     ),
+]
+Format = Annotated[
+    Storage, typer.Option('--format', help='mcap files, or rosbag2 folders with metadata.yaml.')
+]
+SplitMb = Annotated[
+    int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
 ]
 Jobs = Annotated[
     int | None,
@@ -94,6 +100,8 @@ def replay(
     keep_inputs: KeepInputs = False,
     debug_images: DebugImages = False,
     gamma: Gamma = 1.0,
+    storage: Format = Storage.MCAP,
+    split_mb: SplitMb = 0,
     jobs: Jobs = None,
     dask: Dask = None,
     strict: Strict = False,
@@ -103,14 +111,13 @@ def replay(
 
     The messages are those that the live nodes publish for the same images.
 
-    With a folder as output, a recording that was finished before is not done again, and
-    manifest.json tells what became of each.
+    With a folder as output, manifest.json tells what became of each recording, and one that it
+    says is finished is not done again.
     """
     try:
         from mvuav_ros.cli.commands import replay_reports as reports
         from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
         from mvuav_ros.offline.replay.job import ReplaySettings
-        from mvuav_ros.offline.replay.manifest import write_manifest
         from mvuav_ros.offline.replay.outputs import plan
     except ImportError as error:
         raise SourceError(explain_missing_module('replay', error)) from error
@@ -123,17 +130,12 @@ def replay(
         keep_inputs=keep_inputs,
         debug_images=debug_images,
         gamma=gamma,
+        split_bytes=storage.split_bytes(split_mb),
     )
     planned = plan(sources, output, settings, overwrite=force, absolute=dask is not None)
-    started = datetime.now(UTC)
     processes = jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
-        if dask is None and len(planned) == 1:
-            outcomes = [reports.replay_one(planned[0], processes, stop)]
-        else:
-            outcomes = reports.replay_many(planned, processes, dask, stop)
-    if planned[0].resume:
-        write_manifest(output, planned, outcomes, started)
+        outcomes = reports.replay_all(planned, processes, dask, stop)
     if stop:
         raise Interrupted(stop.number)
     if any(outcome.failure for outcome in outcomes):

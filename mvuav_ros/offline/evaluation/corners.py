@@ -32,7 +32,7 @@ TOLERANCE = Tolerance()
 WARM_UP = 24
 """Frames before the first that counts."""
 _CORNERS = ('near_left', 'near_right', 'far_right', 'far_left')
-_COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy'))
+COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy'))
 
 Point = tuple[float, float]
 
@@ -199,7 +199,7 @@ def read_corners(path: Path) -> list[LabelledFrame]:
     """
     with path.open(newline='', encoding='utf-8') as file:
         reader = csv.DictReader(file)
-        missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
         if missing:
             raise CornersError(f'{path}: no column {", ".join(missing)}')
         frames = [_frame(path, number, row) for number, row in enumerate(reader, 2)]

@@ -19,7 +19,7 @@ from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.schemas import typestore
-from mvuav_ros.recordings.sources.bag import EncodedFrame
+from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 
 Item = Frame | BadFrame | EncodedFrame | RecordedMessage

@@ -84,13 +84,13 @@ def test_killed_replay_leaves_what_was_handed_to_the_file(flight: Path, tmp_path
     code = f"""
 import os, sys
 from mvuav_ros.cli.app import main
-from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.recordings.output_file import OutputFile
 log = os.open({str(log)!r}, os.O_WRONLY | os.O_CREAT)
-append = RecordingWriter._append
+append = OutputFile.append
 def noted(self, data):
     append(self, data)
-    os.write(log, f'{{self._end}}\\n'.encode())
-RecordingWriter._append = noted
+    os.write(log, f'{{self.size}}\\n'.encode())
+OutputFile.append = noted
 sys.argv = ['mvuav', 'replay', {str(flight)!r}, '-o', {str(out)!r}, '--jobs', '1', *{NODE!r}]
 main()
 """
