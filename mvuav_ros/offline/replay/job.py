@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from mvuav_ros.offline.processes import ProcessDiedError
 from mvuav_ros.offline.replay.ahead import ReplayAhead
 from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
-from mvuav_ros.offline.replay.inputs import Input, Item, open_input
+from mvuav_ros.offline.replay.inputs import Item, ReplayInput
 from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
@@ -157,11 +157,12 @@ def run_job(
             return
         progress(JobProgress(source.name, 0, source.count))
         with _writing(job) as writer:
-            camera = any(processor.uses_camera_info for processor in processors)
-            attitude = any(processor.awaits_attitude for processor in processors)
-            items = source.items(settings.keep_inputs, camera, attitude)
-            items = gamma_corrected(items, settings.gamma)
-            with closing(items):
+            items = source.items(
+                keep=settings.keep_inputs,
+                camera=any(processor.uses_camera_info for processor in processors),
+                attitude=any(processor.awaits_attitude for processor in processors),
+            )
+            with closing(gamma_corrected(items, settings.gamma)) as items:
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted and outcome.processed == 0:
@@ -203,14 +204,12 @@ def _writing(job: ReplayJob) -> Iterator[Writer]:
 
 
 @contextmanager
-def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
+def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
-    settings = job.settings
-
-    def open_it() -> Input:
-        return open_input(job.source, settings.image_topic, settings.fps, settings.selection)
-
-    source = stop.unless_requested(open_it)
+    given = job.settings
+    source = stop.unless_requested(
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection)
+    )
     try:
         yield source
     finally:
@@ -221,7 +220,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
 def _write(
     steps: Iterator[FrameResults | RecordedMessage],
     output: _Output,
-    source: Input,
+    source: ReplayInput,
     progress: Progress,
     stop: Stop,
 ) -> None:

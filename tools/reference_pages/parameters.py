@@ -1,15 +1,19 @@
-"""Writes config/default.yaml and docs/parameters.md from the parameter dataclasses."""
+"""``config/default.yaml`` and the page of parameters, from the parameter dataclasses."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterSpec, Value
 from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 
-ROOT = Path(__file__).resolve().parent.parent
 NODES = {name: NODE_PARAMETERS[name] for name in sorted(NODE_PARAMETERS)}
-GENERATED = 'made by tools/make_parameter_files.py (make docs) from mvuav_ros/parameters'
+GENERATED = 'made by tools/make_reference.py (make docs) from mvuav_ros/parameters'
+
+_INTRODUCTION = """\
+Every parameter can be changed while the node runs, unless its description says otherwise. A change
+takes effect between two frames. A value outside of the range is refused with the reason, and the
+old value stays. The column *thesis* names the equation, appendix or GUI input that the parameter
+comes from. [What the parameters do](../concepts/parameters-in-pictures.md) shows the important ones
+on images; [File formats](file-formats.md#parameter-files) describes the files that hold them."""
 
 
 def default_yaml() -> str:
@@ -26,7 +30,7 @@ def default_yaml() -> str:
 
 def parameter_tables() -> str:
     """One table per node, in Markdown."""
-    lines = ['# Parameters', '', f'<!-- {GENERATED} -->', '']
+    lines = ['# Parameters', '', f'<!-- {GENERATED} -->', '', _INTRODUCTION, '']
     for node, parameters in NODES.items():
         lines += [f'## {node}', '', (parameters.__doc__ or '').splitlines()[0], '']
         lines += ['| parameter | default | unit | values | thesis | meaning |', '|---' * 6 + '|']
@@ -47,14 +51,3 @@ def _yaml(value: Value) -> str:
     if isinstance(value, tuple):
         return str(list(value))
     return f"'{value}'" if isinstance(value, str) else str(value)
-
-
-FILES = {
-    ROOT / 'config' / 'default.yaml': default_yaml,
-    ROOT / 'docs' / 'parameters.md': parameter_tables,
-}
-
-if __name__ == '__main__':
-    for path, make in FILES.items():
-        path.write_text(make())
-        print(path.relative_to(ROOT))
