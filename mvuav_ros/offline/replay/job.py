@@ -144,7 +144,8 @@ def run_job(
         RecordingError: the output cannot be written.
         ParameterError: a parameter is not valid.
     """
-    _refuse_own_input(job)
+    if is_own_input(job):
+        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
     if not job.overwrite and size_at(job.output) is not None:
         raise RecordingError(f'{job.output} exists; --force overwrites it')
     settings = job.settings
@@ -268,14 +269,13 @@ class _Output:
             self._writer.copy(step)
 
 
-def _refuse_own_input(job: ReplayJob) -> None:
+def is_own_input(job: ReplayJob) -> bool:
+    """Whether the output is the input, or a file among those of the input."""
     source, output = Path(job.source).expanduser(), Path(job.output)
     if is_url(job.output):
-        own = job.source == job.output
-    else:
-        own = source.exists() and output.resolve() == source.resolve()
-        if source.is_dir() and looks_like_bag(source):
-            own = own or output.resolve().parent == source.resolve()
-        own = own or (source.is_file() and output.exists() and output.samefile(source))
-    if own:
-        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
+        return job.source == job.output
+    if source.exists() and output.resolve() == source.resolve():
+        return True
+    if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
+        return True
+    return source.is_file() and output.exists() and output.samefile(source)
