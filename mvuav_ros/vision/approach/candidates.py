@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.alignment import align
 from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe
+from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.evidence import EvidenceMap, gather_evidence, halved
 from mvuav_ros.vision.approach.strip_search import Strips, distinct, fan, fan_jobs
 from mvuav_ros.vision.approach.tuning import TUNING
@@ -68,14 +69,19 @@ def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
 class LevelledImage:
     """A levelled working image and what is known of it, each part computed when it is asked for."""
 
-    def __init__(self, pixels: NDArray[Any], scene: Scene | None = None) -> None:
+    def __init__(
+        self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
+    ) -> None:
         """Begin with nothing computed.
 
         Args:
             pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
+            level: of the pixels, which are turned by it; None if they are level.
             scene: what a frame just before was like, to be taken for this one's.
         """
-        self._pixels = [pixels]
+        self._given = pixels
+        self._level = level
+        self._pixels: list[NDArray[Any]] = []
         self._given_scene = scene
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
@@ -83,11 +89,19 @@ class LevelledImage:
     @property
     def size(self) -> tuple[int, int]:
         """Height and width, px."""
-        height, width = self._pixels[0].shape[:2]
+        height, width = self._given.shape[:2]
         return height, width
+
+    @property
+    def used(self) -> bool:
+        """Whether anything was asked of it."""
+        return bool(self._pixels)
 
     def pixels(self, level: int) -> NDArray[Any]:
         """The image of a level of the pyramid."""
+        if not self._pixels:
+            given = self._given
+            self._pixels.append(given if self._level is None else self._level.turned(given))
         while len(self._pixels) <= level:
             self._pixels.append(halved(self._pixels[-1]))
         return self._pixels[level]
@@ -103,7 +117,7 @@ class LevelledImage:
         """What the image is like, at full scale."""
         if self._given_scene is not None:
             return self._given_scene
-        pixels = self._pixels[0]
+        pixels = self.pixels(0)
         gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
         levels = gray[::4, ::4]
         darkest, brightest = (float(value) for value in np.percentile(levels, (10, 95)))

@@ -19,6 +19,7 @@ from mvuav_ros.vision.approach.candidates import (
 )
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.probability import evidence_weights
+from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway_track import RunwayTrack
 from mvuav_ros.vision.approach.strip_search import fan_jobs
 from mvuav_ros.vision.approach.tuning import TUNING
@@ -26,14 +27,16 @@ from mvuav_ros.vision.approach.tuning import TUNING
 _MOST_TRACKS = 3
 _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
-_OFTEN, _SELDOM = 2, 8
+_OFTEN, _SELDOM = 2, 12
 """Frames from one share of the search to the next without and with a runway."""
+_BEST_PERIOD, _OTHERS_PERIOD = 6, 10
+"""Frames from one weighing of the best track, and of others, to the next."""
 _HALF_AGREEMENT = 0.15
 """Agreement of the strips at which the mean of the right runway is within tolerance in every second
 frame: runs 3 and 5."""
 _SPARSE, _LEAST_CHANGE = 8, 0.5
 """Px between those compared, and grey levels of their mean change, in an image that moves."""
-_SCENE_FRAMES = 8
+_SCENE_FRAMES = 24
 """For which the image as a whole is taken to stay alike."""
 _HOPELESS = -5.0
 _LEAST_START = -3.0
@@ -78,6 +81,7 @@ class RunwayTracker:
         self._level: Derotation | None = None
         self._attitude = False
         self._scene: Scene | None = None
+        self._registration = Registration()
         self._last: NDArray[np.float32] | None = None
         self._frame = 0
         self._job = 0
@@ -107,13 +111,15 @@ class RunwayTracker:
         """
         if self._frame % _SCENE_FRAMES == 0:
             self._scene = None
-        working = LevelledImage(level.turned(pixels), self._scene)
+        self._registration.take(pixels)
+        working = LevelledImage(pixels, level, self._scene)
         view = _View(image, pixels, working, level, horizon)
         moved = self._has_moved(pixels)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
-            track.step(image, view.working, level, horizon)
+            period = _BEST_PERIOD if track is self.best else _OTHERS_PERIOD
+            track.step(image, working, level, horizon, self._registration, period)
             track.moved += moved
         self._level, self._attitude = level, attitude
         self.tracks = [
@@ -122,12 +128,13 @@ class RunwayTracker:
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
         if self._frame == 0:
-            for each in ranges:
-                self._start(self._everywhere(view, each), view)
+            # The likeliest range at once, the others by turns.
+            self._start(self._everywhere(view, ranges[0]), view)
         elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
             self._start(self._share(view, ranges), view)
         self._frame += 1
-        self._scene = working.whole_scene
+        if working.used:
+            self._scene = working.whole_scene
         self._choose()
         return self.best
 
@@ -180,7 +187,7 @@ class RunwayTracker:
         if where.slope == level.slope:
             return view.working, level
         other = Derotation(level.width, level.height, level.factor, where.slope)
-        return LevelledImage(other.turned(view.pixels)), other
+        return LevelledImage(view.pixels, other), other
 
     def _start(self, found: Candidates, view: _View) -> None:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
@@ -193,7 +200,7 @@ class RunwayTracker:
                 break
             self._take(found.strips[index], float(odds[index]), fresh)
         for track in fresh:
-            track.step(view.image, view.working, view.level, view.horizon)
+            track.step(view.image, view.working, view.level, view.horizon, self._registration, 1)
 
     def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
         for track in self.tracks:

@@ -54,9 +54,11 @@ class Shape:
         """(4,) as in `strip`."""
         return np.array([*self.vanishing_point, *self.slopes])
 
-    def predict(self) -> None:
-        """One frame passes."""
+    def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:
+        """One frame passes, in which the image was seen to move, px."""
         left, right = self.slopes
+        self.state[[0, 2]] += rightwards
+        self.reference += downwards
         sideways = np.array([1.0, 0.0, 1.0, 0.0])
         upwards = np.array([left, 0.0, right, 0.0])
         change = (_SLOPE_FLOOR + _SLOPE_SHARE * abs(right - left)) ** 2

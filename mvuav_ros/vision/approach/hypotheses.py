@@ -1,0 +1,171 @@
+"""The strips that may be one runway, each weighed over many frames.
+
+A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
+of them is the runway one frame seldom tells. All keep their places in the runway's own
+coordinates, columns in widths from its left edge, which do not change as the aircraft moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.strip_search import Strips
+from mvuav_ros.vision.approach.tuning import TUNING
+
+_MEMORY = 0.08
+"""Share of a new weighing in a strip's log odds."""
+_GONE = -8.0
+"""Log odds of a strip that was not there."""
+_FOLLOWS = 0.3
+"""Share of a new measurement in a strip's place within the runway."""
+_MOST = 10
+_WORST = -9.0
+"""Log odds under the best strip's below which one is given up."""
+_DOUBT = 1.5
+"""Log odds by which a new strip must be better than a known one beside it."""
+_SAME, _SAME_PX = 0.06, 0.6
+"""Widths, and px, between edges of strips that are the same."""
+_TEMPERATURE, _WIDER, _NEW = 1.0, 1.0, 2.0
+"""Of the weights: log odds are divided by the first, as frames err alike; widths taken to the power
+of the second, as paint and rubber within a runway are seen more often than it; and what was
+weighed as often as the third counts half."""
+
+Places = NDArray[np.float64]
+"""(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
+and at the near end, in widths of the runway there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Strips with their share in the runway.
+
+    Attributes:
+        strips: (n, 6) as measured in the newest frame.
+        shares: (n,) which add up to 1.
+    """
+
+    strips: Strips
+    shares: NDArray[np.float64]
+
+
+class Hypotheses:
+    """Strips around, within and beside one another."""
+
+    def __init__(self) -> None:
+        self._places: Places = np.empty((0, 2, 2))
+        self._ends = np.empty((0, 2))
+        self._odds = np.empty(0)
+        self._count = np.empty(0)
+        self._kept = np.empty(0, np.intp)
+
+    def strips(self, frame: NDArray[np.float64]) -> Strips:
+        """Where they are expected.
+
+        Args:
+            frame: (6,) the runway's strip.
+        """
+        rows = _rows(frame)
+        edges = _columns(frame[None], rows)[0]
+        columns = edges[0] + self._places * (edges[1] - edges[0])
+        ends = frame[1] + self._ends * frame[5]
+        return _strips_through(columns, rows, ends)
+
+    def weigh(
+        self,
+        measured: Strips,
+        odds: NDArray[np.float64],
+        valid: NDArray[np.bool_],
+        share: float,
+        frame: NDArray[np.float64],
+    ) -> Weighed:
+        """Take in what a frame says of each of `strips`, and of others.
+
+        Args:
+            measured: (m, 6) strips as they are in the frame: the expected ones first.
+            odds: (m,) log odds of each in this frame.
+            valid: (m,) which of them are strips.
+            share: how many frames this one stands for.
+            frame: (6,) the runway's strip.
+        """
+        known = len(self._odds)
+        self._count += 1.0
+        memory = np.maximum(1.0 - (1.0 - _MEMORY) ** share, 1.0 / np.maximum(self._count, 1.0))
+        now = np.where(valid[:known], odds[:known], _GONE)
+        self._odds += memory * (now - self._odds)
+        new = np.where(valid[known:], odds[known:], -np.inf)
+        all_odds = np.concatenate([self._odds, new])
+        count = np.concatenate([self._count, np.ones(len(new))])
+        width = max(float((frame[3] - frame[2]) * frame[5]), 1.0)
+        columns = _columns(measured, _rows(frame))
+        rank = all_odds - _DOUBT * (count == 1.0)
+        kept = _distinct(columns, rank, max(_SAME * width, _SAME_PX))
+        self._odds, self._count, self._kept = all_odds[kept], count[kept], kept
+        return Weighed(measured[kept], self._shares(columns[kept]))
+
+    def settle(self, measured: Strips, frame: NDArray[np.float64]) -> None:
+        """Say where the runway is in the newest frame, for the places within it.
+
+        Args:
+            measured: (n, 6) the strips that `weigh` gave.
+            frame: (6,) the runway's strip.
+        """
+        rows = _rows(frame)
+        edges = _columns(frame[None], rows)[0]
+        places = (_columns(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)
+        ends = (measured[:, 1:2] + measured[:, 4:6] - frame[1]) / frame[5]
+        old = self._kept < len(self._places)
+        before = self._kept[old]
+        places[old] += (1.0 - _FOLLOWS) * (self._places[before] - places[old])
+        ends[old] += (1.0 - _FOLLOWS) * (self._ends[before] - ends[old])
+        self._places, self._ends = places, ends
+
+    def _shares(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not len(self._odds):
+            return np.empty(0)
+        widths = np.maximum(columns[:, 1, 1] - columns[:, 0, 1], 1.0)
+        known = self._count / (self._count + _NEW)
+        weight = np.exp((self._odds - self._odds.max()) / _TEMPERATURE) * widths**_WIDER * known
+        result: NDArray[np.float64] = weight / weight.sum()
+        return result
+
+
+def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
+    return frame[1] + np.array([TUNING.first_row, 1.0]) * frame[5]
+
+
+def _columns(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 2) columns of the left and the right edge at two rows."""
+    depth = rows - strips[:, 1:2]
+    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
+    return np.stack(edges, axis=1)
+
+
+def _strips_through(
+    columns: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Strips:
+    """Strips whose edges pass through columns at two rows."""
+    slopes = (columns[:, :, 1] - columns[:, :, 0]) / (rows[1] - rows[0])
+    gap = np.maximum(slopes[:, 1] - slopes[:, 0], 0.02)
+    depth = (columns[:, 1, 1] - columns[:, 0, 1]) / gap
+    x, y = columns[:, 0, 1] - slopes[:, 0] * depth, rows[1] - depth
+    found = np.stack([x, y, slopes[:, 0], slopes[:, 1], ends[:, 0] - y, ends[:, 1] - y], axis=1)
+    found[:, 5] = np.maximum(found[:, 5], 4.0)
+    return found
+
+
+def _distinct(
+    columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
+) -> NDArray[np.intp]:
+    """Numbers of the strips that differ, best first, without hopeless ones."""
+    kept: list[int] = []
+    if not odds.size:
+        return np.array(kept, np.intp)
+    for index in np.argsort(-odds, kind='stable'):
+        if not odds[index] >= odds.max() + _WORST or len(kept) == _MOST:
+            break
+        if not kept or (np.abs(columns[kept] - columns[index]).max(axis=(1, 2)) > apart).all():
+            kept.append(int(index))
+    return np.array(kept, np.intp)
