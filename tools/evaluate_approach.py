@@ -15,6 +15,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +40,11 @@ from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CameraModel
 
 Pixels = NDArray[Any]
-RUNS = {'approach_run2': Tolerance(), 'approach_run3': Tolerance(), 'approach_run5': None}
-RUN5 = Tolerance(4.0, 0.08)
+RUNS = {
+    'approach_run2': Tolerance(),
+    'approach_run3': Tolerance(),
+    'approach_run5': Tolerance(4.0, 0.08),
+}
 CLIPS = {
     'road/udacity_solidWhiteRight.mp4': (0, 221),
     'road/straight_rural_road_720p50.mp4': (0, 1295),
@@ -95,7 +99,9 @@ class Row:
         )
 
 
-HEADER = f'{"":42s} {"count":>5} {"report":>6} {"right":>6} {"wrong":>6} {"first":>6} {"ms 1st":>7} ms'
+HEADER = (
+    f'{"":42s} {"count":>5} {"report":>6} {"right":>6} {"wrong":>6} {"first":>6} {"ms 1st":>7} ms'
+)
 
 
 class Timed:
@@ -129,23 +135,19 @@ def judged(name: str, result: ApproachResult, error: float) -> Frame:
 def run_rows(footage: Path, part: slice) -> Iterator[tuple[str, Callable[[], Row]]]:
     """The labelled flights, in colour and grey, with and without a horizon."""
     for run, allowed in RUNS.items():
-        for gray in (False, True):
-            if run == 'approach_run5' and not gray:
-                continue
+        for gray in (True,) if run == 'approach_run5' else (False, True):
             for horizon in (True, False):
                 kind = ('grey' if gray else 'colour') + (' horizon' if horizon else ' image')
                 name = f'{run[-4:]} {kind}'
-                folder = footage / 'runway' / run
-
-                def make(
-                    name: str = name,
-                    folder: Path = folder,
-                    gray: bool = gray,
-                    horizon: bool = horizon,
-                    allowed: Tolerance = allowed or RUN5,
-                ) -> Row:
-                    return labelled_run(name, folder, allowed, gray=gray, horizon=horizon, part=part)
-
+                make = partial(
+                    labelled_run,
+                    name,
+                    footage / 'runway' / run,
+                    allowed,
+                    gray=gray,
+                    horizon=horizon,
+                    part=part,
+                )
                 yield name, make
 
 

@@ -28,10 +28,12 @@ _DOUBT = 1.5
 """Log odds by which a new strip must be better than a known one beside it."""
 _SAME, _SAME_PX = 0.06, 0.6
 """Widths, and px, between edges of strips that are the same."""
-_TEMPERATURE, _WIDER, _NEW = 1.0, 1.0, 2.0
-"""Of the weights: log odds are divided by the first, as frames err alike; widths taken to the power
-of the second, as paint and rubber within a runway are seen more often than it; and what was
-weighed as often as the third counts half."""
+_WIDER, _NEW = 1.0, 2.0
+"""Of the weights: widths are taken to the power of the first, as paint and rubber within a runway
+are seen more often than it; what was weighed as often as the second counts half."""
+_HOT, _COLD = (20.0, 2.5), (40.0, 1.0)
+"""Px of width, and by what log odds are divided there, as frames err alike: where the strips are as
+near to each other as the tolerance, their middle is right more often than the best. Runs 3, 5."""
 
 Places = NDArray[np.float64]
 """(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
@@ -127,7 +129,9 @@ class Hypotheses:
             return np.empty(0)
         widths = np.maximum(columns[:, 1, 1] - columns[:, 0, 1], 1.0)
         known = self._count / (self._count + _NEW)
-        weight = np.exp((self._odds - self._odds.max()) / _TEMPERATURE) * widths**_WIDER * known
+        usual = float(np.average(widths, weights=known))
+        temperature = np.interp(usual, *zip(_HOT, _COLD, strict=True))
+        weight = np.exp((self._odds - self._odds.max()) / temperature) * widths**_WIDER * known
         result: NDArray[np.float64] = weight / weight.sum()
         return result
 

@@ -18,24 +18,22 @@ from mvuav_ros.vision.approach.candidates import (
     find_candidates,
 )
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
-from mvuav_ros.vision.approach.probability import evidence_weights
+from mvuav_ros.vision.approach.probability import (
+    Report,
+    confidence_weights,
+    evidence_weights,
+)
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway_track import RunwayTrack
 from mvuav_ros.vision.approach.strip_search import fan_jobs
-from mvuav_ros.vision.approach.tuning import TUNING
 
 _MOST_TRACKS = 3
 _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
-_OFTEN, _SELDOM = 2, 12
+_OFTEN, _SELDOM = 2, 24
 """Frames from one share of the search to the next without and with a runway."""
-_BEST_PERIOD, _OTHERS_PERIOD = 6, 10
+_BEST_PERIOD, _OTHERS_PERIOD = 6, 12
 """Frames from one weighing of the best track, and of others, to the next."""
-_HALF_AGREEMENT = 0.15
-"""Agreement of the strips at which the mean of the right runway is within tolerance in every second
-frame: runs 3 and 5."""
-_SPARSE, _LEAST_CHANGE = 8, 0.5
-"""Px between those compared, and grey levels of their mean change, in an image that moves."""
 _SCENE_FRAMES = 24
 """For which the image as a whole is taken to stay alike."""
 _HOPELESS = -5.0
@@ -82,7 +80,6 @@ class RunwayTracker:
         self._attitude = False
         self._scene: Scene | None = None
         self._registration = Registration()
-        self._last: NDArray[np.float32] | None = None
         self._frame = 0
         self._job = 0
 
@@ -114,13 +111,11 @@ class RunwayTracker:
         self._registration.take(pixels)
         working = LevelledImage(pixels, level, self._scene)
         view = _View(image, pixels, working, level, horizon)
-        moved = self._has_moved(pixels)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
             period = _BEST_PERIOD if track is self.best else _OTHERS_PERIOD
             track.step(image, working, level, horizon, self._registration, period)
-            track.moved += moved
         self._level, self._attitude = level, attitude
         self.tracks = [
             track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
@@ -139,30 +134,23 @@ class RunwayTracker:
         return self.best
 
     @property
-    def confidence(self) -> float:
-        """Probability that the best track is a runway, rather than another track or none."""
+    def report(self) -> Report | None:
+        """What tells whether the best track is right."""
         best = self.best
         if best is None:
-            return 0.0
-        others = [track for track in self.tracks if track is not best]
-        against = sum(self._odds(track) for track in others)
-        for_it = self._odds(best)
-        sure = best.agreement / (best.agreement + _HALF_AGREEMENT)
-        return sure * for_it / (1.0 + for_it + against)
+            return None
+        rivals = sum(
+            math.exp(min(track.log_odds - best.log_odds, 5.0))
+            for track in self.tracks
+            if track is not best
+        )
+        return Report(best.log_odds, best.agreement, self._attitude, rivals)
 
-    def _has_moved(self, pixels: NDArray[Any]) -> bool:
-        """Whether the image differs from the last one; a still says nothing new."""
-        some = pixels[::_SPARSE, ::_SPARSE].astype(np.float32)
-        last, self._last = self._last, some
-        if last is None or last.shape != some.shape:
-            return False
-        return float(np.abs(some - last).mean()) > _LEAST_CHANGE
-
-    def _odds(self, track: RunwayTrack) -> float:
-        """That a track is a runway, with what the frames together and attitude say."""
-        bonus = TUNING.attitude_log_odds if self._attitude else 0.0
-        bonus += TUNING.followed_log_odds * min(track.moved / TUNING.followed_frames, 1.0)
-        return math.exp(min(track.log_odds + bonus, 50.0))
+    @property
+    def confidence(self) -> float:
+        """Probability that the best track is the runway, and where it is reported."""
+        report = self.report
+        return 0.0 if report is None else confidence_weights().confidence(report)
 
     def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)
