@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.strip_geometry import columns_at, strips_through
 from mvuav_ros.vision.approach.strip_search import Strips
 from mvuav_ros.vision.approach.tuning import TUNING
 
@@ -70,10 +71,10 @@ class Hypotheses:
             frame: (6,) the runway's strip.
         """
         rows = _rows(frame)
-        edges = _columns(frame[None], rows)[0]
+        edges = columns_at(frame[None], rows)[0]
         columns = edges[0] + self._places * (edges[1] - edges[0])
         ends = frame[1] + self._ends * frame[5]
-        return _strips_through(columns, rows, ends)
+        return strips_through(columns, rows, ends)
 
     def weigh(
         self,
@@ -101,7 +102,7 @@ class Hypotheses:
         all_odds = np.concatenate([self._odds, new])
         count = np.concatenate([self._count, np.ones(len(new))])
         width = max(float((frame[3] - frame[2]) * frame[5]), 1.0)
-        columns = _columns(measured, _rows(frame))
+        columns = columns_at(measured, _rows(frame))
         rank = all_odds - _DOUBT * (count == 1.0)
         kept = _distinct(columns, rank, max(_SAME * width, _SAME_PX))
         self._odds, self._count, self._kept = all_odds[kept], count[kept], kept
@@ -115,8 +116,8 @@ class Hypotheses:
             frame: (6,) the runway's strip.
         """
         rows = _rows(frame)
-        edges = _columns(frame[None], rows)[0]
-        places = (_columns(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)
+        edges = columns_at(frame[None], rows)[0]
+        places = (columns_at(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)
         ends = (measured[:, 1:2] + measured[:, 4:6] - frame[1]) / frame[5]
         old = self._kept < len(self._places)
         before = self._kept[old]
@@ -130,34 +131,14 @@ class Hypotheses:
         widths = np.maximum(columns[:, 1, 1] - columns[:, 0, 1], 1.0)
         known = self._count / (self._count + _NEW)
         usual = float(np.average(widths, weights=known))
-        temperature = np.interp(usual, *zip(_HOT, _COLD, strict=True))
+        temperature = float(np.interp(usual, (_HOT[0], _COLD[0]), (_HOT[1], _COLD[1])))
         weight = np.exp((self._odds - self._odds.max()) / temperature) * widths**_WIDER * known
-        result: NDArray[np.float64] = weight / weight.sum()
-        return result
+        shares: NDArray[np.float64] = weight / weight.sum()
+        return shares
 
 
 def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
     return frame[1] + np.array([TUNING.first_row, 1.0]) * frame[5]
-
-
-def _columns(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2, 2) columns of the left and the right edge at two rows."""
-    depth = rows - strips[:, 1:2]
-    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
-    return np.stack(edges, axis=1)
-
-
-def _strips_through(
-    columns: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
-) -> Strips:
-    """Strips whose edges pass through columns at two rows."""
-    slopes = (columns[:, :, 1] - columns[:, :, 0]) / (rows[1] - rows[0])
-    gap = np.maximum(slopes[:, 1] - slopes[:, 0], 0.02)
-    depth = (columns[:, 1, 1] - columns[:, 0, 1]) / gap
-    x, y = columns[:, 0, 1] - slopes[:, 0] * depth, rows[1] - depth
-    found = np.stack([x, y, slopes[:, 0], slopes[:, 1], ends[:, 0] - y, ends[:, 1] - y], axis=1)
-    found[:, 5] = np.maximum(found[:, 5], 4.0)
-    return found
 
 
 def _distinct(

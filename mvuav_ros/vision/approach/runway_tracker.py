@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from mvuav_ros.vision.approach.probability import (
     evidence_weights,
 )
 from mvuav_ros.vision.approach.registration import Registration
-from mvuav_ros.vision.approach.runway_track import RunwayTrack
+from mvuav_ros.vision.approach.runway_track import RunwayTrack, View
 from mvuav_ros.vision.approach.strip_search import fan_jobs
 
 _MOST_TRACKS = 3
@@ -58,16 +58,6 @@ class SearchRange:
     slope: float
     first: float
     last: float
-
-
-class _View(NamedTuple):
-    """A frame as the tracks see it; see `RunwayTracker.step`."""
-
-    image: NDArray[Any]
-    pixels: NDArray[Any]
-    working: LevelledImage
-    level: Derotation
-    horizon: tuple[float, float] | None
 
 
 class RunwayTracker:
@@ -110,12 +100,12 @@ class RunwayTracker:
             self._scene = None
         self._registration.take(pixels)
         working = LevelledImage(pixels, level, self._scene)
-        view = _View(image, pixels, working, level, horizon)
+        view = View(image, pixels, working, level, horizon, self._registration)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
             period = _BEST_PERIOD if track is self.best else _OTHERS_PERIOD
-            track.step(image, working, level, horizon, self._registration, period)
+            track.step(view, period)
         self._level, self._attitude = level, attitude
         self.tracks = [
             track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
@@ -152,11 +142,11 @@ class RunwayTracker:
         report = self.report
         return 0.0 if report is None else confidence_weights().confidence(report)
 
-    def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
+    def _everywhere(self, view: View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)
         return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
 
-    def _share(self, view: _View, ranges: list[SearchRange]) -> Candidates:
+    def _share(self, view: View, ranges: list[SearchRange]) -> Candidates:
         """The next few rows of vanishing points, on one level and at one depth."""
         chunks = [
             (where, pyramid, depth, rows)
@@ -170,14 +160,14 @@ class RunwayTracker:
         found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
         return _turned(searched.weigh(found, pyramid), turned, view.level)
 
-    def _levelled(self, view: _View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
+    def _levelled(self, view: View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
         level = view.level
         if where.slope == level.slope:
             return view.working, level
         other = Derotation(level.width, level.height, level.factor, where.slope)
         return LevelledImage(view.pixels, other), other
 
-    def _start(self, found: Candidates, view: _View) -> None:
+    def _start(self, found: Candidates, view: View) -> None:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
         if not len(found.strips):
             return
@@ -188,7 +178,7 @@ class RunwayTracker:
                 break
             self._take(found.strips[index], float(odds[index]), fresh)
         for track in fresh:
-            track.step(view.image, view.working, view.level, view.horizon, self._registration, 1)
+            track.step(view, 1)
 
     def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
         for track in self.tracks:
