@@ -36,6 +36,8 @@ from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.finders import RunwayFinder
+from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CameraModel
 
@@ -61,6 +63,7 @@ FLIGHTS: dict[str, dict[str, Any]] = {
 }
 FLIGHT_FRAMES = 275
 STILL_FRAMES = 30
+MIN_CONFIDENCE = 0.5
 OVERLAP = 0.3
 
 
@@ -73,6 +76,7 @@ class Frame:
     reported: bool
     error: float
     corners: list[tuple[float, float]] | None = None
+    report: Report | None = None
 
 
 @dataclass
@@ -108,7 +112,10 @@ class Timed:
     """A detector whose CPU time is counted."""
 
     def __init__(self, width: float = 0.0) -> None:
-        parameters = RunwayDetectorParameters(mode='approach', runway_width=width)
+        # Everything is reported, so that it is known how wrong the doubtful is.
+        parameters = RunwayDetectorParameters(
+            mode='approach', runway_width=width, min_confidence=0.0
+        )
         self.detector = ApproachDetector(parameters)
         self.spent: list[float] = []
 
@@ -126,10 +133,13 @@ class Timed:
         return row
 
 
-def judged(name: str, result: ApproachResult, error: float) -> Frame:
-    """A frame of a row."""
-    corners = None if result.corners is None else [tuple(map(float, c)) for c in result.corners]
-    return Frame(name, float(result.confidence), result.corners is not None, error, corners)
+def judged(name: str, detector: Timed, result: ApproachResult, error: float) -> Frame:
+    """A frame of a row; reported is what has a confidence of `MIN_CONFIDENCE`."""
+    corners = None if result.corners is None else [(float(x), float(y)) for x, y in result.corners]
+    reported = corners is not None and result.confidence >= MIN_CONFIDENCE
+    finder = detector.detector._finder
+    report = finder.report if isinstance(finder, RunwayFinder) else None
+    return Frame(name, float(result.confidence), reported, min(error, 1e6), corners, report)
 
 
 def run_rows(footage: Path, part: slice) -> Iterator[tuple[str, Callable[[], Row]]]:
@@ -162,7 +172,7 @@ def labelled_run(
         flag = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
         result = detector.process(cv2.imread(str(folder / label.file), flag), line)
         score = score_frame(label, result.lines, allowed)
-        row.frames.append(judged(label.file, result, score.error))
+        row.frames.append(judged(label.file, detector, result, score.error))
     return detector.put(row)
 
 
@@ -182,7 +192,8 @@ def clip(path: Path, gray: bool, step: int) -> Row:
         if gray:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         error = 0.0 if uav and index in UAV_RUNWAY else math.inf
-        row.frames.append(judged(str(index), detector.process(image), error))
+        result = detector.process(image)
+        row.frames.append(judged(str(index), detector, result, error))
     return detector.put(row)
 
 
@@ -205,7 +216,7 @@ def stills(folder: Path, check: bool, frames: int) -> list[Row]:
             points = np.array(result.corners)
             best = max(overlap(points, box) for box in boxes[name])
         row = rows['near' if name.startswith('1') else 'far']
-        row.frames.append(judged(name, result, OVERLAP / max(best, 1e-3)))
+        row.frames.append(judged(name, detector, result, OVERLAP / max(best, 1e-3)))
         row.first_ms += detector.spent[0]
         row.later_ms += float(np.mean(detector.spent[1:])) if frames > 1 else 0.0
     for row in rows.values():
@@ -243,7 +254,7 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
             for x, y in ((true.x1, true.y1), (true.x2, true.y2)):
                 away = abs(x * math.cos(line.theta) + y * math.sin(line.theta) - line.rho)
                 worst = max(worst, away / 3.0 if line.found else math.inf)
-        row.frames.append(judged(str(index), result, worst))
+        row.frames.append(judged(str(index), detector, result, worst))
         guidance = result.guidance
         if guidance is not None and guidance.known:
             pose = truth.pose

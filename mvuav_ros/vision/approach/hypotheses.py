@@ -138,7 +138,8 @@ class Hypotheses:
 
 
 def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
-    return frame[1] + np.array([TUNING.first_row, 1.0]) * frame[5]
+    rows: NDArray[np.float64] = frame[1] + np.array([TUNING.first_row, 1.0]) * frame[5]
+    return rows
 
 
 def _distinct(
