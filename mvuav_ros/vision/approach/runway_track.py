@@ -7,18 +7,16 @@ weighted by what many frames together say of each.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES
-from mvuav_ros.vision.approach.candidates import LevelledImage, describe_around, ends_of
+from mvuav_ros.vision.approach.candidates import describe_around, ends_of
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.edges import EdgePoints
 from mvuav_ros.vision.approach.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.probability import evidence_weights
-from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway_edges import EdgeLook
 from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.strip_geometry import (
@@ -47,9 +45,11 @@ the frame itself."""
 _WIDE, _LEAST_SUPPORT = 18.0, 0.25
 """Px of the near end from which a runway's lines are so far apart that its edges are those with the
 clearest steps, and their support, 0 to 1, from which that holds. The simulator's flights."""
-_LOCK_WIDTH, _LOCK_AGE, _LOCK_ODDS, _LOCK_AGREEMENT = 30.0, 20, 0.5, 0.4
-"""Px, frames, log odds and agreement from which a runway is followed by its edges alone: near the
-ground everything around it has straight edges too."""
+_LOCK_WIDTH, _LOCK_AGE, _LOCK_ODDS = 30.0, 20, 0.5
+_LOCK_AGREEMENT, _LOCK_SUPPORT = 0.4, 0.7
+"""Px, frames, log odds, and agreement or support from which a runway is followed by its edges
+alone: near the ground everything around it has straight edges too."""
+_GROWTH_MEMORY, _MOST_GROWTH = 0.1, 0.04
 _MOST_UNSEEN = 3
 _NARROWEST = 5.0
 """Px of the near end: what is narrower shows too little to be told from specks in clouds."""
@@ -58,26 +58,6 @@ _YOUNG = 5
 _PAINT = FEATURES.index('paint')
 _STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
-
-
-class View(NamedTuple):
-    """A frame as the tracks see it.
-
-    Attributes:
-        image: the frame, (height, width) or (height, width, 3), blue first.
-        pixels: its working image.
-        working: that, levelled.
-        level: of the frame.
-        horizon: row of the vanishing point and its standard deviation, if known, px.
-        registration: of the working images.
-    """
-
-    image: NDArray[Any]
-    pixels: NDArray[Any]
-    working: LevelledImage
-    level: Derotation
-    horizon: tuple[float, float] | None
-    registration: Registration
 
 
 class RunwayTrack:
@@ -115,6 +95,7 @@ class RunwayTrack:
         self._clear, self._lead = False, 0.0
         self._rested = 0
         self.locked = False
+        self._sharp, self._growth = 0.0, 0.0
         self._unseen = 0
 
     @property
@@ -143,6 +124,7 @@ class RunwayTrack:
     def step(self, view: View, period: int) -> None:
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
         if self.age:
+            self.shape.grow(self._growth)
             self.shape.predict(*view.registration.shift(self.strip(), view.level))
         self.age += 1
         self._rested += 1
@@ -214,6 +196,10 @@ class RunwayTrack:
         self.points = exact
         self.shape.move_reference(float(strip[1] + 0.3 * self.far + 0.7 * self.near))
         self.shape.update(*exact, None, 1.0)
+        left, right = self.shape.slopes
+        change = (right - left) / (strip[3] - strip[2]) - 1.0
+        growth = self._growth + _GROWTH_MEMORY * change
+        self._growth = min(max(growth, -_MOST_GROWTH), _MOST_GROWTH)
         return True
 
     def _plausible(self, view: View) -> bool:
@@ -274,11 +260,13 @@ class RunwayTrack:
             agree = all(map(agrees, exact, points))
             if agree or (wide and min(edge.support for edge in exact) > _LEAST_SUPPORT):
                 points, self._clear = exact, True
+                support = min(edge.support for edge in exact)
+                self._sharp += memory * (support - self._sharp)
                 self.locked = (
                     width > _LOCK_WIDTH
                     and self.age > _LOCK_AGE
                     and self.log_odds > _LOCK_ODDS
-                    and self.agreement > _LOCK_AGREEMENT
+                    and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
                 )
         shape = self.shape
         shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))

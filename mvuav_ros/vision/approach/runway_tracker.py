@@ -24,8 +24,9 @@ from mvuav_ros.vision.approach.probability import (
     evidence_weights,
 )
 from mvuav_ros.vision.approach.registration import Registration
-from mvuav_ros.vision.approach.runway_track import RunwayTrack, View
+from mvuav_ros.vision.approach.runway_track import RunwayTrack
 from mvuav_ros.vision.approach.strip_search import fan_jobs
+from mvuav_ros.vision.approach.view import View
 
 _MOST_TRACKS = 3
 _CHUNK = 8

@@ -69,6 +69,13 @@ class Shape:
             + np.diag([0.04, change, 0.04, change])
         )
 
+    def grow(self, rate: float) -> None:
+        """The camera comes lower: both slopes become larger by a share of themselves."""
+        x, y = self.vanishing_point
+        if np.isfinite(y):
+            self.state[[1, 3]] *= 1.0 + rate
+            self.state[[0, 2]] = x + self.state[[1, 3]] * (self.reference - y)
+
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Describe the same edges on another derotation."""
         for first in (0, 2):
