@@ -108,6 +108,14 @@ def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
     assert panel.now('peak_neighborhood_rho') == '11'
     panel.enter('peak_neighborhood_rho', 'ten')
     panel.until(lambda: hint.inner_text() == 'takes a whole number', 'the reason')
+    panel.page.get_by_label('Find a parameter').fill('camera_mount')
+    panel.enter('camera_mount_rpy_deg', '0; -10.5')
+    mount = panel.row('camera_mount_rpy_deg').locator('.hint.refused')
+    panel.until(lambda: 'takes 3 numbers' in mount.inner_text(), 'the reason')
+    panel.enter('camera_mount_rpy_deg', '0; -10.5 3')
+    panel.until(lambda: panel.now('camera_mount_rpy_deg') == '0, -10.5, 3', 'three numbers')
+    panel.enter('camera_mount_rpy_deg', '0 0 0')
+    panel.page.get_by_label('Find a parameter').fill('')
     panel.enter('rho_resolution', '1e30')
     refused = panel.row('rho_resolution').locator('.hint.refused')
     refused.wait_for()
@@ -195,6 +203,11 @@ def test_a_click_on_the_input_sets_a_row_or_shows_the_pixel(panel):
     assert panel.graph.get_parameter('runway_detector', 'start_row') == pytest.approx(60, abs=1)
 
 
+def name_cell(runs, number):
+    """Beside it is a cell whose box to be ticked has the same name."""
+    return runs.locator('td.text-left', has_text=re.compile(f'^run {number}$'))
+
+
 def test_two_runs_are_made_compared_loaded_and_reported(panel):
     panel.choose(DETECTOR)
     panel.part('runs')
@@ -205,7 +218,7 @@ def test_two_runs_are_made_compared_loaded_and_reported(panel):
         panel.until(lambda p=peaks: panel.now('num_peaks') == str(p), 'the value')
         words = 'Run and save' if number == 1 else 'Save to set, run and save'
         runs.get_by_role('button', name=words, exact=True).click()
-        runs.get_by_role('cell', name=f'run {number}', exact=True).wait_for()
+        name_cell(runs, number).wait_for()
     assert (panel.folder / 'sets' / 'run 2.yaml').is_file()
     read = """() => {
         const holder = document.querySelector('[data-trend]');
@@ -218,7 +231,7 @@ def test_two_runs_are_made_compared_loaded_and_reported(panel):
     panel.until(lambda: page.evaluate(read)[0] == ['run 1', 'run 2'], 'both runs')
     _, values = page.evaluate(read)
     assert len(values) == 3 and all(len(each) == 2 and None not in each for each in values)
-    runs.get_by_label('Over', exact=True).click()
+    runs.get_by_role('combobox', name='Over').click()
     page.get_by_role('option', name='num_peaks').click()
     panel.until(
         lambda: page.evaluate(read) and page.evaluate(read)[0] == ['num_peaks 2', 'num_peaks 3'],
@@ -240,8 +253,8 @@ def test_two_runs_are_made_compared_loaded_and_reported(panel):
     opened.value.close()
     page.get_by_role('button', name='Delete', exact=True).click()
     page.get_by_role('dialog').get_by_role('button', name='Delete').click()
-    runs.get_by_role('cell', name='run 1', exact=True).wait_for(state='detached')
-    assert runs.get_by_role('cell', name='run 2', exact=True).count() == 1
+    name_cell(runs, 1).wait_for(state='detached')
+    assert name_cell(runs, 2).count() == 1
 
 
 def test_what_one_browser_does_reaches_the_other_and_spares_what_is_typed(panel):
@@ -260,7 +273,7 @@ def test_what_one_browser_does_reaches_the_other_and_spares_what_is_typed(panel)
     page.get_by_role('button', name='Save', exact=True).click()
     page.get_by_role('dialog').get_by_label('Name').fill('seen')
     page.get_by_role('dialog').get_by_role('button', name='Save').click()
-    other.locator('.sets').get_by_label('Set', exact=True).click()
+    other.locator('.sets').get_by_role('combobox', name='Set').click()
     other.get_by_role('option', name='seen').click()
     other.get_by_text('The live values are those of seen.').wait_for()
     other.context.close()
@@ -327,7 +340,7 @@ def test_a_recording_holds_input_and_results(panel):
     page.get_by_text(re.compile('Recorded [0-9]+ messages')).wait_for()
     (path,) = (panel.folder / 'recordings').iterdir()
     with open_recording(path) as recording:
-        topics = {channel.name for channel in recording.channels if channel.message_count}
+        topics = {topic.name for topic in recording.topics if topic.message_count}
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
 
 
