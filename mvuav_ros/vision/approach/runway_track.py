@@ -27,6 +27,7 @@ from mvuav_ros.vision.approach.strip_geometry import (
     points_along,
     shape_through,
 )
+from mvuav_ros.vision.approach.view import View
 
 _MOST_STRIPS = 8
 """Tried around the mean each time."""
