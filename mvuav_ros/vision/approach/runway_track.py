@@ -31,8 +31,8 @@ from mvuav_ros.vision.approach.view import View
 
 _MOST_STRIPS = 8
 """Tried around the mean each time."""
-_MEMORY = 0.15
-_END_MEMORY = 0.6
+_MEMORY, _MISS_MEMORY, _END_MEMORY = 0.06, 0.15, 0.6
+"""Share of a frame in what a track remembers: of being weighed, of not being seen, of its ends."""
 _MOST_MISSES = 4
 """Weighings in a row in which nothing was seen."""
 _MISSED = -4.0
@@ -141,7 +141,7 @@ class RunwayTrack:
         if not seen:
             self.misses += 1
             self.points = None
-            self.log_odds += (1.0 - (1.0 - _MEMORY) ** share) * (_MISSED - self.log_odds)
+            self.log_odds += (1.0 - (1.0 - _MISS_MEMORY) ** share) * (_MISSED - self.log_odds)
             return
         self.misses = 0
         if not self._plausible(view):
