@@ -72,6 +72,7 @@ class RunwayTrack:
         near_seen: the same in the newest frame alone.
         open_end: its near end is out of sight.
         age: frames.
+        moved: frames that differed from the one before.
         locked: it is followed by its edges alone.
         misses: weighings in a row in which it was not seen.
         agreement: probability of the strips that are where the mean is.
@@ -86,6 +87,7 @@ class RunwayTrack:
         self.open_end = False
         self.log_odds = log_odds
         self.age = 0
+        self.moved = 0
         self.misses = 0
         self.agreement = 1.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
@@ -128,6 +130,7 @@ class RunwayTrack:
             self.shape.grow(self._growth)
             self.shape.predict(*view.registration.shift(self.strip(), view.level))
         self.age += 1
+        self.moved += view.registration.moving
         self._rested += 1
         if self._rested < period and self.age > _YOUNG:
             self._rest(view)
@@ -159,7 +162,7 @@ class RunwayTrack:
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
         wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
-        if self._clear and wide:
+        if self._clear and wide and self._look.clear:
             exact = self._look.find(
                 view.image, view.level, strip[:4], (self.far, self.near), self._lead, wide=True
             )

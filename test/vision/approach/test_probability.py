@@ -2,7 +2,7 @@
 
 from mvuav_ros.vision.approach.probability import Report, confidence_weights
 
-DOUBTFUL = Report(log_odds=1.0, agreement=0.5, attitude=False, rivals=0.5)
+DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, rivals=0.5)
 
 
 def confidence(**change):
@@ -15,6 +15,7 @@ def test_what_speaks_for_a_runway_raises_it():
     assert confidence(log_odds=3.0) > confidence(log_odds=2.0) > plain
     assert confidence(agreement=1.0) > plain
     assert confidence(attitude=True) > plain
+    assert confidence(moved=60) > confidence(moved=20) > plain
 
 
 def test_what_speaks_against_it_lowers_it():
