@@ -162,7 +162,7 @@ class RunwayTrack:
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
         wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
-        if self._clear and wide and self._look.clear:
+        if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
             exact = self._look.find(
                 view.image, view.level, strip[:4], (self.far, self.near), self._lead, wide=True
             )
