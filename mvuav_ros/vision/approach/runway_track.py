@@ -126,6 +126,11 @@ class RunwayTrack:
 
     def step(self, view: View, period: int) -> None:
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
+        self._follow(view, period)
+        if not self._plausible(view):
+            self.misses = _MOST_MISSES + 1
+
+    def _follow(self, view: View, period: int) -> None:
         if self.age:
             self.shape.grow(self._growth)
             self.shape.predict(*view.registration.shift(self.strip(), view.level))
@@ -147,8 +152,6 @@ class RunwayTrack:
             self.log_odds += (1.0 - (1.0 - _MISS_MEMORY) ** share) * (_MISSED - self.log_odds)
             return
         self.misses = 0
-        if not self._plausible(view):
-            self.misses = _MOST_MISSES + 1
 
     def _rest(self, view: View) -> None:
         """Follow without weighing; wide edges are measured in every frame."""

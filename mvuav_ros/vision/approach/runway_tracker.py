@@ -180,6 +180,7 @@ class RunwayTracker:
             self._take(found.strips[index], float(odds[index]), fresh)
         for track in fresh:
             track.step(view, 1)
+        self.tracks = [track for track in self.tracks if not track.lost]
 
     def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
         for track in self.tracks:
