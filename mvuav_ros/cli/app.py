@@ -90,6 +90,9 @@ def main() -> NoReturn:
         _fail('interrupted', 128 + interruption.number)
     except OSError as error:
         _fail(str(error), 1)
+    except ImportError as error:
+        # Commands import what they need when they are called.
+        _fail(explain_missing_module(sys.argv[1], error), 1)
     except Exception as error:
         # Usage errors of typer, whose own click is not importable under a public name.
         if not hasattr(error, 'format_message'):

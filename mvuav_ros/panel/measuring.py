@@ -8,8 +8,8 @@ from pathlib import Path
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.bag_report import bag_report
+from mvuav_ros.offline.evaluation.evaluation_run import read_bag
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.observed import read_bag
 from mvuav_ros.offline.replay.job import ReplayOutcome
 from mvuav_ros.offline.report.writing import write_report
 from mvuav_ros.panel.runs import REPORT, SavedRun

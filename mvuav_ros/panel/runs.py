@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.offline.evaluation.metric import Metric
+from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.names import NameRefusedError, checked_name

@@ -18,7 +18,6 @@ import zstandard
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import Problems
 
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 SIZE_LIMIT = 1 << 30
 """Bytes; a larger chunk or message is refused."""
 

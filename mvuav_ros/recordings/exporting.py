@@ -161,4 +161,3 @@ _WRITERS: dict[str, Callable[[Path, Table], None]] = {
     'parquet': _write_parquet,
     'tum': _write_tum,
 }
-FORMATS = tuple(_WRITERS)

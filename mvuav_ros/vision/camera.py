@@ -22,7 +22,7 @@ class CameraModel:
 
     Attributes:
         width: of the images that it was calibrated with, px.
-        height: likewise.
+        height: of these images, px.
         k: the camera matrix, nine numbers, row-major, px.
         d: OpenCV's distortion coefficients, at most 14.
         distortion_model: ``plumb_bob``, ``rational_polynomial`` or empty.

@@ -172,7 +172,7 @@ class Image:
 
         Args:
             rows: with a start and an end within the frame.
-            columns: the same.
+            columns: with a start and an end within the frame.
         """
         layout = ENCODINGS[self.encoding]
         if layout.channels == 1 and not self.is_gray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
-from mvuav_ros.offline.simulate import truth_messages
+from mvuav_ros.offline.simulate import simulated_messages
 from mvuav_ros.processing.messages.markers import POINT
 from mvuav_ros.processing.messages.runway import LINE
 from mvuav_ros.processing.registry import PROCESSORS
@@ -133,7 +133,7 @@ def _flight_topics() -> dict[str, str]:
     topics: dict[str, str] = {}
     for kind in ('tanker', 'runway'):
         flight = make_flight(kind, {'frames': 1, 'width': 64, 'height': 64, 'detail': 0.0})
-        messages = truth_messages(next(iter(flight)), camera_model(flight.camera), 'camera')
+        messages = simulated_messages(next(iter(flight)), camera_model(flight.camera), 'camera')
         topics |= {name: type_name for name, type_name, _ in messages}
     return topics
 

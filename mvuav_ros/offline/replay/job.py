@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from mvuav_ros.offline.processes import ProcessDiedError
 from mvuav_ros.offline.replay.ahead import ReplayAhead
 from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
-from mvuav_ros.offline.replay.inputs import Input, Item, open_input
+from mvuav_ros.offline.replay.inputs import Item, ReplayInput
 from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
@@ -144,7 +144,8 @@ def run_job(
         RecordingError: the output cannot be written.
         ParameterError: a parameter is not valid.
     """
-    _refuse_own_input(job)
+    if is_own_input(job):
+        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
     if not job.overwrite and size_at(job.output) is not None:
         raise RecordingError(f'{job.output} exists; --force overwrites it')
     settings = job.settings
@@ -156,11 +157,12 @@ def run_job(
             return
         progress(JobProgress(source.name, 0, source.count))
         with _writing(job) as writer:
-            camera = any(processor.uses_camera_info for processor in processors)
-            attitude = any(processor.awaits_attitude for processor in processors)
-            items = source.items(settings.keep_inputs, camera, attitude)
-            items = gamma_corrected(items, settings.gamma)
-            with closing(items):
+            items = source.items(
+                keep=settings.keep_inputs,
+                camera=any(processor.uses_camera_info for processor in processors),
+                attitude=any(processor.awaits_attitude for processor in processors),
+            )
+            with closing(gamma_corrected(items, settings.gamma)) as items:
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted and outcome.processed == 0:
@@ -202,14 +204,12 @@ def _writing(job: ReplayJob) -> Iterator[Writer]:
 
 
 @contextmanager
-def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
+def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
-    settings = job.settings
-
-    def open_it() -> Input:
-        return open_input(job.source, settings.image_topic, settings.fps, settings.selection)
-
-    source = stop.unless_requested(open_it)
+    given = job.settings
+    source = stop.unless_requested(
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection)
+    )
     try:
         yield source
     finally:
@@ -220,7 +220,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
 def _write(
     steps: Iterator[FrameResults | RecordedMessage],
     output: _Output,
-    source: Input,
+    source: ReplayInput,
     progress: Progress,
     stop: Stop,
 ) -> None:
@@ -269,14 +269,13 @@ class _Output:
             self._writer.copy(step)
 
 
-def _refuse_own_input(job: ReplayJob) -> None:
+def is_own_input(job: ReplayJob) -> bool:
+    """Whether the output is the input, or a file among those of the input."""
     source, output = Path(job.source).expanduser(), Path(job.output)
     if is_url(job.output):
-        own = job.source == job.output
-    else:
-        own = source.exists() and output.resolve() == source.resolve()
-        if source.is_dir() and looks_like_bag(source):
-            own = own or output.resolve().parent == source.resolve()
-        own = own or (source.is_file() and output.exists() and output.samefile(source))
-    if own:
-        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
+        return job.source == job.output
+    if source.exists() and output.resolve() == source.resolve():
+        return True
+    if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
+        return True
+    return source.is_file() and output.exists() and output.samefile(source)

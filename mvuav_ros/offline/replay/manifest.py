@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import mvuav_ros
-from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome
+from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, is_own_input
 from mvuav_ros.offline.replay.provenance import description
 from mvuav_ros.recordings.remote import inside, read_text, size_at, write_text
 
@@ -97,7 +97,7 @@ class Manifest:
 
     def _settled(self, job: ReplayJob) -> ReplayOutcome | None:
         size = size_at(job.output)
-        if job.overwrite or size is None:
+        if job.overwrite or size is None or is_own_input(job):  # `run_job` refuses the last
             return None
         known = self._known.get(_name(job.output), {})
         if self._made_from[job.output].items() <= known.items():

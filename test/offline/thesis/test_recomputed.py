@@ -191,7 +191,7 @@ def test_figure_4_30_and_flags(runway):
 
 
 def process_again(task, name):
-    parameters = task.pipelines[name]
+    parameters = task.detectors[name]
     detector = (ApproachDetector if parameters.mode == 'approach' else RunwayDetector)(parameters)
     return [detector.process(f.image.bgr(), f.stamp_ns) for f in RunwayFlight(task.flight)]
 

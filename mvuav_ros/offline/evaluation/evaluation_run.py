@@ -15,22 +15,16 @@ import yaml
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.replay import frames
-from mvuav_ros.offline.simulation_truth import (
-    encode_true_lines,
-    encode_true_markers,
-    encode_true_rpy,
-)
+from mvuav_ros.offline.simulate import truth_messages
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.sources.simulated import FRAME_ID, PREFIX, make_flight
-from mvuav_ros.simulation.tanker_truth import TankerTruth
 
 MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
 TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
@@ -130,7 +124,7 @@ def replay(
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.
-        RecordingError: the same of a bag.
+        RecordingError: the bag cannot be read.
         ParameterError: a parameter is not valid.
     """
     run = EvaluationRun(text)
@@ -171,14 +165,10 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
 def _flown(text: str, truth: Observations) -> Iterator[Frame]:
     kind, _, query = text.removeprefix(PREFIX).partition('?')
     flight = make_flight(kind, {name: yaml.safe_load(value) for name, value in parse_qsl(query)})
-    for index in flight.indices:
-        frame = flight.frame(index)
-        header = cdr_header(frame.stamp_ns, FRAME_ID)
-        if isinstance(frame.truth, TankerTruth):
-            truth.add(MARKERS, encode_true_markers(frame.truth, header))
-            truth.add(RPY, encode_true_rpy(frame.truth, header))
-        else:
-            truth.add(LINES, encode_true_lines(frame.truth, header))
+    for frame in flight:
+        for topic, _, data in truth_messages(frame, FRAME_ID):
+            if topic in TRUTH_TOPICS:
+                truth.add(TRUTH_TOPICS[topic], data)
         yield Frame(frame.stamp_ns, FRAME_ID, frame.image)
 
 
