@@ -22,13 +22,12 @@ from mvuav_ros.vision.markers.view import (
     SCALE,
     YAW,
     Array,
-    Fits,
     ViewState,
     WeakPerspective,
     X,
     Y,
-    fit,
 )
+from mvuav_ros.vision.markers.view_fit import Fits, NamedPlaces, fit
 
 ANY_ROLL = 1.6
 """rad, 1 sigma: at the start an upright body is likelier than one upside down."""
@@ -138,7 +137,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
     m, n = measured.shape[:2]
     seen = np.broadcast_to(np.arange(n), (m, n))
-    return fit(shape, prior, seen, measured, deviation, starts=starts, iterations=8)
+    return fit(shape, prior, NamedPlaces(seen, measured, deviation), starts, iterations=8)
 
 
 Start = tuple[tuple[int, ...], Array]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mvuav_ros.vision.markers.assignment import Named
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.search import are_close
+from mvuav_ros.vision.markers.initialization import Named
+from mvuav_ros.vision.markers.lights import are_close
 
 LONGEST_REST = 15
 """Frames between two attempts to name lights that could not be named, at most."""
