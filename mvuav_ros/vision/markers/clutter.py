@@ -10,6 +10,8 @@ from mvuav_ros.vision.markers.centroid import Detection
 
 STRANGE = 3
 """Frames without a name after which a light is a stranger."""
+REMEMBERED = 150
+"""Frames for which lights may be strangers after one has been seen."""
 STRANGER_STEP = 8.0
 """px that a stranger may move in a frame, as the camera shakes."""
 
@@ -19,6 +21,12 @@ class Clutter:
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, int]] = []
+        self._frames_without = REMEMBERED
+
+    @property
+    def is_about(self) -> bool:
+        """Whether there was any within the last seconds."""
+        return self._frames_without < REMEMBERED
 
     def include(self, spot: Detection) -> bool:
         """Whether a light has stood there, or close by, for long."""
@@ -51,6 +59,8 @@ class Clutter:
             if ages:
                 seen.append((spot.x, spot.y, max(ages)))
         self._seen = seen
+        strange = any(age >= STRANGE for *_, age in seen)
+        self._frames_without = 0 if strange else self._frames_without + 1
 
 
 def _may_be_at(spot: Detection, place: Expectation) -> bool:

@@ -32,6 +32,8 @@ class FaultTuning:
         doubtful_share: of the evidence against the worst marker, by which another must have
             less so that it is not a suspect as well.
         contested: evidence that a marker has against it that was out of sight shortly before.
+        protected: px (1 sigma), of a marker's place by the others, up to which they would
+            contradict another light there.
         upset: by which all variances grow where what is seen makes no sense.
         free: by which they grow to find out whether it is only the motion that was not foreseen.
         fewest_free: coordinates for that.
@@ -47,6 +49,7 @@ class FaultTuning:
     forgetting: float = 0.9
     doubtful_share: float = 0.1
     contested: float = 50.0
+    protected: float = 2.0
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
@@ -138,7 +141,7 @@ class FaultDetector:
             return suspicion
         if not strange:
             return Consensus(view, markers)
-        for dropped in (2, 3):
+        for dropped in (1, 2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
             consensus = self._without(found, dropped)
@@ -231,6 +234,18 @@ class FaultDetector:
         if view.surprise.max() > TUNING.gate or 2 * len(rest) <= len(found):
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
+
+    def unverified(self, found: Mapping[int, Point]) -> set[int]:
+        """Markers that may be other lights, and whose places the others do not tell."""
+        contested = [m for m in found if m in self.contested and m < self.views.doubted]
+        if not contested:
+            return set()
+        fits = self._fit_all(found)
+        return {
+            marker
+            for marker in contested
+            if self.views.places(fits.view(1 + marker))[1][marker] > TUNING.protected
+        }
 
     def upset(self) -> None:
         """What was seen contradicts the view as a whole."""

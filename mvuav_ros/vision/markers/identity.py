@@ -13,7 +13,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.acquisition import ANY_ROLL
 from mvuav_ros.vision.markers.assignment import Expectation
-from mvuav_ros.vision.markers.attempts import Attempts
+from mvuav_ros.vision.markers.attempts import CONFIRMED, Attempts
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.clutter import Clutter
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
@@ -38,8 +38,6 @@ WIDEST = 200.0
 """px, by which a search window grows at most."""
 YOUNG = 1.0
 """s without any marker up to which two are enough to find the body again."""
-CONFIRMED = 3
-"""Frames in which a body must be named alike where one frame does not make it certain."""
 PATIENCE = 5
 """Frames in doubt after which the whole body is named afresh, as at the start."""
 NEARBY_ROLL = 0.5
@@ -120,7 +118,7 @@ class IdentityTracker:
         if not self._attempts.succeed(named):
             # Another way of naming the same lights than a frame ago: neither can be believed.
             return self._report.nothing('the markers were named in two ways')
-        if not named.certain and self._attempts.agreed < CONFIRMED:
+        if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
         spots = [lights.in_image(spot) for spot in named.spots]
         memory = MarkerMemory(frame.time, spots)
@@ -165,12 +163,17 @@ class IdentityTracker:
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
+        unverified = search.faults.unverified(places_of(search.found)) - search.reacquired
         expected = self._in_image(search.finish())
         self._widen(windows, expected, frame.search_radius)
         named = {index: in_image[spot] for index, spot in search.found.items()}
         spots = [named.get(index) for index in range(self._count)]
-        memory.remember(frame.time, spots, expected)
-        spots = [None if index in search.suspects else spot for index, spot in enumerate(spots)]
+        memory.trust(search.reacquired)
+        hidden = search.suspects
+        if self._clutter.is_about:
+            hidden = hidden | unverified
+        memory.remember(frame.time, spots, expected, unverified)
+        spots = [None if index in hidden else spot for index, spot in enumerate(spots)]
         return self._report.result(memory, spots, frame.earliest, expected, windows, status)
 
     def _search(

@@ -27,7 +27,10 @@ MOST_RATIO = 8.0
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 LONE_MISFIT = 0.06
-"""The same, in units of its size, for a body that is alone in the frame."""
+"""The same, in units of its size, for a body that is alone in the frame, seen by a camera that is
+not calibrated."""
+STRICT_MISFIT = (0.3, 0.006)
+"""The same, of one that is what its rig says; another must show the same misfit for some time."""
 OTHER_BODY_MISFIT = 0.15
 """The same for five lights that the thesis's assumption alone must name."""
 
@@ -40,6 +43,7 @@ class Named(NamedTuple):
         view: fitted to them.
         certain: whether one frame is enough to believe it.
         fits: whether the body is what its rig says.
+        odd: whether one of the lights may well be another one.
         remark: why they cannot be named, or what was left out.
     """
 
@@ -47,6 +51,7 @@ class Named(NamedTuple):
     view: ViewState | None = None
     certain: bool = False
     fits: bool = True
+    odd: bool = False
     remark: str = ''
 
 
@@ -87,7 +92,9 @@ def initialize(
             chosen = tuple(spots[index] for index in best.chosen)
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             fits = best.view.misfit <= exact
-            return Named(chosen, best.view, alone, fits, remark)
+            strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
+            odd = shape.lens.focal is not None and best.view.misfit > strict
+            return Named(chosen, best.view, alone and not odd, fits, odd, remark)
     if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
         return _as_the_thesis(shape, spots) or Named(remark=unclear)
     return Named(remark=unclear)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ RETURNING = 2
 window is placed, is not known yet."""
 SURE_PLACE = 2.0
 """px (1 sigma): a place known this well stands in for a measurement."""
-PROBATION = 30
+PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 FORGOTTEN = 10
 """Frames unseen after which a light's own motion tells nothing any more."""
@@ -113,6 +113,11 @@ class MarkerMemory:
             if not (index in seen or (known.returning and not known.unseen)):
                 known.contested = PROBATION
 
+    def trust(self, markers: Collection[int]) -> None:
+        """Doubt these no longer, which were found again together."""
+        for index in markers:
+            self.markers[index].contested = 0
+
     def start_afresh(self) -> None:
         """All markers have got other names: their motions are not known, and none is in doubt."""
         for index, marker in enumerate(self.markers):
@@ -125,6 +130,7 @@ class MarkerMemory:
         time: float,
         spots: Sequence[Detection | None],
         expected: Mapping[int, Expectation],
+        unverified: Collection[int] = (),
     ) -> None:
         """Learn from a frame.
 
@@ -132,6 +138,7 @@ class MarkerMemory:
             time: s.
             spots: of every marker.
             expected: where those should be that were not found.
+            unverified: of those found, the ones that the others cannot contradict.
         """
         positions: list[float | None] = []
         for index, (marker, spot) in enumerate(zip(self.markers, spots, strict=True)):
@@ -145,7 +152,8 @@ class MarkerMemory:
             positions += (spot.x, spot.y)
             marker.look.learn(spot)
             marker.last_seen = time
-            marker.contested = max(marker.contested - 1, 0)
+            if index not in unverified:
+                marker.contested = max(marker.contested - 1, 0)
             marker.returning = max(marker.returning - 1, 0)
             if marker.unseen:
                 marker.unseen = 0

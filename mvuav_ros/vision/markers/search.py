@@ -36,6 +36,7 @@ class Search:
         faults: what speaks against each marker.
         views: at this frame's time.
         suspects: those of them of which one or some must be another light.
+        reacquired: markers found again together, after hardly any was in sight.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class Search:
         self.faults = faults
         self.views = faults.views
         self.suspects = set(consensus.suspects)
+        self.reacquired: set[int] = set()
         self._looks = looks
         self._motion = motion
         self._distrusted = set(consensus.dropped)
@@ -90,20 +92,33 @@ class Search:
         if not self.suspects:
             self._name_clear(free, clutter)
             self._name_joined(free, lights)
-        if not self.found:
-            new = [spot for spot in free if not clutter.include(spot)][:MOST_RETURNED]
-            self.found.update(reacquire(self.views, new, self._is_likely, fewest))
-            self._look()
-            if len(self.found) > 1:
-                named = list(self.found.values())
-                free = [spot for spot in free if spot not in named]
-                self._name_clear(free, clutter)
+        if len(self.found) < 2:
+            free = self._find_again(free, clutter, fewest)
         self._check()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
         known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
         clutter.update(nameless, self._expectations() if known else None)
         return len(nameless)
+
+    def _find_again(
+        self, free: list[Detection], clutter: Clutter, fewest: int
+    ) -> list[Detection]:
+        """Name a body of which at most one marker is where it was expected; the lights left."""
+        alone = dict(self.found)
+        spots = [*alone.values(), *free]
+        new = [spot for spot in spots if not clutter.include(spot)][:MOST_RETURNED]
+        ways = reacquire(self.views, new, self._is_likely, max(fewest, 3) if alone else fewest)
+        if not ways:
+            return free
+        self.found = ways
+        self.suspects.clear()
+        self.reacquired = set(ways)
+        self._look()
+        named = list(ways.values())
+        free = [spot for spot in spots if spot not in named]
+        self._name_clear(free, clutter)
+        return free
 
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""

@@ -45,6 +45,9 @@ class ViewTuning:
         other_rig_error: the same for a body that is not what its rig says.
         learning, unlearning: per frame, of a rig error that turns out less, or more.
         motion_learning: per frame, by which the variances of jitter and unrest follow the motion.
+        motion_forgetting: per frame in which too few markers are seen, by which they grow again.
+        least_unseen: to which they grow at least.
+        rates_share: to which they grow, in parts of the rates' squares over their variances.
         most_surprising: of a step's square over its variance, that is learnt from.
         least_motion, most_motion: of those variances, in parts of the usual ones.
         doubted: times the usual deviation at which a marker that is doubted takes part.
@@ -61,6 +64,9 @@ class ViewTuning:
     learning: float = 0.1
     unlearning: float = 0.003
     motion_learning: float = 0.1
+    motion_forgetting: float = 1.2
+    least_unseen: float = 0.1
+    rates_share: float = 3.0
     most_surprising: float = 25.0
     least_motion: float = 0.02
     most_motion: float = 4.0
@@ -74,13 +80,15 @@ MAIN = 0
 _MOST_DOUBTED = 12
 """Markers of a rig, each of which can be doubted all the time; of a larger rig none is."""
 _UNREST: Array = np.square(TUNING.unrest)
+_STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST
+"""Variances of the rates in the long run."""
 _WALK: Array = np.square(TUNING.jitter)
 _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
 """Averages over parameters whose motions are alike."""
-_FEWEST_TELLING = 4
-"""Markers by which a frame tells how the view moves."""
+_FEWEST_TELLING, _FEWEST_HOLDING = 4, 3
+"""Markers by which a frame tells how the view moves, and with which that is not forgotten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +114,7 @@ class _Bank:
             np.repeat(view.parameters[None], count, axis=0),
             np.repeat(view.covariance[None], count, axis=0),
             np.zeros((count, COUNT)),
-            np.repeat(np.diag(_UNREST * TUNING.rates_last / 2 + 1e-12)[None], count, 0),
+            np.repeat(np.diag(_STATIONARY + 1e-12)[None], count, 0),
             np.zeros((count, COUNT, COUNT)),
         )
 
@@ -200,6 +208,8 @@ class ViewFilter:
             # As the view changes, so does what lies beside the rig.
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
         self.rig_error = before.rig_error if before else self._rig_errors[1]
+        self._seen = count
+        self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
@@ -224,6 +234,11 @@ class ViewFilter:
             walk[[FOCAL, BARREL]] = 0.0
         self.bank = self.bank.predicted(time - self.time, walk, unrest)
         self.time = time
+        if self._seen < _FEWEST_HOLDING:
+            usual = np.clip(self._liveliest, TUNING.least_unseen, 1.0)
+            grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
+            self._motion = np.maximum(self._motion, grown)
+        self._seen = 0
 
     def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
         """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
@@ -269,7 +284,8 @@ class ViewFilter:
 
     def commit(self, fits: Fits) -> None:
         """Take what each filter has made of a frame's named lights, which agree."""
-        if fits.surprise.shape[1] >= _FEWEST_TELLING:
+        self._seen = fits.surprise.shape[1]
+        if self._seen >= _FEWEST_TELLING:
             self._learn_motion(fits)
         self.bank = self.bank.updated(fits)
         if fits.surprise.shape[1] == len(self.shape.points) > 3:
@@ -283,6 +299,8 @@ class ViewFilter:
         shown = np.minimum(shown, TUNING.most_surprising)
         motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
         self._motion = np.clip(motion, TUNING.least_motion, TUNING.most_motion)
+        rates = TUNING.rates_share * self.bank.rates[MAIN] ** 2 / np.maximum(_STATIONARY, 1e-12)
+        self._liveliest = np.maximum(0.998 * self._liveliest, rates)
 
     def _learn_rig_error(self, view: ViewState) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
