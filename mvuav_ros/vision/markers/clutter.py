@@ -55,7 +55,7 @@ class Clutter:
             ]
             if expected is not None:
                 near = any(_may_be_at(spot, place) for place in expected.values())
-                ages.append(max(ages, default=0) + (1 if near else STRANGE))
+                ages.append(0 if near else max(ages, default=0) + STRANGE)
             if ages:
                 seen.append((spot.x, spot.y, max(ages)))
         self._seen = seen

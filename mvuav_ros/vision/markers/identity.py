@@ -78,7 +78,7 @@ class IdentityTracker:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
         self._attempts = Attempts(self._count)
-        self._doubts = 0
+        self._doubts = self._suspicions = self._unexplained = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame.
@@ -149,7 +149,7 @@ class IdentityTracker:
         consensus = faults.weigh(places_of(found))
         if len(consensus.kept) == self._count:
             faults.commit(places_of(found))
-            self._doubts = 0
+            self._doubts = self._suspicions = self._unexplained = 0
             memory.remember(frame.time, spots, {})
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
@@ -158,6 +158,10 @@ class IdentityTracker:
         memory.contest(seen)
         faults.contested = memory.contested
         search = Search(faults, memory.looks, memory.motion(self._lens), consensus, found)
+        self._suspicions = self._suspicions + 1 if search.suspects else 0
+        if self._suspicions > PATIENCE:
+            self._suspicions = 0
+            search.start_over()
         around = memory.predicted if consensus.kept else ()
         status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - memory.newest > GIVEN_UP:
@@ -222,6 +226,10 @@ class IdentityTracker:
 
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where lights have no name and markers no light for long."""
+        unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
+        self._unexplained = self._unexplained + 1 if unexplained else 0
+        if self._unexplained > PATIENCE:
+            search.faults.upset()
         in_doubt = min(len(search.missing), nameless) >= 2
         self._doubts = self._doubts + 1 if in_doubt else 0
         if self._doubts <= PATIENCE and search.found:

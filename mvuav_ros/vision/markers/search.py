@@ -17,7 +17,7 @@ from mvuav_ros.vision.markers.initialization import Named
 from mvuav_ros.vision.markers.joining import offset_in
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import FORGOTTEN, Motion
-from mvuav_ros.vision.markers.reacquisition import reacquire
+from mvuav_ros.vision.markers.reacquisition import extend, reacquire
 from mvuav_ros.vision.markers.view import COUNT
 
 KNOWN_PLACE = 5.0
@@ -36,6 +36,7 @@ class Search:
         faults: what speaks against each marker.
         views: at this frame's time.
         suspects: those of them of which one or some must be another light.
+        unexplained: lights that may be markers and have no name.
         reacquired: markers found again together, after hardly any was in sight.
     """
 
@@ -62,6 +63,7 @@ class Search:
         self.views = faults.views
         self.suspects = set(consensus.suspects)
         self.reacquired: set[int] = set()
+        self.unexplained = 0
         self._looks = looks
         self._motion = motion
         self._distrusted = set(consensus.dropped)
@@ -92,6 +94,8 @@ class Search:
         if not self.suspects:
             self._name_clear(free, clutter)
             self._name_joined(free, lights)
+        if 2 <= len(self.found) and not self.suspects:
+            self._name_together(free, clutter)
         if len(self.found) < 2:
             free = self._find_again(free, clutter, fewest)
         self._check()
@@ -99,7 +103,20 @@ class Search:
         nameless = [spot for spot in free if spot not in named]
         known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
         clutter.update(nameless, self._expectations() if known else None)
+        self.unexplained = sum(not clutter.include(spot) for spot in nameless)
         return len(nameless)
+
+    def _name_together(self, free: list[Detection], clutter: Clutter) -> None:
+        """Name lights where the markers in sight hardly tell where the others are."""
+        unsure = [e for e in self._expectations().values() if e.deviation > KNOWN_PLACE]
+        new = [spot for spot in free if not clutter.include(spot)]
+        if not unsure or not new:
+            return
+        self.found.update(extend(self.views, self.found, new, self._is_likely))
+        self._look()
+        named = list(self.found.values())
+        free[:] = [spot for spot in free if spot not in named]
+        self._name_clear(free, clutter)
 
     def _find_again(
         self, free: list[Detection], clutter: Clutter, fewest: int
@@ -119,6 +136,12 @@ class Search:
         free = [spot for spot in spots if spot not in named]
         self._name_clear(free, clutter)
         return free
+
+    def start_over(self) -> None:
+        """Doubt everything: it has not become clear for long which marker is another light."""
+        self.found, self.suspects, self._known = {}, set(), ()
+        self.faults.upset()
+        self._view = self.views.view
 
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""
