@@ -99,11 +99,9 @@ class MarkerMemory:
         """What the markers' own motion says of the newest frame."""
         flat = np.array(self.predicted).reshape(-1, 2)
         places = lens.to_ideal(np.where(np.abs(flat) < FAR_OFF, flat, 0.0)).tolist()
+        deviations = self.predictor.deviations().tolist()
         return Motion(
-            [
-                Expectation(x, y, self.predictor.deviation(index))
-                for index, (x, y) in enumerate(places)
-            ],
+            [Expectation(*place, d) for place, d in zip(places, deviations, strict=True)],
             [max(marker.unseen, marker.returning) for marker in self.markers],
         )
 
