@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
+from mvuav_ros.vision.pose_ambiguity import choose, meets_another
 from mvuav_ros.vision.residual_noise import ResidualNoise
 from mvuav_ros.vision.reprojection import (
     FEWEST,
     Reprojection,
     Solution,
     inverse,
-    likeness,
     rotation_of,
 )
 from mvuav_ros.vision.rig import MarkerRig
@@ -39,14 +39,6 @@ class PoseTuning:
             be wrong, in any frame.
         most_relative_misfit: the same over the image's span of the markers, for large images.
         unusual: times the usual noise: a misfit from there on is looked into.
-        alike: of two solutions' squared residuals, up to where both fit.
-        same: of two rotations, 1 + 2 cos of the angle up to which they are one solution.
-        decisive: difference of two solutions' squared residuals, over the noise's variance, from
-            which on the less one is right.
-        nearer: rad, by which a solution must be nearer to the last pose than the next one.
-        one: rad, up to which two solutions of three lights are the same.
-        meeting: rad, up to which two of them may be taken for each other.
-        most_tilt: rad, from straight behind, of three lights' first pose.
         most_distance_error: of the distance (1 sigma), above which a pose is kept back.
         most_turn_error: rad (1 sigma), likewise.
     """
@@ -55,13 +47,6 @@ class PoseTuning:
     most_misfit: float = 1.0
     most_relative_misfit: float = 0.004
     unusual: float = 4.0
-    alike: float = 4.0
-    same: float = 1.0 + 2.0 * math.cos(math.radians(5.0))
-    decisive: float = 12.0
-    nearer: float = math.radians(3.0)
-    one: float = math.radians(0.5)
-    meeting: float = math.radians(8.0)
-    most_tilt: float = math.radians(45.0)
     most_distance_error: float = 0.015
     most_turn_error: float = math.radians(1.5)
 
@@ -256,16 +241,10 @@ class PoseEstimator:
         count = 2 * len(view.image)
         if solution is None or solution[2] > count * min(usual, _most_misfit(view)) ** 2:
             return None
-        if count == 2 * FEWEST and self._meets_another(view, solution):
+        if count == 2 * FEWEST and meets_another(solution, view.closed_forms()):
             self._last = None
             return None
         return solution
-
-    def _meets_another(self, view: Reprojection, solution: Solution) -> bool:
-        """Whether another solution of three lights is so near that either may be the right one."""
-        rotation = rotation_of(solution[0])
-        angles = [_angle(rotation, rvec) for rvec, _ in view.closed_forms()]
-        return any(TUNING.one < angle < TUNING.meeting for angle in angles)
 
     def _find(self, view: Reprojection, time: float) -> Solution | None:
         """From nothing: all solutions, and the right one of those that fit."""
@@ -279,44 +258,13 @@ class PoseEstimator:
         if least > count * _most_misfit(view) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        limit = TUNING.alike * least + count * self.noise**2
-        fitting = [solution for solution in solutions if solution[2] <= limit]
-        if fresh and self._last is not None:
-            return self._nearest(rotation_of(self._last[0]), fitting)
-        if count == 2 * FEWEST:
-            return self._from_behind(fitting)
-        best = min(fitting, key=lambda solution: solution[2])
-        decisive = best[2] + TUNING.decisive * self.noise**2
-        others = [s for s in fitting if s[2] < decisive and not _alike(best, s)]
-        if others:
-            self._residuals.learn(best[2], count - 6)
+        last = rotation_of(self._last[0]) if fresh and self._last is not None else None
+        chosen = choose(solutions, self.noise, len(view.image), last)
+        if chosen is None:
             self.reason = 'more than one pose fits the markers'
-            return None
-        return best
-
-    def _from_behind(self, fitting: Sequence[Solution]) -> Solution | None:
-        """The one solution of three lights that shows the body from behind, as their names do."""
-        behind = [solution for solution in fitting if _tilt(solution) < TUNING.most_tilt]
-        if not behind:
-            self.reason = 'no pose from behind fits the markers'
-            return None
-        best = min(behind, key=lambda solution: solution[2])
-        if not all(_alike(best, solution) for solution in behind):
-            self.reason = 'more than one pose fits the markers'
-            return None
-        return best
-
-    def _nearest(self, last: Array, fitting: Sequence[Solution]) -> Solution | None:
-        """The solution that goes on from the last pose."""
-        angles = [_angle(last, solution[0]) for solution in fitting]
-        chosen = fitting[int(np.argmin(angles))]
-        same = [solution for solution in fitting if _alike(chosen, solution)]
-        others = [a for a, s in zip(angles, fitting, strict=True) if not _alike(chosen, s)]
-        if min(others, default=math.inf) < min(angles) + TUNING.nearer:
-            self.reason = 'more than one pose fits the markers'
-            return None
-        # Some starts come to a halt before the minimum that they share with others.
-        return min(same, key=lambda solution: solution[2])
+            if last is None and count > 2 * FEWEST:
+                self._residuals.learn(least, count - 6)
+        return chosen
 
 
 def _most_misfit(view: Reprojection) -> float:
@@ -332,18 +280,3 @@ def _is_known(covariance: Array, tvec: Array) -> bool:
     turned = math.sqrt(max(float(variances[3:].max()), 0.0))
     known = moved <= TUNING.most_distance_error * distance and turned <= TUNING.most_turn_error
     return bool(known and np.isfinite(variances).all())
-
-
-def _alike(a: Solution, b: Solution) -> bool:
-    return likeness(rotation_of(a[0]), b[0]) > TUNING.same
-
-
-def _tilt(solution: Solution) -> float:
-    """From the line of sight to the body's x axis, rad."""
-    rvec, tvec, _ = solution
-    ahead = float(rotation_of(rvec)[:, 0] @ tvec.reshape(3)) / float(np.linalg.norm(tvec))
-    return math.acos(min(1.0, max(-1.0, ahead)))
-
-
-def _angle(rotation: Array, rvec: Array) -> float:
-    return math.acos(min(1.0, max(-1.0, 0.5 * (likeness(rotation, rvec) - 1.0))))

@@ -139,6 +139,9 @@ class IdentityTracker:
     def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
         memory.predict(frame.time)
         faults.views.predict(frame.time)
+        if any(marker.unseen for marker in memory.markers):
+            places, deviations = faults.views.places()
+            memory.tell(self._lens.to_image(places), deviations)
         spots, windows = look_into_windows(frame, memory)
         seen = {index: spot for index, spot in enumerate(spots) if spot is not None}
         for a, b in combinations(list(seen), 2):
@@ -162,7 +165,7 @@ class IdentityTracker:
         if self._suspicions > PATIENCE:
             self._suspicions = 0
             search.start_over()
-        around = memory.predicted if consensus.kept else ()
+        around = memory.told if consensus.kept else ()
         status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()

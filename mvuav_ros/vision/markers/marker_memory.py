@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.appearance import AppearanceModel
 from mvuav_ros.vision.markers.assignment import Expectation
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.prediction import MotionPredictor
+
+Array = NDArray[np.float64]
 
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
@@ -65,7 +68,8 @@ class MarkerMemory:
     Attributes:
         markers: in the rig's order.
         predictor: of their motions.
-        predicted: x and y of every marker in turn in the newest frame, px.
+        predicted: x and y of every marker in turn in the newest frame, by its own motion, px.
+        told: the same, but where markers out of sight should be by all that is known.
     """
 
     def __init__(self, time: float, spots: Sequence[Detection]) -> None:
@@ -73,7 +77,7 @@ class MarkerMemory:
         self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]
         self.predictor = MotionPredictor(len(spots))
         self.predict(time)
-        self.predicted = [math.nan] * (2 * len(spots))
+        self.predicted = self.told = [math.nan] * (2 * len(spots))
         self.remember(time, spots, {})
 
     @property
@@ -93,7 +97,15 @@ class MarkerMemory:
 
     def predict(self, time: float) -> None:
         """Go on to the next frame, s."""
-        self.predicted = self.predictor.predict(time)
+        self.predicted = self.told = self.predictor.predict(time)
+
+    def tell(self, places: Array, deviations: Array) -> None:
+        """Where the view has the markers (n, 2), px, and how surely (n,): better, or not."""
+        own = self.predictor.deviations()
+        self.told = list(self.predicted)
+        for index, marker in enumerate(self.markers):
+            if marker.unseen and deviations[index] < own[index]:
+                self.told[2 * index : 2 * index + 2] = places[index].tolist()
 
     def motion(self, lens: Lens) -> Motion:
         """What the markers' own motion says of the newest frame."""

@@ -75,7 +75,7 @@ class Reporter:
             left, right = markers[self._wings[0]], markers[self._wings[1]]
             roll = math.atan2(right.y - left.y, right.x - left.x)
         status = remark if None not in spots else _status(markers, remark)
-        predictions = tuple(zip(memory.predicted[::2], memory.predicted[1::2], strict=True))
+        predictions = tuple(zip(memory.told[::2], memory.told[1::2], strict=True))
         has_wings = self._wings is not None
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
 
