@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.pose_ambiguity import choose, meets_another
-from mvuav_ros.vision.residual_noise import ResidualNoise
 from mvuav_ros.vision.reprojection import (
     FEWEST,
     Reprojection,
@@ -21,6 +20,7 @@ from mvuav_ros.vision.reprojection import (
     inverse,
     rotation_of,
 )
+from mvuav_ros.vision.residual_noise import ResidualNoise
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]

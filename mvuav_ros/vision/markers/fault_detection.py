@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -235,15 +235,15 @@ class FaultDetector:
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def unverified(self, found: Mapping[int, Point]) -> set[int]:
-        """Markers that may be other lights, and whose places the others do not tell."""
-        contested = [m for m in found if m in self.contested and m < self.views.doubted]
-        if not contested:
+    def unverified(self, found: Mapping[int, Point], returned: Collection[int]) -> set[int]:
+        """Which of the markers that have returned lie where the others do not tell their places."""
+        doubtful = [m for m in found if m in returned and m < self.views.doubted]
+        if not doubtful:
             return set()
         fits = self._fit_all(found)
         return {
             marker
-            for marker in contested
+            for marker in doubtful
             if self.views.places(fits.view(1 + marker))[1][marker] > TUNING.protected
         }
 

@@ -125,9 +125,7 @@ class IdentityTracker:
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
-    def _filter_of(
-        self, named: Named, time: float, before: ViewFilter | None = None
-    ) -> ViewFilter:
+    def _filter_of(self, named: Named, time: float, before: ViewFilter | None = None) -> ViewFilter:
         """Begin to follow the view of a whole body."""
         assert named.view is not None
         shape = self._shape
@@ -170,7 +168,9 @@ class IdentityTracker:
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
-        unverified = search.faults.unverified(places_of(search.found)) - search.reacquired
+        unverified = search.faults.unverified(
+            places_of(search.found), memory.returned - search.reacquired
+        )
         expected = self._in_image(search.finish())
         self._widen(windows, expected, frame.search_radius)
         named = {index: in_image[spot] for index, spot in search.found.items()}

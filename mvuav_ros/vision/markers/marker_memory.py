@@ -53,6 +53,7 @@ class KnownMarker:
         unseen: frames since then.
         returning: frames until its motion is known again.
         contested: frames in which its light may be another one.
+        returned: frames in which it may be another one that shines in its place.
     """
 
     look: AppearanceModel
@@ -60,6 +61,7 @@ class KnownMarker:
     unseen: int = 0
     returning: int = RETURNING
     contested: int = 0
+    returned: int = 0
 
 
 class MarkerMemory:
@@ -95,6 +97,11 @@ class MarkerMemory:
         """Markers whose lights may be others."""
         return {index for index, marker in enumerate(self.markers) if marker.contested}
 
+    @property
+    def returned(self) -> set[int]:
+        """Markers that were out of sight shortly before, or are."""
+        return {index for index, marker in enumerate(self.markers) if marker.returned}
+
     def predict(self, time: float) -> None:
         """Go on to the next frame, s."""
         self.predicted = self.told = self.predictor.predict(time)
@@ -126,13 +133,13 @@ class MarkerMemory:
     def trust(self, markers: Collection[int]) -> None:
         """Doubt these no longer, which were found again together."""
         for index in markers:
-            self.markers[index].contested = 0
+            self.markers[index].contested = self.markers[index].returned = 0
 
     def start_afresh(self) -> None:
         """All markers have got other names: their motions are not known, and none is in doubt."""
         for index, marker in enumerate(self.markers):
             marker.returning = RETURNING
-            marker.contested = 0
+            marker.contested = marker.returned = 0
             self.predictor.forget(index)
 
     def remember(
@@ -154,6 +161,7 @@ class MarkerMemory:
         for index, (marker, spot) in enumerate(zip(self.markers, spots, strict=True)):
             if spot is None:
                 marker.unseen += 1
+                marker.returned = PROBATION
                 place = expected[index]
                 # Where the others leave no doubt, the filter goes on as if it had been seen.
                 sure = place.deviation < SURE_PLACE
@@ -164,6 +172,7 @@ class MarkerMemory:
             marker.last_seen = time
             if index not in unverified:
                 marker.contested = max(marker.contested - 1, 0)
+                marker.returned = max(marker.returned - 1, 0)
             marker.returning = max(marker.returning - 1, 0)
             if marker.unseen:
                 marker.unseen = 0

@@ -94,7 +94,7 @@ class Search:
         if not self.suspects:
             self._name_clear(free, clutter)
             self._name_joined(free, lights)
-        if 2 <= len(self.found) and not self.suspects:
+        if len(self.found) >= 2 and not self.suspects:
             self._name_together(free, clutter)
         if len(self.found) < 2:
             free = self._find_again(free, clutter, fewest)
@@ -118,9 +118,7 @@ class Search:
         free[:] = [spot for spot in free if spot not in named]
         self._name_clear(free, clutter)
 
-    def _find_again(
-        self, free: list[Detection], clutter: Clutter, fewest: int
-    ) -> list[Detection]:
+    def _find_again(self, free: list[Detection], clutter: Clutter, fewest: int) -> list[Detection]:
         """Name a body of which at most one marker is where it was expected; the lights left."""
         alone = dict(self.found)
         spots = [*alone.values(), *free]
@@ -267,7 +265,9 @@ class Search:
         flat, by_view = (part[[a, b]] for part in self.views.places(self._view))
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
             # Not as they moved, or their motions do not tell the sides; the others' places may.
-            jacobian = self.views.shape.linearize(self._view.parameters)[1][[a, b]].reshape(4, COUNT)
+            jacobian = self.views.shape.linearize(self._view.parameters)[1][[a, b]].reshape(
+                4, COUNT
+            )
             spread = jacobian @ self._view.covariance @ jacobian.T
             offset = offset_in(spot, areas, flat, spread)
         if offset is None or math.hypot(*offset) > _touching(*areas):

@@ -132,9 +132,7 @@ def inverse(matrices: Array) -> Array:
     return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)))
 
 
-def _residual(
-    shape: WeakPerspective, parameters: Array, seen: NamedPlaces
-) -> tuple[Array, Array]:
+def _residual(shape: WeakPerspective, parameters: Array, seen: NamedPlaces) -> tuple[Array, Array]:
     places, jacobian = shape.linearize(parameters)
     rows = np.arange(len(parameters))[:, None]
     return seen.places - places[rows, seen.markers], jacobian[rows, seen.markers]
