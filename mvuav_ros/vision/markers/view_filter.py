@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.markers.filter_bank import RATES_LAST, FilterBank
 from mvuav_ros.vision.markers.view import (
     BARREL,
     COUNT,
@@ -23,7 +24,7 @@ from mvuav_ros.vision.markers.view import (
     Y,
     deviations_of,
 )
-from mvuav_ros.vision.markers.view_fit import Fits, NamedPlaces, fit, inverse
+from mvuav_ros.vision.markers.view_fit import Fits, NamedPlaces, fit
 
 Point = tuple[float, float]
 
@@ -38,7 +39,6 @@ class ViewTuning:
     Attributes:
         jitter: random walk of the parameters, per square root of a second.
         unrest: the same of their rates: how quickly a motion changes.
-        rates_last: s, after which a motion has changed.
         noise: px (1 sigma), of a light's place.
         rig_error: of a marker's place on the rig, in units of its size (1 sigma), at first.
         least_rig_error: the least that is learnt from how well the markers fit.
@@ -56,7 +56,6 @@ class ViewTuning:
 
     jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
     unrest: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
-    rates_last: float = 1.0
     noise: float = 0.15
     rig_error: float = 0.004
     least_rig_error: float = 0.0003
@@ -80,7 +79,7 @@ MAIN = 0
 _MOST_DOUBTED = 12
 """Markers of a rig, each of which can be doubted all the time; of a larger rig none is."""
 _UNREST: Array = np.square(TUNING.unrest)
-_STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST
+_STATIONARY: Array = 0.5 * RATES_LAST * _UNREST
 """Variances of the rates in the long run."""
 _WALK: Array = np.square(TUNING.jitter)
 _ALIKE = np.eye(COUNT)
@@ -89,83 +88,6 @@ for _pair in ((X, Y), (PITCH, YAW)):
 """Averages over parameters whose motions are alike."""
 _FEWEST_TELLING, _FEWEST_HOLDING = 4, 3
 """Markers by which a frame tells how the view moves, and with which that is not forgotten."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Bank:
-    """Parameters and rates of m filters at one time.
-
-    Attributes:
-        parameters, rates: (m, 8).
-        covariance, rate_covariance: (m, 8, 8).
-        cross: (m, 8, 8), covariance of the rates with the parameters.
-    """
-
-    parameters: Array
-    covariance: Array
-    rates: Array
-    rate_covariance: Array
-    cross: Array
-
-    @classmethod
-    def of(cls, view: ViewState, count: int) -> _Bank:
-        """So many filters that begin with a view at unknown rates."""
-        return cls(
-            np.repeat(view.parameters[None], count, axis=0),
-            np.repeat(view.covariance[None], count, axis=0),
-            np.zeros((count, COUNT)),
-            np.repeat(np.diag(_STATIONARY + 1e-12)[None], count, 0),
-            np.zeros((count, COUNT, COUNT)),
-        )
-
-    def predicted(self, elapsed: float, walk: Array, unrest: Array) -> _Bank:
-        """The same, so many s later.
-
-        Args:
-            elapsed: s.
-            walk: (8,), variance of the parameters' random walk, per s.
-            unrest: (8,), the same of their rates.
-        """
-        fade = math.exp(-elapsed / TUNING.rates_last)
-        reach = TUNING.rates_last * (1.0 - fade)
-        stationary = 0.5 * TUNING.rates_last * (1.0 - fade * fade)
-        return _Bank(
-            self.parameters + reach * self.rates,
-            self.covariance
-            + reach * (self.cross + self.cross.transpose(0, 2, 1))
-            + reach * reach * self.rate_covariance
-            + np.diag(elapsed * walk + elapsed**3 / 3 * unrest),
-            fade * self.rates,
-            fade * fade * self.rate_covariance + np.diag(stationary * unrest),
-            fade * (self.cross + reach * self.rate_covariance) + np.diag(reach**2 / 2 * unrest),
-        )
-
-    def updated(self, fits: Fits) -> _Bank:
-        """The same, with what each filter has made of a frame."""
-        gain = self.cross @ inverse(self.covariance)
-        step = (fits.parameters - self.parameters)[..., None]
-        less = self.covariance - fits.covariance
-        return _Bank(
-            fits.parameters,
-            fits.covariance,
-            self.rates + (gain @ step)[..., 0],
-            self.rate_covariance - gain @ less @ gain.transpose(0, 2, 1),
-            gain @ fits.covariance,
-        )
-
-    def all_as(self, index: int) -> _Bank:
-        """All filters as one of them."""
-        parts = (self.parameters, self.covariance, self.rates, self.rate_covariance, self.cross)
-        return _Bank(*(np.repeat(part[index : index + 1], len(part), 0) for part in parts))
-
-    def less_certain(self, factor: float) -> _Bank:
-        """The same with larger variances."""
-        return replace(
-            self,
-            covariance=factor * self.covariance,
-            rate_covariance=factor * self.rate_covariance,
-            cross=factor * self.cross,
-        )
 
 
 class ViewFilter:
@@ -201,7 +123,7 @@ class ViewFilter:
         self.time = time
         count = len(shape.points)
         self.doubted = count if count <= _MOST_DOUBTED else 0
-        self.bank = _Bank.of(view, 1 + self.doubted)
+        self.bank = FilterBank.of(view, 1 + self.doubted, _STATIONARY)
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.least_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
