@@ -3,12 +3,19 @@ PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := $(shell find mvuav_ros executables config launch bags resource sros2 -type f \
 		-not -name '*.pyc' 2>/dev/null) \
-	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py
-TOOLS := ros,panel,dask,test,dev
+	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py Makefile
+TOOLS := ros,panel,dask,remote,parquet,test,docs,dev
+
+# Where Python must not leave compiled files beside the sources, each of the hundreds of processes
+# of a test run would compile every library again; they are kept inside .venv instead.
+ifdef PYTHONDONTWRITEBYTECODE
+unexport PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
+endif
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-fast test-all test-rest test-footage test-robot lint bench report \
-	bags docs clean .venv
+	bags docs docs-site docs-pictures clean .venv
 
 help:  ## This list.
 	@grep -hE '^[a-z.-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 16
@@ -34,7 +41,9 @@ test-footage: .venv/.tools  ## Real footage that is not ours to give away: FOOTA
 test-robot: .venv/.tools  ## The library and nodes with the libraries of apt's ROS 2 Jazzy.
 	@$(BIN)/python tools/run_tests.py robot
 
-lint: .venv/.tools  ## ruff, mypy and import-linter.
+lint: .venv/.tools  ## ruff, mypy, import-linter, codespell and the prose rules.
+	$(BIN)/codespell
+	$(BIN)/python tools/check_prose.py
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -54,8 +63,15 @@ bags: .venv/.ros  ## Make the sample bags again.
 		--motion low_pass --start-distance -20 --speed 25 --camera-pitch-deg 20 \
 		--camera-rate 10 --gain-steps 0.1 --noise 0 --detail 0
 
-docs: .venv/.ros  ## config/default.yaml and docs/parameters.md from the parameter dataclasses.
-	$(BIN)/python tools/make_parameter_files.py
+docs: .venv/.ros  ## config/default.yaml, the SROS2 policies and the reference pages, from the code.
+	$(BIN)/python sros2/make_policies.py
+	$(BIN)/python tools/make_reference.py
+
+docs-pictures: .venv/.ros  ## The documentation's pictures, from the code.
+	$(BIN)/python tools/make_doc_pictures.py
+
+docs-site: .venv/.tools  ## The documentation as a site in out/site, every warning an error.
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 .venv: .venv/.ros  ## Just the virtual environment, with mvuav and the nodes in .venv/bin.
 

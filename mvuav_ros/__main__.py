@@ -6,6 +6,7 @@ Nothing large is imported here: a node is to end cleanly even while it is still 
 import os
 import signal
 import sys
+from functools import partial
 from importlib import import_module
 from types import FrameType
 
@@ -29,36 +30,6 @@ def main() -> None:
     _run(sys.argv[0])
 
 
-def marker_tracker() -> None:
-    """The console script."""
-    _run('marker_tracker')
-
-
-def runway_detector() -> None:
-    """The console script."""
-    _run('runway_detector')
-
-
-def video_source() -> None:
-    """The console script."""
-    _run('video_source')
-
-
-def vision_process() -> None:
-    """The console script."""
-    _run('vision_process')
-
-
-def tuning_panel() -> None:
-    """The console script."""
-    _run('tuning_panel')
-
-
-def mvuav() -> None:
-    """The console script."""
-    _run('mvuav')
-
-
 def _run(name: str) -> None:
     def leave(number: int, _frame: FrameType | None) -> None:
         os._exit(0 if name in NODES else 128 + number)
@@ -72,6 +43,14 @@ def _run(name: str) -> None:
         sys.exit(f'{name}: {explain_missing_module(name, error)}')
     run()
 
+
+# The console scripts.
+marker_tracker = partial(_run, 'marker_tracker')
+runway_detector = partial(_run, 'runway_detector')
+video_source = partial(_run, 'video_source')
+vision_process = partial(_run, 'vision_process')
+tuning_panel = partial(_run, 'tuning_panel')
+mvuav = partial(_run, 'mvuav')
 
 if __name__ == '__main__':
     main()

@@ -37,6 +37,8 @@ def detector_policy(processor: type[Processor]) -> str:
     inputs = ['image_raw', 'image_raw/compressed', 'clock']
     if processor.uses_camera_info:
         inputs.append('camera_info')
+    if processor.uses_attitude:
+        inputs.append('imu')
     services = ['reset', 'enable', *processor.triggers]
     return policy(
         processor.name,

@@ -70,7 +70,7 @@ MUTATIONS = (
         'mvuav_ros/processing/processor.py',
         'if frame.stamp_ns == last:',
         'if frame.stamp_ns == last and last is None:',
-        ('test/cli/commands/test_replay.py', 'test/processing'),
+        ('test/processing/test_processor.py',),
     ),
     Mutation(
         'CDR padding',

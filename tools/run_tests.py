@@ -53,8 +53,10 @@ def parallel(*arguments: str, python: Path = BIN / 'python') -> list[str]:
 
 
 def lint() -> list[list[str]]:
-    """ruff, mypy and import-linter."""
+    """codespell, the prose rules, ruff, mypy and import-linter."""
     return [
+        [str(BIN / 'codespell')],
+        [str(BIN / 'python'), 'tools/check_prose.py'],
         [str(BIN / 'ruff'), 'check', '--quiet', '.'],
         [str(BIN / 'ruff'), 'format', '--quiet', '--check', '.'],
         [str(BIN / 'mypy'), '--no-error-summary'],
@@ -119,7 +121,7 @@ def other_python(version: str) -> list[list[str]]:
         *('-m', 'not long', '--ignore=test/footage', '--ignore=test/package', *WITHOUT_GRAPH),
         python=ROOT / folder / 'bin' / 'python',
     )
-    return [[str(python), 'tools/install.py', folder, 'ros,dask,test'], tests]
+    return [[str(python), 'tools/install.py', folder, 'ros,dask,remote,parquet,test'], tests]
 
 
 def robot() -> list[list[str]]:

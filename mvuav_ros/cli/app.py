@@ -4,46 +4,59 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Iterable
+from importlib import import_module
 from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
 
 import mvuav_ros
-from mvuav_ros.cli.commands.bench import bench
-from mvuav_ros.cli.commands.demo import demo
-from mvuav_ros.cli.commands.evaluate import evaluate
-from mvuav_ros.cli.commands.export import export
-from mvuav_ros.cli.commands.info import info
-from mvuav_ros.cli.commands.repair import repair
-from mvuav_ros.cli.commands.replay import replay
-from mvuav_ros.cli.commands.rig import rig
-from mvuav_ros.cli.commands.simulate import simulate
-from mvuav_ros.cli.commands.sweep import sweep
 from mvuav_ros.cli.typer_annotations import spell_unions_out
+from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.frame import SourceError
 
-app = typer.Typer(
-    name='mvuav',
-    help="Machine vision for UAVs: a tanker's marker lights, a runway's lines.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    add_completion=False,
-    pretty_exceptions_enable=False,
+COMMANDS = (
+    'replay',
+    'info',
+    'repair',
+    'export',
+    'bench',
+    'demo',
+    'sweep',
+    'simulate',
+    'evaluate',
+    'rig',
 )
-app.command()(replay)
-app.command()(info)
-app.command()(repair)
-app.command()(export)
-app.command()(bench)
-app.command()(demo)
-app.command()(sweep)
-app.add_typer(simulate, name='simulate')
-app.add_typer(evaluate, name='evaluate')
-app.add_typer(rig, name='rig')
+"""Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
+
+
+def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line with these commands.
+
+    Args:
+        names: of `COMMANDS`; importing one takes longer than many a command's work.
+    """
+    app = typer.Typer(
+        name='mvuav',
+        help="Machine vision for UAVs: a tanker's marker lights, a runway's lines.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_options)
+    for name in names:
+        command = getattr(import_module(f'mvuav_ros.cli.commands.{name}'), name)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
+    spell_unions_out(app)
+    return app
 
 
 def _show_version(wanted: bool) -> None:
@@ -52,7 +65,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     version: Annotated[
         bool,
@@ -62,16 +74,13 @@ def _options(
     pass
 
 
-spell_unions_out(app)
-
-
 def main() -> NoReturn:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
     # Commands that leave files behind take the signals themselves, see `stop_on_signals`.
     for number in SIGNALS:
         signal.signal(number, _interrupt)
     try:
-        status = app(prog_name='mvuav', standalone_mode=False)
+        status = _application()(prog_name='mvuav', standalone_mode=False)
         if status == 128 + signal.SIGINT:
             # What typer makes of a KeyboardInterrupt.
             _fail('interrupted', status)
@@ -81,6 +90,9 @@ def main() -> NoReturn:
         _fail('interrupted', 128 + interruption.number)
     except OSError as error:
         _fail(str(error), 1)
+    except ImportError as error:
+        # Commands import what they need when they are called.
+        _fail(explain_missing_module(sys.argv[1], error), 1)
     except Exception as error:
         # Usage errors of typer, whose own click is not importable under a public name.
         if not hasattr(error, 'format_message'):
@@ -89,6 +101,15 @@ def main() -> NoReturn:
             raise
         _fail(f'{error.format_message()} (see mvuav --help)', 2)
     _leave(status if isinstance(status, int) else 0)
+
+
+def _application() -> typer.Typer:
+    """With the command that the command line names, or all of them."""
+    named = [name for name in sys.argv[1:2] if name in COMMANDS]
+    try:
+        return application(named or COMMANDS)
+    except ModuleNotFoundError as error:
+        _fail(explain_missing_module(named[0] if named else 'mvuav', error), 1)
 
 
 def _fail(message: str, status: int) -> NoReturn:

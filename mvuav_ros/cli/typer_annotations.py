@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -23,10 +24,23 @@ def spell_unions_out(app: typer.Typer) -> None:
     for callback in callbacks:
         if callback is not None:
             hints = get_type_hints(callback, include_extras=True)
-            callback.__annotations__ = {name: _spelt(hint) for name, hint in hints.items()}
+            _annotate(callback, {name: _spelt(hint) for name, hint in hints.items()})
     for group in app.registered_groups:
         if group.typer_instance is not None:
             spell_unions_out(group.typer_instance)
+
+
+def _annotate(callback: Callable[..., Any], annotations: dict[str, Any]) -> None:
+    """Both where typer looks."""
+    signature = inspect.signature(callback)
+    callback.__annotations__ = annotations
+    callback.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[
+            parameter.replace(annotation=annotations[name])
+            for name, parameter in signature.parameters.items()
+        ],
+        return_annotation=None,
+    )
 
 
 def _spelt(hint: Any) -> Any:

@@ -8,8 +8,8 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mvuav_ros.nodes.frame_answering import FrameAnswerer
 from mvuav_ros.nodes.frame_statistics import WINDOW
-from mvuav_ros.nodes.image_input import InputEvents
 from mvuav_ros.nodes.input_monitor import InputMonitor, explain_no_images
+from mvuav_ros.nodes.received_image import InputEvents
 from mvuav_ros.processing.processor import Processor
 
 

@@ -7,15 +7,13 @@ from threading import Lock
 
 from rclpy.node import Node
 
+from mvuav_ros.nodes.frame_decoding import FrameDecoder
 from mvuav_ros.nodes.frame_statistics import FrameStatistics, FrameTimes
-from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.input_monitor import StampMonitor
+from mvuav_ros.nodes.received_image import ReceivedImage
 from mvuav_ros.nodes.result_publishers import ResultPublishers
 from mvuav_ros.processing.processor import DuplicateStampError, Processor
-from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
-from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.image import ImageError
 
 LOG_INTERVAL = 5.0
@@ -45,20 +43,20 @@ class FrameAnswerer:
         self._node = node
         self._processor = processor
         self._publishers: ResultPublishers | None = None
-        self._compressed = False
+        self._decoder = FrameDecoder('raw')
         self._awaits_first = True
         self._logged: dict[str, float] = {}
 
-    def restart(self, publishers: ResultPublishers, *, compressed: bool) -> None:
+    def restart(self, publishers: ResultPublishers, transport: str) -> None:
         """Begin afresh: nothing from before is remembered.
 
         Args:
             publishers: of the processor's topics.
-            compressed: whether images come as CompressedImage.
+            transport: how images come, the parameter ``image_transport``.
         """
         with self.lock:
             self._processor.reset()
-            self._publishers, self._compressed = publishers, compressed
+            self._publishers, self._decoder = publishers, FrameDecoder(transport)
             self.stamps = StampMonitor()
             self.statistics.restart()
             self._awaits_first = True
@@ -82,14 +80,22 @@ class FrameAnswerer:
             self._reject('internal error', f'{type(error).__name__}: {error}')
 
     def _answer(self, received: ReceivedImage) -> None:
-        publishers = self._publishers
-        assert publishers is not None
         start = time.perf_counter()
         with self.lock:
-            self.statistics.arrived()
+            if not received.is_skipped:
+                self.statistics.arrived()
             if not self.enabled:
                 return
-        frame = self._decode(received)
+        for frame in self._decoder.frames(received):
+            if isinstance(frame, BadFrame):
+                self._reject('bad image', frame.reason)
+            else:
+                self._process(frame, received, start)
+            start = time.perf_counter()
+
+    def _process(self, frame: Frame, received: ReceivedImage, start: float) -> None:
+        publishers = self._publishers
+        assert publishers is not None
         decoded = time.perf_counter()
         with self.lock:
             self.stamps.follow(frame.stamp_ns)
@@ -114,21 +120,6 @@ class FrameAnswerer:
             self._awaits_first = False
             words = f'first image: {self.image_format}, frame {frame.frame_id!r}'
             self._node.get_logger().info(words)
-
-    def _decode(self, received: ReceivedImage) -> Frame:
-        data, info = received.data, received.info
-        if isinstance(data, Frame):
-            return data
-        if self._compressed:
-            compressed = view_compressed_image(data)
-            image = decode_compressed_image(compressed)
-            stamp_ns, frame_id = compressed.stamp_ns, compressed.frame_id
-        else:
-            message = view_image(data)
-            image = decode_image(message)
-            stamp_ns, frame_id = message.stamp_ns, message.frame_id
-        camera = None if info is None else decode_camera_info(info)
-        return Frame(stamp_ns, frame_id, image, camera, received.attitude)
 
     def _reject(self, kind: str, reason: str) -> None:
         with self.lock:

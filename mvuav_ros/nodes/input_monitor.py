@@ -6,7 +6,7 @@ import statistics
 from collections import deque
 
 from mvuav_ros.nodes.frame_statistics import WINDOW
-from mvuav_ros.nodes.image_input import InputEvents
+from mvuav_ros.nodes.received_image import InputEvents
 
 LOST_REMEDY = (
     "give the camera's process a larger shared-memory segment, or let it publish reliably "

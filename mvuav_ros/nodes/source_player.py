@@ -159,9 +159,9 @@ class SourcePlayer:
         return True
 
     def _at_end(self, count: int, bad: int) -> None:
-        for loss in self._source.losses:
-            self._warn(loss)
-        self._source.losses.clear()
+        for error in self._source.errors:
+            self._warn(error)
+        self._source.errors.clear()
         if self._current().loop and count:
             return
         self._status.state = 'ended'

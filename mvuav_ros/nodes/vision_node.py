@@ -9,13 +9,14 @@ from itertools import pairwise
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
+from mvuav_ros.nodes.companion_input import Companion, CompanionInput
 from mvuav_ros.nodes.detector_status import DetectorStatus, InputState, status, why_silent
 from mvuav_ros.nodes.frame_answering import FrameAnswerer
 from mvuav_ros.nodes.frame_statistics import WINDOW
 from mvuav_ros.nodes.image_input import ImageInput
+from mvuav_ros.nodes.image_transport import image_topic
 from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
@@ -68,7 +69,7 @@ class VisionNode(ManagedNode):
         assert self._results is not None
         self._status = DetectorStatus(self._answerer, self._processor)
         self._told_silence = False
-        self._answerer.restart(self._results, compressed=self._compressed)
+        self._answerer.restart(self._results, self._transport)
         self._input = self._handover() if self._handed_over else self._subscription()
         self._input.start()
         self._announce()
@@ -96,32 +97,27 @@ class VisionNode(ManagedNode):
         return self._input is not None
 
     @property
-    def _compressed(self) -> bool:
-        return bool(self.get_parameter('image_transport').value == 'compressed')
+    def _transport(self) -> str:
+        return 'raw' if self._handed_over else str(self.get_parameter('image_transport').value)
 
     def _handover(self) -> IntraProcessInput:
         return IntraProcessInput(self.resolve_topic_name('image_raw'), self._answerer.answer)
 
     def _subscription(self) -> ImageInput:
         images = self.resolve_topic_name('image_raw')
+        topic = image_topic(self._transport, images)
+        processor = self._processor
         # In the namespace of the images, as camera drivers and image_transport do.
-        infos = images.rsplit('/', 1)[0] + '/camera_info'
-        kind: type
-        if self._compressed:
-            # Resolved first, so that a remapping of image_raw moves the compressed topic along.
-            topic, kind = f'{images}/compressed', CompressedImage
-        else:
-            topic, kind = 'image_raw', Image
-        return ImageInput(
-            self,
-            kind,
-            topic,
-            self._answerer.answer,
-            infos if self._processor.uses_camera_info else None,
-            lambda: self._processor.awaits_camera_info,
-            'imu' if self._processor.uses_attitude else None,
-            lambda: self._processor.awaits_attitude,
+        infos = Companion(
+            images.rsplit('/', 1)[0] + '/camera_info', lambda: processor.awaits_camera_info
         )
+        imu = Companion('imu', lambda: processor.awaits_attitude)
+        companions = CompanionInput(
+            self,
+            infos if processor.uses_camera_info else None,
+            imu if processor.uses_attitude else None,
+        )
+        return ImageInput(self, topic, self._answerer.answer, companions)
 
     def _announce(self) -> None:
         assert self._input is not None

@@ -6,18 +6,19 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 from mvuav_ros.parameters.parameter_file import (
     is_every_nodes,
     parse_assignment,
     read_parameter_values,
 )
-from mvuav_ros.processing.registry import PROCESSORS
 
+PROCESSING_NODES = ('marker_tracker', 'runway_detector')
 NodeParameters = dict[str, dict[str, Value]]
 """What differs from the defaults, by node and parameter."""
 
 
-def node_names(text: str | None, otherwise: Sequence[str] = tuple(PROCESSORS)) -> list[str]:
+def node_names(text: str | None, otherwise: Sequence[str] = PROCESSING_NODES) -> list[str]:
     """The nodes that a user names, separated by commas.
 
     Args:
@@ -30,10 +31,10 @@ def node_names(text: str | None, otherwise: Sequence[str] = tuple(PROCESSORS)) -
     if text is None:
         return list(otherwise)
     names = list(dict.fromkeys(name.strip() for name in text.split(',') if name.strip()))
-    unknown = [name for name in names if name not in PROCESSORS]
+    unknown = [name for name in names if name not in PROCESSING_NODES]
     if unknown or not names:
         raise ParameterError(
-            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSORS)}'
+            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(PROCESSING_NODES)}'
         )
     return names
 
@@ -65,12 +66,12 @@ def resolve_parameters(
 def complete(parameters: NodeParameters) -> NodeParameters:
     """Every parameter of the nodes, the defaults included."""
     return {
-        node: PROCESSORS[node].parameters_type.from_mapping(values).as_dict()
+        node: NODE_PARAMETERS[node].from_mapping(values).as_dict()
         for node, values in parameters.items()
     }
 
 
 def _valid(node: str, values: dict[str, object]) -> dict[str, Value]:
     own = {name: value for name, value in values.items() if not is_every_nodes(name)}
-    known = PROCESSORS[node].parameters_type.from_mapping(own).as_dict()
+    known = NODE_PARAMETERS[node].from_mapping(own).as_dict()
     return {name: known[name] for name in own}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -24,11 +25,14 @@ _WIDEST = 1e15
 """Ends of a range that is a range: beyond that any number is allowed."""
 _SHORT = 40
 _LARGEST_INTEGER = 2**63 - 1
+_BETWEEN = re.compile(r'[,;\s()\[\]]+')
+"""Several numbers."""
 _TYPES = {
     ParameterType.PARAMETER_BOOL: bool,
     ParameterType.PARAMETER_INTEGER: int,
     ParameterType.PARAMETER_DOUBLE: float,
     ParameterType.PARAMETER_STRING: str,
+    ParameterType.PARAMETER_DOUBLE_ARRAY: tuple,
 }
 
 
@@ -49,7 +53,7 @@ class Control:
     Attributes:
         name: the parameter's, as the node knows it.
         kind: of the widget.
-        type: of the value; None of one that the panel only shows (a list).
+        type: of the value, a tuple being of numbers; None of one that the panel only shows.
         text: what the descriptor's description says.
         constraint: the values allowed, in words.
         minimum: the smallest value; NaN where the descriptor says none.
@@ -105,16 +109,27 @@ class Control:
             return bool(words)
         if self.type is str:
             return '' if words is None else str(words)
+        if self.type is tuple:
+            parts = [part for part in _BETWEEN.split(str(words)) if part]
+            return tuple(_number(part, 'numbers') for part in parts or [''])
         whole = self.type is int
-        try:
-            number = float(str(words).strip().replace(',', '.'))
-        except ValueError:
-            raise ValueError(f'takes {"a whole number" if whole else "a number"}') from None
-        if not math.isfinite(number):
-            raise ValueError(f'must be a finite number, not {number}')
-        if whole and (number != int(number) or abs(number) > _LARGEST_INTEGER):
+        plain = str(words).strip().replace(',', '.')
+        number = _number(plain, 'a whole number' if whole else 'a number')
+        if not whole:
+            return number
+        if number != int(number) or abs(number) > _LARGEST_INTEGER:
             raise ValueError(f'takes a whole number, not {number:g}')
-        return int(number) if whole else number
+        return int(number)
+
+
+def _number(words: str, wanted: str) -> float:
+    try:
+        number = float(words)
+    except ValueError:
+        raise ValueError(f'takes {wanted}') from None
+    if not math.isfinite(number):
+        raise ValueError(f'must be a finite number, not {number}')
+    return number
 
 
 @dataclass(frozen=True)
@@ -220,6 +235,6 @@ def value_text(value: object) -> str:
     """A value as the panel writes it."""
     if value is None:
         return '-'
-    if isinstance(value, (bool, int, float, str)):
+    if isinstance(value, (bool, int, float, str, tuple)):
         return foreign.words(default_text(value))
     return foreign.words(value)

@@ -20,6 +20,8 @@ LONGEST_NAME = 255
 """Characters of a ROS name; DDS itself allows no more."""
 _MOST_VALUES = 100
 _MOST_STATUSES = 100
+_MOST_NUMBERS = 16
+"""Of one parameter; a user does not type more."""
 _MOST_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
 _LINE = re.compile(r'\bline (\d{1,4})\b', re.ASCII)
@@ -101,8 +103,19 @@ def statuses(message: Any) -> dict[str, dict[str, str]]:
 
 
 def parameter_value(value: Any) -> Any:
-    """A parameter's value: a scalar as it is, a list as a line of text."""
+    """A parameter's value: a scalar or a few numbers as they are, any other list as a line."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     items: Sequence[Any] = value
+    if len(items) <= _MOST_NUMBERS and all(type(item) is float for item in items):
+        return tuple(items)
     return words(', '.join(words(item) for item in items[:_MOST_VALUES]))
+
+
+def plain_value(value: object) -> Any:
+    """A parameter's value in a file: a scalar as it is, numbers as a tuple; None where neither."""
+    if isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, list) and all(type(number) in (int, float) for number in value):
+        return tuple(map(float, value))
+    return None

@@ -38,7 +38,7 @@ TITLES = {
     'input': 'Input',
     'debug/confined': 'Confined',
     'debug/edges': 'Edges',
-    'debug/hough': 'Hough space',
+    'debug/hough': 'Hough',
     'debug/overlay': 'Overlay',
     'debug_image': 'Markers',
 }

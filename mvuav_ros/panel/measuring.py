@@ -8,8 +8,8 @@ from pathlib import Path
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.bag_report import bag_report
+from mvuav_ros.offline.evaluation.evaluation_run import read_bag
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.observed import read_bag
 from mvuav_ros.offline.replay.job import ReplayOutcome
 from mvuav_ros.offline.report.writing import write_report
 from mvuav_ros.panel.runs import REPORT, SavedRun
@@ -31,13 +31,13 @@ def measured_run(
     Raises:
         RecordingError: the results or the recording cannot be read.
     """
-    observed = read_bag(outcome.output)
+    observed = read_bag(Path(outcome.output))
     observed.truth = read_bag(Path(source)).truth
     observed.frames = outcome.frames
     observed.rejected = outcome.frames - outcome.processed
     if name:
         described = {key: str(value) for key, value in parameters.items()}
-        write_report(bag_report(observed, described), outcome.output.parent / REPORT)
+        write_report(bag_report(observed, described), Path(outcome.output).parent / REPORT)
     metrics = [metric for metric in metrics_of(observed) if metric.name != 'time per frame']
     return SavedRun(
         name=name,

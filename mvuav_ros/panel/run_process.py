@@ -90,7 +90,7 @@ def _measured_replay(request: RunRequest, report: Report, stop: Stop) -> SavedRu
     """Runs in the worker."""
     os.nice(_NICENESS)
     settings = ReplaySettings({request.kind: request.parameters})
-    job = ReplayJob(str(request.source), request.output, settings)
+    job = ReplayJob(str(request.source), str(request.output), settings)
     outcome: ReplayOutcome = attempt(job, report, stop)
     if outcome.failure or outcome.interrupted:
         raise RecordingError(outcome.failure or 'interrupted')

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.offline.evaluation.metric import Metric
+from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.names import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.parameters.descriptor_text import default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.content import BAG_SUFFIXES
 
@@ -132,9 +133,9 @@ def _read(path: Path) -> SavedRun:
         kind=PROCESSORS[content['kind']].name,
         source=words(content['source'], foreign.LONGEST_DESCRIPTION),
         parameters={
-            words(name): tuple(value) if isinstance(value, list) else value
-            for name, value in dict(content['parameters']).items()
-            if isinstance(value, (bool, int, float, str)) or _is_numbers(value)
+            words(name): value
+            for name, given in dict(content['parameters']).items()
+            if (value := foreign.plain_value(given)) is not None
         },
         metrics=tuple(
             Metric(
@@ -188,9 +189,5 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     return bags
 
 
-def _is_numbers(value: object) -> bool:
-    return isinstance(value, list) and all(type(number) in (int, float) for number in value)
-
-
 def _cell(value: Value | None) -> Cell:
-    return ', '.join(f'{number:g}' for number in value) if isinstance(value, tuple) else value
+    return default_text(value) if isinstance(value, tuple) else value

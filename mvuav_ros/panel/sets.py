@@ -73,7 +73,7 @@ class SetStore:
         return name in self._built_in
 
     def load(self, name: str, kind: str) -> dict[str, Value]:
-        """The values of a set for a kind of node; lists, which our nodes have none of, left out.
+        """The values of a set for a kind of node; lists of anything but numbers are left out.
 
         Raises:
             NameRefusedError: no set can have this name.
@@ -82,7 +82,8 @@ class SetStore:
         path = self._path(name)
         _check_content(path)
         values = read_parameter_values(path, kind)
-        return {n: v for n, v in values.items() if isinstance(v, (bool, int, float, str))}
+        known = {name: foreign.plain_value(value) for name, value in values.items()}
+        return {name: value for name, value in known.items() if value is not None}
 
     def content(self, name: str) -> bytes:
         """The file of a set.

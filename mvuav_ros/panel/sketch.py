@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+
 Array = NDArray[np.float64]
 Segment = tuple[str, float, float, float, float]
 """Colour and two points; the sketch reaches from -1 to 1, y down."""
 
-_OPTICAL_FROM_BODY: Array = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
 _FOCAL = 1.6
 """In half widths of the sketch: 64 degrees wide."""
 _RUNWAY_LENGTH, _USUAL_WIDTH, _FAR, _NEAREST = 1500.0, 45.0, 1e5, 0.5
@@ -73,7 +74,7 @@ def sketch_runway(position: Sequence[float], rotation: Array, width: float) -> S
         ('soft', (near, 0.0), (far, 0.0)),
         ('accent', (_FAR, 0.8 * _FAR), (_FAR, -0.8 * _FAR)),
     ]
-    optical = _OPTICAL_FROM_BODY @ rotation.T
+    optical = OPTICAL_FROM_BODY @ rotation.T
     seen = (
         _projected(color, optical @ (np.array((*a, 0.0, *b, 0.0)).reshape(2, 3) - place).T)
         for color, a, b in lines
@@ -89,7 +90,7 @@ def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
         rotation: (3, 3), optical frame from the body's.
     """
     x, y, z = position
-    roll, pitch, yaw = _angles(_OPTICAL_FROM_BODY.T @ rotation)
+    roll, pitch, yaw = _angles(OPTICAL_FROM_BODY.T @ rotation)
     numbers = (
         ('ahead', _metres(z)),
         ('to the right', _metres(x)),
@@ -113,14 +114,10 @@ def rotation_of(quaternion: Any) -> Array:
     length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
     if length < 1e-6:
         return np.full((3, 3), math.nan)
-    w, x, y, z = q / length
-    return np.array(
-        [
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        ]
-    )
+    w, *axis = q / length
+    x, y, z = axis
+    across = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    return np.asarray(np.eye(3) + 2.0 * w * across + 2.0 * across @ across)
 
 
 def _projected(color: str, ends: Array) -> Segment | None:

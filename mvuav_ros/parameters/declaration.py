@@ -118,11 +118,24 @@ class ParameterSpec:
             raise ParameterError(self.name, f'must be {self.constraint}, not {value}')
 
 
-def parameter(default: Any, description: str, **constraints: Any) -> Any:
-    """Declare a field of a `ParameterSet`; the keywords are `ParameterSpec`'s."""
+def parameter(
+    default: Any,
+    description: str,
+    limits: tuple[float | None, float | None] = (None, None),
+    **constraints: Any,
+) -> Any:
+    """Declare a field of a `ParameterSet`.
+
+    Args:
+        default: also gives the type.
+        description: for people.
+        limits: the least and the greatest value allowed; None where there is no such limit.
+        constraints: the other fields of `ParameterSpec`.
+    """
+    minimum, maximum = limits
+    spec = {'default': default, 'description': description, **constraints}
     return field(
-        default=default,
-        metadata={_SPEC: {'default': default, 'description': description, **constraints}},
+        default=default, metadata={_SPEC: {'minimum': minimum, 'maximum': maximum, **spec}}
     )
 
 

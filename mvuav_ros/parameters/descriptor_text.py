@@ -75,6 +75,8 @@ def default_text(value: Value) -> str:
         return 'on' if value else 'off'
     if isinstance(value, float):
         return f'{value:.6g}'
+    if isinstance(value, tuple):
+        return ', '.join(map(default_text, value))
     return str(value) or '(empty)'
 
 

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import (
-    AUTOSTART,
-    IMAGE_TRANSPORTS,
-    MOST_OPENCV_THREADS,
-    OPENCV_THREADS,
-)
+from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
@@ -22,6 +18,10 @@ _GROUPED = (
     {'mode': ('detect', 'detect_any')},
     {'mode': ('track',), 'prediction': PREDICTIONS[1:]},
 )
+
+_detection = partial(parameter, stage='Detection')
+_tracking = partial(parameter, stage='Tracking')
+_pose = partial(parameter, stage='Pose')
 
 
 @dataclass(frozen=True)
@@ -48,18 +48,16 @@ class MarkerTrackerParameters(ParameterSet):
         thesis='intensity; eq. 3.3',
         stage='Image',
     )
-    threshold: float = parameter(
+    threshold: float = _detection(
         0.7,
         'A pixel belongs to a marker when it is brighter than this fraction of full scale '
         '(strictly).',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         unit='fraction of full scale',
         thesis='eq. 3.4; 0.7',
-        stage='Detection',
         usual=(0.05, 0.99),
     )
-    grouping: str = parameter(
+    grouping: str = _detection(
         'auto',
         'How bright pixels become clusters in whole frames: distance (around a first pixel up to '
         'grouping_distance, thesis), components (connected pixels, so that lights of any width '
@@ -67,34 +65,29 @@ class MarkerTrackerParameters(ParameterSet):
         'prediction kalman, which always uses them, else distance).',
         choices=GROUPINGS,
         thesis='distance',
-        stage='Detection',
     )
-    grouping_distance: int = parameter(
+    grouping_distance: int = _detection(
         15,
         'T: with grouping distance, bright pixels up to this far right of, above and below a '
         "group's first pixel join the group. It has effect in detect and detect_any, and in track "
         "with one of the thesis's predictions; prediction kalman and track_any use components.",
-        minimum=0,
-        maximum=10_000,
+        limits=(0, 10_000),
         unit='px',
         thesis='T',
-        stage='Detection',
         usual=(0, 60),
         counts=_GROUPED,
     )
-    search_radius: int = parameter(
+    search_radius: int = _tracking(
         10,
         'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side; in '
         'track_any a light is sought at least this far around.',
-        minimum=1,
-        maximum=1_000,
+        limits=(1, 1_000),
         unit='px',
         thesis='RoIT',
-        stage='Tracking',
         usual=(2, 60),
         counts=_FOLLOWED,
     )
-    prediction: str = parameter(
+    prediction: str = _tracking(
         'kalman',
         'Where the next window is centred: kalman (a filter that follows the motion and what '
         "vibration the lights have in common, and the thesis's ways, each as far as it has "
@@ -104,87 +97,67 @@ class MarkerTrackerParameters(ParameterSet):
         'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
-        stage='Tracking',
         counts=({'mode': ('track',)},),
     )
-    centroid: str = parameter(
+    centroid: str = _detection(
         'auto',
         'How a light is measured: binary (the mean of the pixels above the threshold, thesis), '
         'weighted (by intensity above the local background), auto (weighted in track with '
         'prediction kalman and in track_any, else binary).',
         choices=CENTROIDS,
         thesis='binary',
-        stage='Detection',
     )
-    layout: str = parameter(
+    layout: str = _pose(
         '',
         "A YAML file with the body's markers, their names and places (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
         read_only=True,
-        stage='Pose',
     )
-    allow_ambiguous: bool = parameter(
+    allow_ambiguous: bool = _pose(
         False,
         'Whether a layout is used although its names or its pose cannot be certain: fewer than '
         'three markers, all on one line, or a symmetric shape (see mvuav rig check). '
         '/diagnostics then says why.',
         read_only=True,
-        stage='Pose',
     )
-    pose: bool = parameter(
+    pose: bool = _pose(
         True,
         'Whether ~/pose is estimated, where camera_info holds a calibration and at least three '
         'markers are named.',
         thesis='left to others',
-        stage='Pose',
     )
-    publish_tf: bool = parameter(
+    publish_tf: bool = _pose(
         True,
         "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
         'only where tf2_msgs is installed.',
         read_only=True,
-        stage='Pose',
     )
-    min_area: int = parameter(
+    min_area: int = _detection(
         1,
         'Clusters of fewer bright pixels are ignored.',
-        minimum=1,
-        maximum=100_000_000,
+        limits=(1, 100_000_000),
         unit='px',
-        stage='Detection',
         usual=(1, 1_000),
     )
-    max_area: int = parameter(
+    max_area: int = _detection(
         0,
         'Clusters of more bright pixels are ignored; 0: no limit.',
-        minimum=0,
-        maximum=100_000_000,
+        limits=(0, 100_000_000),
         unit='px',
-        stage='Detection',
         usual=(0, 5_000),
     )
-    lost_timeout: float = parameter(
+    lost_timeout: float = _tracking(
         0.5,
         'A marker not seen for this long is lost, and the whole frame is searched again; in '
         'track_any a light is forgotten then.',
-        minimum=0.0,
-        maximum=60.0,
+        limits=(0.0, 60.0),
         unit='s',
-        stage='Tracking',
         usual=(0, 5),
         counts=_FOLLOWED,
     )
-    image_transport: str = parameter(
-        'raw',
-        'raw subscribes to the image topic, compressed to <image topic>/compressed.',
-        choices=IMAGE_TRANSPORTS,
-        read_only=True,
-        stage='Node',
-    )
-    opencv_threads: int = parameter(
-        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
-    )
-    autostart: bool = parameter(True, AUTOSTART, read_only=True, stage='Node')
+    image_transport: str = image_transport()
+    opencv_threads: int = opencv_threads()
+    autostart: bool = autostart('Node')
 
     @property
     def weighted(self) -> bool:

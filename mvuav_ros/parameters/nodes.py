@@ -31,7 +31,7 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
         ParameterError: no such node, the file cannot be read, or it holds an unknown parameter
             or a value that the parameter cannot take.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
         >>> with TemporaryDirectory() as folder:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import (
-    AUTOSTART,
-    IMAGE_TRANSPORTS,
-    MOST_OPENCV_THREADS,
-    OPENCV_THREADS,
-)
+from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
 
 CHANNELS = ('red', 'green', 'blue', 'intensity')
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
@@ -21,6 +17,11 @@ MODES = ('thesis', 'approach')
 HORIZON_SOURCES = ('auto', 'imu', 'image')
 TARGET_NAMES = ('runway', 'road', 'pipeline')
 _THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
+_approach = partial(parameter, counts=_APPROACH, stage='Approach')
+_image = partial(parameter, counts=_THESIS, stage='Image')
+_edges = partial(parameter, counts=_THESIS, stage='Edges')
+_hough = partial(parameter, counts=_THESIS, stage='Hough')
+_correction = partial(parameter, stage='Correction')
 
 
 @dataclass(frozen=True)
@@ -36,254 +37,193 @@ class RunwayDetectorParameters(ParameterSet):
         thesis='thesis',
         stage='Mode',
     )
-    target: str = parameter(
+    target: str = _approach(
         'runway',
         'What mode approach looks for: a runway below the horizon, the painted lines of the lane '
         'that the camera drives in, or a pipeline (a narrow strip without ends).',
         choices=TARGET_NAMES,
-        counts=_APPROACH,
-        stage='Approach',
     )
-    runway_width: float = parameter(
+    runway_width: float = _approach(
         0.0,
         'From edge to edge; with it and a calibrated camera_info, mode approach gives the pose. '
         '0: not known.',
-        minimum=0.0,
-        maximum=1_000.0,
+        limits=(0.0, 1_000.0),
         unit='m',
-        counts=_APPROACH,
-        stage='Approach',
         usual=(0, 80),
     )
-    runway_frame: str = parameter(
+    runway_frame: str = _approach(
         'runway',
         'Frame of ~/pose: origin on the centreline at the near end, x along the centreline towards '
         'the far end, y left, z up.',
         read_only=True,
-        counts=_APPROACH,
-        stage='Approach',
     )
-    publish_tf: bool = parameter(
+    publish_tf: bool = _approach(
         True,
         "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
         'all of it is known; only where tf2_msgs is installed.',
         read_only=True,
-        counts=_APPROACH,
-        stage='Approach',
     )
-    min_confidence: float = parameter(
+    min_confidence: float = _approach(
         0.5,
         'Probability below which mode approach reports no runway: its rows are NaN then.',
-        minimum=0.0,
-        maximum=1.0,
-        counts=_APPROACH,
-        stage='Approach',
+        limits=(0.0, 1.0),
         usual=(0, 1),
     )
-    horizon_source: str = parameter(
+    horizon_source: str = _approach(
         'auto',
         'Where mode approach takes the horizon from. auto: from imu while there is one, else from '
-        'the image; imu: the same, and /diagnostics warns while there is none; image: never from '
+        'the image; imu: as auto, and /diagnostics warns while there is none; image: never from '
         'imu.',
         choices=HORIZON_SOURCES,
-        counts=_APPROACH,
-        stage='Approach',
     )
-    camera_mount_rpy_deg: tuple[float, float, float] = parameter(
+    camera_mount_rpy_deg: tuple[float, float, float] = _approach(
         (0.0, 0.0, 0.0),
         'Roll, pitch and yaw of the camera on the body (REP 103, fixed axes; all 0: it looks along '
         "the body's x), for the horizon from imu.",
-        minimum=-180.0,
-        maximum=180.0,
+        limits=(-180.0, 180.0),
         unit='°',
-        counts=_APPROACH,
-        stage='Approach',
     )
-    start_row: int = parameter(
+    start_row: int = _image(
         50,
         'First row searched, counted from 0; start_row and end_row both 0: the whole frame. Row 50 '
         'of the thesis, which counts from 1, is 49 here.',
-        minimum=0,
-        maximum=100_000,
+        limits=(0, 100_000),
         unit='px',
         thesis='Starting Row Index; 50',
-        counts=_THESIS,
-        stage='Image',
         usual=(0, 1080),
     )
-    end_row: int = parameter(
+    end_row: int = _image(
         130,
         'Row after the last one searched: rows start_row to end_row - 1 are. Row 130 of the '
         'thesis, which is searched too, is the last one with 130 here.',
-        minimum=0,
-        maximum=100_000,
+        limits=(0, 100_000),
         unit='px',
         thesis='Ending Row Index; 130',
-        counts=_THESIS,
-        stage='Image',
         usual=(0, 1080),
     )
-    channel: str = parameter(
+    channel: str = _image(
         'red',
         'Colour channel searched for edges, or the intensity of all three; a grey image has '
         'only its intensity.',
         choices=CHANNELS,
         thesis='a choice (section 4.3.2.2); red is ours',
-        counts=_THESIS,
-        stage='Image',
     )
-    edge_threshold: float = parameter(
+    edge_threshold: float = _edges(
         0.0,
         'A pixel is an edge when its Sobel gradient (eq. 3.21, kernels divided by 8) is above '
         'this fraction of full scale; 0: automatic, twice the root mean square of the gradient '
         "(MATLAB's rule).",
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         unit='fraction of full scale',
         thesis='Sobel threshold',
-        counts=_THESIS,
-        stage='Edges',
         usual=(0, 0.3),
     )
-    edge_thinning: bool = parameter(
+    edge_thinning: bool = _edges(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
         thesis='not said; off is ours',
-        counts=_THESIS,
-        stage='Edges',
     )
-    opening_shape: str = parameter(
+    opening_shape: str = _edges(
         'vertical_line',
         'Structuring element of the opening: what it does not fit in is removed. vertical_line: '
         'one pixel wide; square, disk, diamond: as wide as high, for edges that are several '
         'pixels wide.',
         choices=OPENING_SHAPES,
         thesis='section 3.4.2.1; vertical line',
-        counts=_THESIS,
-        stage='Edges',
     )
-    opening_length: int = parameter(
+    opening_length: int = _edges(
         3,
         'Height of the structuring element: with the vertical line, shorter vertical runs of '
         'edge pixels are removed. 1: no opening; at most 31 with disk and diamond.',
-        minimum=1,
-        maximum=999,
+        limits=(1, 999),
         odd=True,
         unit='px',
         thesis='eqs 3.22-3.24; 3',
-        counts=_THESIS,
-        stage='Edges',
         usual=(1, 31),
     )
-    rho_resolution: float = parameter(
+    rho_resolution: float = _hough(
         2.0,
         'Height of a Hough cell.',
-        minimum=0.1,
-        maximum=1_000.0,
+        limits=(0.1, 1_000.0),
         unit='px',
         thesis='Hough Transform Rho Resolution; 2',
-        counts=_THESIS,
-        stage='Hough',
         usual=(0.25, 10),
     )
-    theta_resolution_deg: float = parameter(
+    theta_resolution_deg: float = _hough(
         1.0,
         'Width of a Hough cell; made a little smaller where it does not divide 90.',
-        minimum=0.1,
-        maximum=45.0,
+        limits=(0.1, 45.0),
         unit='°',
         thesis='Hough Transform Theta Resolution; 1',
-        counts=_THESIS,
-        stage='Hough',
         usual=(0.1, 10),
     )
-    num_peaks: int = parameter(
+    num_peaks: int = _hough(
         3,
         'Lines reported, strongest peaks first.',
-        minimum=1,
-        maximum=100,
+        limits=(1, 100),
         thesis='Number of Hough Peaks; 3',
-        counts=_THESIS,
-        stage='Hough',
         usual=(1, 10),
     )
-    peak_neighborhood_rho: int = parameter(
+    peak_neighborhood_rho: int = _hough(
         11,
         'Height of the neighbourhood around a peak in which no other peak is taken.',
-        minimum=1,
-        maximum=9_999,
+        limits=(1, 9_999),
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
-        counts=_THESIS,
-        stage='Hough',
         usual=(1, 101),
     )
-    peak_neighborhood_theta: int = parameter(
+    peak_neighborhood_theta: int = _hough(
         11,
         'Width of that neighbourhood; it wraps across ±90° with the sign of rho.',
-        minimum=1,
-        maximum=9_999,
+        limits=(1, 9_999),
         odd=True,
         unit='cells',
         thesis='Hough Peaks Neighborhood; 11',
-        counts=_THESIS,
-        stage='Hough',
         usual=(1, 101),
     )
-    peak_threshold: int = parameter(
+    peak_threshold: int = _hough(
         15,
         'Votes that a peak must have at least.',
-        minimum=1,
-        maximum=100_000_000,
+        limits=(1, 100_000_000),
         unit='votes',
         thesis='Hough Peaks Threshold',
-        counts=_THESIS,
-        stage='Hough',
         usual=(1, 500),
     )
-    rho_error_threshold: float = parameter(
+    rho_error_threshold: float = _correction(
         30.0,
         'A line whose rho changes by more than this is flagged and keeps its old values.',
-        minimum=0.0,
-        maximum=100_000.0,
+        limits=(0.0, 100_000.0),
         unit='px',
         thesis='Rho Error Flag Threshold; 30',
-        stage='Correction',
         usual=(0, 100),
     )
-    theta_error_threshold_deg: float = parameter(
+    theta_error_threshold_deg: float = _correction(
         2.0,
         'A line whose theta changes by more than this is flagged and keeps its old values.',
-        minimum=0.0,
-        maximum=90.0,
+        limits=(0.0, 90.0),
         unit='°',
         thesis='Theta Error Flag Threshold; 2',
-        stage='Correction',
         usual=(0, 15),
     )
-    correction_warmup: int = parameter(
+    correction_warmup: int = _correction(
         2,
         'Measurements of a new line believed without comparison. The very first one always is.',
-        minimum=0,
-        maximum=10_000,
+        limits=(0, 10_000),
         unit='frames',
         thesis='N-Sample Switch; 2',
-        stage='Correction',
         usual=(0, 30),
     )
-    max_hold: int = parameter(
+    max_hold: int = _correction(
         15,
         'A line that kept its old values (flagged or not found) for this many frames in a row is '
         'given up and starts again; 0: never.',
-        minimum=0,
-        maximum=1_000_000,
+        limits=(0, 1_000_000),
         unit='frames',
         thesis='section 4.3.2.4; never',
-        stage='Correction',
         usual=(0, 100),
     )
-    association: str = parameter(
+    association: str = _correction(
         'nearest',
         'Which peak is compared with which line: index (the strongest peak with the first line, '
         'and so on, as in the thesis) or nearest (the assignment with the least change of rho '
@@ -291,19 +231,10 @@ class RunwayDetectorParameters(ParameterSet):
         choices=ASSOCIATIONS,
         thesis='index',
         counts=_THESIS,
-        stage='Correction',
     )
-    image_transport: str = parameter(
-        'raw',
-        'raw subscribes to the image topic, compressed to <image topic>/compressed.',
-        choices=IMAGE_TRANSPORTS,
-        read_only=True,
-        stage='Node',
-    )
-    opencv_threads: int = parameter(
-        1, OPENCV_THREADS, minimum=0, maximum=MOST_OPENCV_THREADS, stage='Node', usual=(0, 16)
-    )
-    autostart: bool = parameter(True, AUTOSTART, read_only=True, stage='Node')
+    image_transport: str = image_transport()
+    opencv_threads: int = opencv_threads()
+    autostart: bool = autostart('Node')
 
     def _check_together(self) -> None:
         if not self.runway_frame:

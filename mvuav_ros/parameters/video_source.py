@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import AUTOSTART
+from mvuav_ros.parameters.image_input import autostart
 
 
 @dataclass(frozen=True)
@@ -26,32 +26,28 @@ class VideoSourceParameters(ParameterSet):
     rate: float = parameter(
         0.0,
         "Frames per second; 0: at the times of the source's own stamps.",
-        minimum=0.0,
-        maximum=10_000.0,
+        limits=(0.0, 10_000.0),
         unit='Hz',
     )
     loop: bool = parameter(False, 'Play again from the start at the end.')
     width: int = parameter(
         0,
         'A camera is asked for images of this width; 0: its own.',
-        minimum=0,
-        maximum=100_000,
+        limits=(0, 100_000),
         unit='px',
         read_only=True,
     )
     height: int = parameter(
         0,
         'A camera is asked for images of this height; 0: its own.',
-        minimum=0,
-        maximum=100_000,
+        limits=(0, 100_000),
         unit='px',
         read_only=True,
     )
     fps: float = parameter(
         0.0,
         'A camera is asked for this frame rate; 0: its own.',
-        minimum=0.0,
-        maximum=10_000.0,
+        limits=(0.0, 10_000.0),
         unit='Hz',
         read_only=True,
     )
@@ -64,16 +60,14 @@ class VideoSourceParameters(ParameterSet):
     exposure_time_absolute: int = parameter(
         0,
         "V4L2's control of that name, where the driver has it; 0: as it is.",
-        minimum=0,
-        maximum=1_000_000,
+        limits=(0, 1_000_000),
         unit='100 µs',
         read_only=True,
     )
     gain: int = parameter(
         -1,
         "V4L2's control of that name, where the driver has it; -1: as it is.",
-        minimum=-1,
-        maximum=1_000_000,
+        limits=(-1, 1_000_000),
         read_only=True,
     )
     encoding: str = parameter(
@@ -84,8 +78,7 @@ class VideoSourceParameters(ParameterSet):
     gamma: float = parameter(
         1.0,
         'out = in ** gamma on the range 0 to 1; 1: off.',
-        minimum=0.01,
-        maximum=100.0,
+        limits=(0.01, 100.0),
         thesis='eq. 3.2',
     )
     frame_id: str = parameter(
@@ -106,19 +99,17 @@ class VideoSourceParameters(ParameterSet):
     jpeg_quality: int = parameter(
         90,
         'Of image_raw/compressed, which is made only while somebody subscribes.',
-        minimum=1,
-        maximum=100,
+        limits=(1, 100),
         unit='%',
     )
     wait_for_subscribers: int = parameter(
         1,
         'A recording starts only when image_raw has this many subscribers, so that none of its '
         'frames is lost; 0: at once. A camera never waits.',
-        minimum=0,
-        maximum=100,
+        limits=(0, 100),
         read_only=True,
     )
-    autostart: bool = parameter(True, AUTOSTART, read_only=True)
+    autostart: bool = autostart()
 
     def _check_together(self) -> None:
         if len(self.pixel_format) not in (0, 4) or not self.pixel_format.isascii():

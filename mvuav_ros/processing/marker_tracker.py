@@ -14,9 +14,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.messages import transforms
 from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
-from mvuav_ros.processing.messages.pose import encode_pose
 from mvuav_ros.processing.processor import Output, Processor
-from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -30,6 +28,12 @@ from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 from mvuav_ros.vision.rig_examination import examine
 
+_TOPICS = {
+    'markers': PointCloud2,
+    'rpy': Vector3Stamped,
+    'pose': PoseWithCovarianceStamped,
+    'vision_pose': PoseWithCovarianceStamped,
+}
 _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
 
 
@@ -37,17 +41,14 @@ class MarkerTrackerProcessor(Processor):
     """Frames to labelled points, roll and pose.
 
     Attributes:
-        topics: with one for each marker of the layout; they are those of the parameters given at
+        topics: with one for each marker of the rig; they are those of the parameters given at
             the construction or by the first `configure`.
     """
 
     name = 'marker_tracker'
     parameters_type = MarkerTrackerParameters
     topics = {
-        'markers': PointCloud2,
-        'rpy': Vector3Stamped,
-        'pose': PoseWithCovarianceStamped,
-        'vision_pose': PoseWithCovarianceStamped,
+        **_TOPICS,
         **dict.fromkeys((f'marker/{name}' for name in TANKER_NAMES), PointStamped),
     }
     debug_topics = ('debug_image',)
@@ -71,31 +72,22 @@ class MarkerTrackerProcessor(Processor):
                 'layout', f'{parameters.layout}: {self._doubts[0]} (see allow_ambiguous)'
             )
         self._marker_topics = [f'marker/{name}' for name in self._rig.names]
-        topics: dict[str, type] = {
-            'markers': PointCloud2,
-            'rpy': Vector3Stamped,
-            'pose': PoseWithCovarianceStamped,
-            'vision_pose': PoseWithCovarianceStamped,
-            **dict.fromkeys(self._marker_topics, PointStamped),
-        }
-        if parameters.publish_tf and transforms.TF_TYPE is not None:
-            topics[transforms.TF_TOPIC] = transforms.TF_TYPE
-        # The layout is known from the start on, so this stands before anybody asks.
-        self.topics = topics  # type: ignore[misc]
-        self._pipeline = MarkerTracker(parameters, self._rig)
+        markers = dict.fromkeys(self._marker_topics, PointStamped)
+        self._set_topics({**_TOPICS, **markers}, parameters.publish_tf)
+        self._tracker = MarkerTracker(parameters, self._rig)
         self._poses = PoseEstimator(self._rig)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
         """See `Processor.configure`.
 
         Raises:
-            ParameterError: the layout's file cannot be used.
+            ParameterError: the rig's file cannot be used.
         """
         before, self._parameters = self._parameters, parameters
         if _setup(parameters) != _setup(before):
             self._set_rig(parameters)
         else:
-            self._pipeline.configure(parameters)
+            self._tracker.configure(parameters)
         self._share_camera()
 
     @property
@@ -112,22 +104,22 @@ class MarkerTrackerProcessor(Processor):
 
     def _share_camera(self) -> None:
         # Without a pose nobody waits for a calibration, so names must not depend on one.
-        self._pipeline.set_camera(self._camera if self._parameters.pose else None)
+        self._tracker.set_camera(self._camera if self._parameters.pose else None)
 
     def _forget(self) -> None:
         self._newest = None
-        self._pipeline.reset()
+        self._tracker.reset()
         self._poses.reset()
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        result = self._pipeline.process(frame.image, frame.stamp_ns)
+        result = self._tracker.process(frame.image, frame.stamp_ns)
         pose = self._estimate(frame, result)
         self.status = '; '.join(filter(None, (result.status, *self._warnings, *self._doubts)))
         numbered = self._parameters.mode == 'track_any'
         outputs = [
             Output('markers', partial(encode_markers, result, header, numbered=numbered)),
             Output('rpy', partial(encode_rpy, result, header, pose)),
-            Output('pose', partial(encode_pose, pose, header)),
+            Output('pose', partial(transforms.encode_pose, pose, header)),
         ]
         outputs += [
             Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
@@ -135,21 +127,9 @@ class MarkerTrackerProcessor(Processor):
             if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST
         ]
         if pose is not None:
-            outputs += self._placements(pose, frame, header)
+            camera, body = transforms.camera_in_body(pose), transforms.body_in_camera(pose)
+            outputs += self._placements(camera, body, self._rig.name, frame, header)
         self._newest = (frame.image, result, pose, header)
-        return outputs
-
-    def _placements(self, pose: Pose, frame: Frame, header: bytes) -> list[Output]:
-        """The pose as others take it: only where there is one."""
-        body_header = cdr_header(frame.stamp_ns, self._rig.name)
-        camera = transforms.camera_in_body(pose)
-        make = partial(transforms.encode_placement, camera, body_header)
-        outputs = [Output('vision_pose', make)]
-        # tf2 takes no frame without a name.
-        if transforms.TF_TOPIC in self.topics and frame.frame_id:
-            body = transforms.body_in_camera(pose)
-            make = partial(transforms.encode_transform, body, header, self._rig.name)
-            outputs.append(Output(transforms.TF_TOPIC, make))
         return outputs
 
     def draw(self, debug: Collection[str]) -> list[Output]:

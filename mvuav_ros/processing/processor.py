@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 from sensor_msgs.msg import Image
 
 from mvuav_ros.parameters.declaration import ParameterSet
+from mvuav_ros.processing.messages import transforms
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CameraModel
@@ -82,6 +84,38 @@ class Processor(ABC):
     def awaits_attitude(self) -> bool:
         """Whether the next frame's results depend on the attitude, so that it is worth a wait."""
         return self.uses_attitude
+
+    def _set_topics(self, topics: Mapping[str, type], publish_tf: bool) -> None:
+        """Say what the node publishes; its parameters are known from the start on."""
+        known = publish_tf and transforms.TF_TYPE is not None
+        tf = {transforms.TF_TOPIC: transforms.TF_TYPE} if known else {}
+        self.topics = {**topics, **tf}  # type: ignore[misc]
+
+    def _placements(
+        self,
+        camera: transforms.Placement,
+        target: transforms.Placement,
+        name: str,
+        frame: Frame,
+        header: bytes,
+    ) -> list[Output]:
+        """A pose as others take it.
+
+        Args:
+            camera: in the target's frame.
+            target: in the camera's frame.
+            name: of the target's frame.
+            frame: that the pose is of.
+            header: of its messages.
+        """
+        placed_header = cdr_header(frame.stamp_ns, name)
+        make = partial(transforms.encode_placement, camera, placed_header)
+        outputs = [Output('vision_pose', make)]
+        # tf2 takes no frame without a name.
+        if transforms.TF_TOPIC in self.topics and frame.frame_id:
+            make = partial(transforms.encode_transform, target, header, name)
+            outputs.append(Output(transforms.TF_TOPIC, make))
+        return outputs
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

@@ -36,7 +36,7 @@ from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_over
 from mvuav_ros.vision.runway.results import RunwayResult
 
 # The thesis's video windows two to five.
-_PICTURES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {
+_DEBUG_IMAGES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {
     'debug/confined': (draw_confined, 'mono8'),
     'debug/edges': (draw_edges, 'mono8'),
     'debug/hough': (draw_hough, 'bgr8'),
@@ -57,7 +57,7 @@ class RunwayDetectorProcessor(Processor):
         'pose': PoseWithCovarianceStamped,
         'vision_pose': PoseWithCovarianceStamped,
     }
-    debug_topics = tuple(_PICTURES)
+    debug_topics = tuple(_DEBUG_IMAGES)
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
@@ -70,14 +70,7 @@ class RunwayDetectorProcessor(Processor):
         self._approach = ApproachDetector(parameters)
         self._camera: CameraModel | None = None
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
-        self._set_topics()
-
-    def _set_topics(self) -> None:
-        topics: dict[str, type] = dict(type(self).topics)
-        if self._parameters.publish_tf and transforms.TF_TYPE is not None:
-            topics[transforms.TF_TOPIC] = transforms.TF_TYPE
-        # publish_tf is known from the start on, so this stands before anybody asks.
-        self.topics = topics  # type: ignore[misc]
+        self._set_topics(type(self).topics, self._parameters.publish_tf)
 
     @property
     def awaits_attitude(self) -> bool:
@@ -93,7 +86,7 @@ class RunwayDetectorProcessor(Processor):
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
-        self._set_topics()
+        self._set_topics(type(self).topics, self._parameters.publish_tf)
         self._thesis.configure(parameters)
         self._approach.configure(parameters)
         if parameters.mode != before.mode:
@@ -112,8 +105,8 @@ class RunwayDetectorProcessor(Processor):
 
     def periodic(self, header: bytes) -> list[Output]:
         """See `Processor.periodic`."""
-        pipeline = self._approach if self._parameters.mode == 'approach' else self._thesis
-        return [Output('statistics', partial(encode_statistics, pipeline.statistics(), header))]
+        detector = self._approach if self._parameters.mode == 'approach' else self._thesis
+        return [Output('statistics', partial(encode_statistics, detector.statistics(), header))]
 
     def _forget(self) -> None:
         self._newest = None
@@ -150,14 +143,8 @@ class RunwayDetectorProcessor(Processor):
         camera = transforms.camera_in_runway(guidance)
         if not camera.known:
             return outputs
-        make = partial(transforms.encode_placement, camera, runway_header)
-        outputs.append(Output('vision_pose', make))
-        # tf2 takes no frame without a name.
-        if transforms.TF_TOPIC in self.topics and frame.frame_id:
-            runway = transforms.runway_in_camera(guidance)
-            make = partial(transforms.encode_transform, runway, header, name)
-            outputs.append(Output(transforms.TF_TOPIC, make))
-        return outputs
+        runway = transforms.runway_in_camera(guidance)
+        return outputs + self._placements(camera, runway, name, frame, header)
 
     def _usable_camera(self, image: Image) -> CameraModel | None:
         if self._camera is None:
@@ -180,8 +167,8 @@ class RunwayDetectorProcessor(Processor):
             return [Output('debug/overlay', partial(serialize_image, drawn, header))]
         outputs = []
         for topic in debug:
-            paint, encoding = _PICTURES[topic]
-            image = paint(result)
+            draw, encoding = _DEBUG_IMAGES[topic]
+            image = draw(result)
             if image.size:
                 outputs.append(
                     Output(topic, partial(serialize_image, Image(image, encoding), header))

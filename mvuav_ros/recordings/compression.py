@@ -16,9 +16,8 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import Losses
+from mvuav_ros.recordings.recording import Problems
 
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 SIZE_LIMIT = 1 << 30
 """Bytes; a larger chunk or message is refused."""
 
@@ -90,8 +89,8 @@ def decompress_message(data: bytes | memoryview) -> memoryview:
     return raw
 
 
-def decompress_file(source: Path, target: Path, losses: Losses) -> None:
-    """Decompress a zstd file as far as it goes; what is missing is noted as a loss.
+def decompress_file(source: Path, target: Path, problems: Problems) -> None:
+    """Decompress a zstd file as far as it goes; what is missing is noted as an error.
 
     Raises:
         RecordingError: ``source`` cannot be read, or ``target`` not be written.
@@ -113,7 +112,9 @@ def decompress_file(source: Path, target: Path, losses: Losses) -> None:
             '(set TMPDIR to a folder with more space)'
         ) from None
     if reason:
-        losses.note((source, 'zstd'), f'{source.name}: zstd data {reason}, read as far as it goes')
+        problems.error(
+            (source, 'zstd'), f'{source.name}: zstd data {reason}, read as far as it goes'
+        )
 
 
 def _at_once(block: bytes, size: int) -> bytes | None:

@@ -16,7 +16,7 @@ from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 
 _NS = 1_000_000_000
-_POSE = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
+POSE_COLUMNS = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
 _NUMBERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 """NumPy's names of sensor_msgs/PointField's datatypes."""
 
@@ -115,7 +115,7 @@ def _point(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
 def _pose(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
     pose = getattr(message.pose, 'pose', message.pose)
     place, turn = pose.position, pose.orientation
-    return _POSE, iter([(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)])
+    return POSE_COLUMNS, iter([(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)])
 
 
 _READERS: dict[str, Callable[[Any], tuple[tuple[str, ...], Iterator[Row]]]] = {
@@ -161,4 +161,3 @@ _WRITERS: dict[str, Callable[[Path, Table], None]] = {
     'parquet': _write_parquet,
     'tum': _write_tum,
 }
-FORMATS = tuple(_WRITERS)

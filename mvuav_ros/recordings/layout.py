@@ -11,7 +11,7 @@ from ruamel.yaml.error import YAMLError
 
 from mvuav_ros.recordings.content import is_bag_file
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import Losses, counted
+from mvuav_ros.recordings.recording import Problems, counted
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
 _LARGEST_METADATA = 1 << 24
@@ -19,7 +19,7 @@ _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
 
-def recording_files(path: Path, losses: Losses) -> list[Path]:
+def recording_files(path: Path, problems: Problems) -> list[Path]:
     """The files of the recording at ``path`` in the order in which they were written.
 
     Raises:
@@ -43,15 +43,15 @@ def recording_files(path: Path, losses: Losses) -> list[Path]:
         raise RecordingError(f'{path} holds no recording (*.mcap, *.db3); give {_ACCEPTED}')
     present.sort(key=lambda entry: _natural_key(entry.name))
     if not (path / METADATA).exists():
-        losses.remark((path, METADATA), f'{path.name}: {METADATA} is missing')
+        problems.warning((path, METADATA), f'{path.name}: {METADATA} is missing')
         return _only_series(path, present)
-    listed = _listed_names(path / METADATA, losses)
+    listed = _listed_names(path / METADATA, problems)
     if listed is None:
         return _only_series(path, present)
-    return _chosen(present, listed, losses)
+    return _chosen(present, listed, problems)
 
 
-def _listed_names(path: Path, losses: Losses) -> Sequence[str] | None:
+def _listed_names(path: Path, problems: Problems) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
@@ -62,11 +62,11 @@ def _listed_names(path: Path, losses: Losses) -> Sequence[str] | None:
             return [Path(name).name for name in names]
     except (OSError, YAMLError, RecursionError, KeyError, TypeError, ValueError):
         pass
-    losses.remark((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
+    problems.warning((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
 
 
-def _chosen(present: list[Path], listed: Sequence[str], losses: Losses) -> list[Path]:
+def _chosen(present: list[Path], listed: Sequence[str], problems: Problems) -> list[Path]:
     chosen: list[Path] = []
     missing: list[str] = []
     by_name = {entry.name: entry for entry in present}
@@ -79,7 +79,7 @@ def _chosen(present: list[Path], listed: Sequence[str], losses: Losses) -> list[
             chosen.append(entry)
     if missing:
         names = ', '.join(missing[:3]) + (', …' if len(missing) > 3 else '')
-        losses.note(
+        problems.error(
             ('missing', *missing),
             f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists '
             f'{"is" if len(missing) == 1 else "are"} missing: {names}',
@@ -92,9 +92,9 @@ def _chosen(present: list[Path], listed: Sequence[str], losses: Losses) -> list[
         # After a crash, metadata.yaml may not know the last files of a split recording.
         if _series(entry.name) in series:
             chosen.append(entry)
-            losses.remark((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
+            problems.warning((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
         else:
-            losses.note((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, not read')
+            problems.error((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, not read')
     chosen.sort(key=lambda entry: _natural_key(entry.name))
     if not chosen:
         raise RecordingError(

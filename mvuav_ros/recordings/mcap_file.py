@@ -22,7 +22,7 @@ from mvuav_ros.recordings.mcap_records import (
 )
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
-    Losses,
+    Problems,
     RecordedMessage,
     TopicInfo,
     counted,
@@ -38,10 +38,10 @@ _LARGE = 1 << 24
 class McapFile:
     """One mcap file; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, losses: Losses) -> None:
+    def __init__(self, path: Path, problems: Problems) -> None:
         self._path = path
         self._name = path.name
-        self._losses = losses
+        self._problems = problems
         self._channels = Channels()
         self._indexed = False
         self._scanned = False
@@ -117,7 +117,7 @@ class McapFile:
         self, stream: BinaryIO, first: int, last: int
     ) -> Iterator[tuple[int, memoryview]]:
         """Schema, channel and message records, those inside chunks included."""
-        walk = RecordWalk(stream, self._name, self._losses)
+        walk = RecordWalk(stream, self._name, self._problems)
         lost_chunk: tuple[int, str] | None = None
         lost = 0
         for span in walk.spans():
@@ -202,7 +202,7 @@ class McapFile:
         self._note(offset, f'chunk at byte {offset} skipped, as {reason}: {messages} lost')
 
     def _note(self, key: object, text: str) -> None:
-        self._losses.note((self._path, key), f'{self._name}: {text}')
+        self._problems.error((self._path, key), f'{self._name}: {text}')
 
 
 def _contradiction(header: ChunkHeader, raw: memoryview) -> str:

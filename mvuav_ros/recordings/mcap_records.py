@@ -15,7 +15,7 @@ from typing import BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 
 from mvuav_ros.recordings.compression import SIZE_LIMIT
-from mvuav_ros.recordings.recording import Losses
+from mvuav_ros.recordings.recording import Problems
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER = struct.Struct('<BQ')
@@ -69,10 +69,10 @@ class ChunkHeader(NamedTuple):
 class RecordWalk:
     """The records of an open mcap file in stored order."""
 
-    def __init__(self, stream: BinaryIO, name: str, losses: Losses) -> None:
+    def __init__(self, stream: BinaryIO, name: str, problems: Problems) -> None:
         self._stream = stream
         self._name = name
-        self._losses = losses
+        self._problems = problems
         self._size = stream.seek(0, 2)
 
     def spans(self) -> Iterator[RecordSpan]:
@@ -86,14 +86,14 @@ class RecordWalk:
                 if found is None:
                     self._note_end(offset)
                     return
-                self._losses.note(
+                self._problems.error(
                     (self._name, offset),
                     f'{self._name}: damaged at byte {offset}, read on from byte {found}',
                 )
                 offset, search_from = found, found + 1
                 continue
             if span.opcode >= _PRIVATE_OPCODES:
-                self._losses.note(
+                self._problems.error(
                     (self._name, offset),
                     f'{self._name}: record of unknown kind {span.opcode} skipped at byte {offset}',
                 )
@@ -177,7 +177,7 @@ class RecordWalk:
         return True
 
     def _note_end(self, offset: int) -> None:
-        self._losses.note(
+        self._problems.error(
             (self._name, 'end'),
             f'{self._name}: cut off or damaged; '
             f'its last {self._size - offset} bytes cannot be read in full',

@@ -26,7 +26,7 @@ from mvuav_ros.recordings.layout import recording_files
 from mvuav_ros.recordings.mcap_file import McapFile
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
-    Losses,
+    Problems,
     RecordedMessage,
     RecordingFile,
     SkippedChannel,
@@ -36,7 +36,7 @@ from mvuav_ros.recordings.recording import (
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
 
-_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Losses], RecordingFile]], ...] = (
+_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Problems], RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),
     (SQLITE_START, '.db3', SqliteFile),
     (ROS1_START, '.bag', Ros1File),
@@ -69,13 +69,13 @@ class Recording:
         self.path = path
         self.topics: tuple[TopicInfo, ...] = ()
         self.skipped: tuple[SkippedChannel, ...] = ()
-        self._losses = Losses()
+        self._problems = Problems()
         self._folder: TemporaryDirectory[str] | None = None
         self._unpacked: tuple[Path, RecordingFile] | None = None
         self._opened: dict[Path, RecordingFile] = {}
         self._files: list[Path] = []
         try:
-            self._files = self._readable_files(recording_files(path, self._losses))
+            self._files = self._readable_files(recording_files(path, self._problems))
         except BaseException:
             self.close()
             raise
@@ -92,14 +92,14 @@ class Recording:
         self.close()
 
     @property
-    def losses(self) -> list[str]:
+    def errors(self) -> list[str]:
         """What could not be read, in words; more may come while messages are read."""
-        return self._losses.texts
+        return self._problems.errors
 
     @property
-    def remarks(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What is unusual about the recording, though nothing is lost by it."""
-        return self._losses.remarks
+        return self._problems.warnings
 
     def messages(
         self,
@@ -133,7 +133,7 @@ class Recording:
             except OSError as error:
                 self._note_io_error(path, error)
             for topic, count in unreadable.items():
-                self._losses.note(
+                self._problems.error(
                     (path, topic, 'zstd'),
                     f'{path.name}: {counted(count, "message")} of {topic} cannot be decompressed',
                 )
@@ -170,11 +170,11 @@ class Recording:
                     skipped[SkippedChannel(channel.name, channel.serialization_format)] = None
         if not readable:
             raise refusals[0]
-        if not topics and not skipped and self.losses:
-            reasons = '; '.join(self.losses)
+        if not topics and not skipped and self.errors:
+            reasons = '; '.join(self.errors)
             raise RecordingError(f'{self.path} holds no readable topic: {reasons}')
         for refusal in refusals:
-            self._losses.note(str(refusal), str(refusal))
+            self._problems.error(str(refusal), str(refusal))
         self.topics = tuple(topics.values())
         self.skipped = tuple(skipped)
         return readable
@@ -187,35 +187,37 @@ class Recording:
             return self._unpacked[1]
         start = start_of(path)
         if not start.startswith(ZSTD_START):
-            self._opened[path] = _opened(path, start, self._losses)
+            self._opened[path] = _opened(path, start, self._problems)
             return self._opened[path]
         # One unpacked file at a time, as all of a long recording might fill the disk.
         if self._folder is not None:
             self._folder.cleanup()
         self._folder = TemporaryDirectory(prefix='mvuav_')
         target = Path(self._folder.name) / path.name.removesuffix('.zstd')
-        decompress_file(path, target, self._losses)
-        self._unpacked = (path, _opened(target, start_of(target), self._losses))
+        decompress_file(path, target, self._problems)
+        self._unpacked = (path, _opened(target, start_of(target), self._problems))
         return self._unpacked[1]
 
     def _note_io_error(self, path: Path, error: OSError) -> None:
-        self._losses.note(
+        self._problems.error(
             (path, 'io'), f'{path.name}: reading ended early: {error.strerror or error}'
         )
 
 
-def _opened(path: Path, start: bytes, losses: Losses) -> RecordingFile:
+def _opened(path: Path, start: bytes, problems: Problems) -> RecordingFile:
     if not path.is_file():
         raise RecordingError(f'{path} is neither a file nor a folder')
     if not start:
         raise RecordingError(f'{path} is empty')
     for magic, _, kind in _FORMATS:
         if start.startswith(magic):
-            return kind(path, losses)
+            return kind(path, problems)
     for magic, suffix, kind in _FORMATS:
         if plain_name(path.name).endswith(suffix) and len(start) == 16 and kind is not SqliteFile:
-            losses.note((path, 'start'), f'{path.name}: its first {len(magic)} bytes are damaged')
-            return kind(path, losses)
+            problems.error(
+                (path, 'start'), f'{path.name}: its first {len(magic)} bytes are damaged'
+            )
+            return kind(path, problems)
     if any(magic.startswith(start) for magic, _, _ in _FORMATS):
         raise RecordingError(f'{path} was cut off within its first bytes; nothing is left')
     raise RecordingError(

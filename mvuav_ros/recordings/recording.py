@@ -53,39 +53,39 @@ class RecordedMessage(NamedTuple):
     qos: str = ''
 
 
-class Losses:
-    """What could not be read; noting the same loss again (a second pass) changes nothing.
+class Problems:
+    """What is wrong with a recording; the same again (in a second pass) changes nothing.
 
-    Of very many losses the first are told.
+    Of very many errors the first are told.
     """
 
     def __init__(self) -> None:
-        self._texts: dict[Hashable, str] = {}
-        self._remarks: dict[Hashable, str] = {}
+        self._errors: dict[Hashable, str] = {}
+        self._warnings: dict[Hashable, str] = {}
         self._further = False
 
-    def note(self, key: Hashable, text: str) -> None:
-        """Say a loss in words, replacing what was said under the same key."""
-        if key in self._texts or len(self._texts) < _MOST_TEXTS:
-            self._texts[key] = text
+    def error(self, key: Hashable, text: str) -> None:
+        """Say what could not be read, replacing what was said under the same key."""
+        if key in self._errors or len(self._errors) < _MOST_TEXTS:
+            self._errors[key] = text
         else:
             self._further = True
 
-    def remark(self, key: Hashable, text: str) -> None:
-        """Say in words what is unusual, though nothing is lost by it."""
-        if len(self._remarks) < _MOST_TEXTS:
-            self._remarks[key] = text
+    def warning(self, key: Hashable, text: str) -> None:
+        """Say what is unusual, though nothing is lost by it."""
+        if len(self._warnings) < _MOST_TEXTS:
+            self._warnings[key] = text
 
     @property
-    def remarks(self) -> list[str]:
-        """The remarks in order of discovery."""
-        return list(self._remarks.values())
+    def errors(self) -> list[str]:
+        """The errors in order of discovery."""
+        errors = list(self._errors.values())
+        return [*errors, 'and more of that kind'] if self._further else errors
 
     @property
-    def texts(self) -> list[str]:
-        """The losses in order of discovery."""
-        texts = list(self._texts.values())
-        return [*texts, 'and more of that kind'] if self._further else texts
+    def warnings(self) -> list[str]:
+        """The warnings in order of discovery."""
+        return list(self._warnings.values())
 
 
 class RecordingFile(Protocol):

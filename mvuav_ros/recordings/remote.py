@@ -1,8 +1,9 @@
-"""Recordings that lie elsewhere: s3://, https:// and whatever else fsspec reaches."""
+"""Places that are files here, or lie elsewhere: s3:// and whatever else fsspec reaches."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,11 +15,25 @@ from mvuav_ros.recordings.errors import RecordingError
 
 _MARKS = ('ETag', 'LastModified', 'created', 'mtime')
 _URL = re.compile(r'[a-z][a-z0-9+.-]+://', re.IGNORECASE)
+_READ_ONLY = ('http', 'https')
 
 
 def is_url(text: str) -> bool:
-    """Whether a source is named by an URL, of whatever kind."""
+    """Whether a place is named by an URL, of whatever kind.
+
+    >>> is_url('s3://flights/a.mcap'), is_url('/flights/a.mcap'), is_url('sim:tanker')
+    (True, False, False)
+    """
     return bool(_URL.match(text))
+
+
+def inside(folder: str, name: str) -> str:
+    """The place of that name in a folder.
+
+    >>> inside('s3://flights/day/', 'a.mcap')
+    's3://flights/day/a.mcap'
+    """
+    return f'{folder.rstrip("/")}/{name}' if is_url(folder) else str(Path(folder) / name)
 
 
 @contextmanager
@@ -41,17 +56,89 @@ def fetch(url: str, folder: Path) -> Path:
     Raises:
         RecordingError: fsspec is missing, or nothing can be read from there.
     """
-    target = folder / (PurePosixPath(url.split('?')[0].rstrip('/')).name or 'recording')
-    try:
-        system, path = _opened(url)
+    target = folder / (_name(url) or 'recording')
+    with _reached(url, 'read') as (system, path):
         is_folder = system.isdir(path) and not system.isfile(path)
         source = f'{path.rstrip("/")}/' if is_folder else path
         system.get(source, str(target), recursive=is_folder)
-    except RecordingError:
-        raise
-    except Exception as error:
-        raise _failure(url, error) from None
     return target
+
+
+@contextmanager
+def local_output(text: str) -> Iterator[Path]:
+    """Where to write what is to lie at a place: what lies elsewhere is sent there at the end.
+
+    After an exception nothing is sent, so that whatever is there is whole.
+
+    Raises:
+        RecordingError: it cannot be sent.
+    """
+    if not is_url(text):
+        yield Path(text)
+        return
+    _refuse_read_only(text)
+    with TemporaryDirectory(prefix='mvuav_') as folder:
+        path = Path(folder) / (_name(text) or 'output')
+        yield path
+        with _reached(text, 'written') as (system, target):
+            if path.is_dir():
+                target = target.rstrip('/')
+                # Of a folder that is replaced, parts that this one does not have.
+                for old in system.glob(f'{target}/{path.name}_*.mcap'):
+                    system.rm_file(old)
+                for file in sorted(path.iterdir()):
+                    system.put_file(str(file), f'{target}/{file.name}')
+            else:
+                system.put_file(str(path), target)
+
+
+def size_at(text: str) -> int | None:
+    """The bytes of the file or folder at a place; None if there is nothing.
+
+    Raises:
+        RecordingError: it cannot be said.
+    """
+    if is_url(text):
+        _refuse_read_only(text)
+        with _reached(text, 'read') as (system, path):
+            system.invalidate_cache()
+            return int(system.du(path)) if system.exists(path) else None
+    here = Path(text)
+    if here.is_dir():
+        return sum(file.stat().st_size for file in here.iterdir())
+    return here.stat().st_size if here.exists() else None
+
+
+def read_text(text: str) -> str:
+    """The text of the file at a place; '' if there is none.
+
+    Raises:
+        RecordingError: it cannot be read.
+        OSError: likewise.
+    """
+    if is_url(text):
+        _refuse_read_only(text)
+        with _reached(text, 'read') as (system, path):
+            system.invalidate_cache()
+            return str(system.cat_file(path).decode()) if system.exists(path) else ''
+    return Path(text).read_text('utf-8') if Path(text).exists() else ''
+
+
+def write_text(text: str, content: str) -> None:
+    """Replace a file in one step: whoever reads it finds the old one or the new one.
+
+    Raises:
+        RecordingError: it cannot be written.
+        OSError: likewise.
+    """
+    if is_url(text):
+        with _reached(text, 'written') as (system, path):
+            system.pipe_file(path, content.encode())
+        return
+    target = Path(text)
+    beside = target.with_name(f'.{target.name}.{os.getpid()}')
+    beside.write_text(content, encoding='utf-8')
+    beside.replace(target)
 
 
 def remote_state(url: str) -> tuple[int, str]:
@@ -61,32 +148,38 @@ def remote_state(url: str) -> tuple[int, str]:
         RecordingError: fsspec is missing, or nothing can be read from there.
     """
     digest, total = hashlib.sha256(), 0
-    try:
-        system, path = _opened(url)
+    with _reached(url, 'read') as (system, path):
         for name in sorted(system.find(path)):
             status = system.info(name)
             total += status['size'] or 0
             marks = [str(status.get(key)) for key in _MARKS]
             digest.update('\0'.join([name, str(status['size']), *marks]).encode())
-    except RecordingError:
-        raise
-    except Exception as error:
-        raise _failure(url, error) from None
     return total, digest.hexdigest()
 
 
-def _failure(url: str, error: Exception) -> RecordingError:
-    """Each protocol's library has errors of its own."""
-    reason = ' '.join(f'{type(error).__name__}: {error}'.split())
-    return RecordingError(f'{url} cannot be read: {reason}')
+def _name(url: str) -> str:
+    return PurePosixPath(url.split('?')[0].rstrip('/')).name
 
 
-def _opened(url: str) -> tuple[Any, str]:
+def _refuse_read_only(url: str) -> None:
+    if url.split('://')[0].lower() in _READ_ONLY:
+        raise RecordingError(f'{url}: a web server is only read from; give a file or s3://…')
+
+
+@contextmanager
+def _reached(url: str, done: str) -> Iterator[tuple[Any, str]]:
+    """The file system of an URL, and the path in it; whatever goes wrong is a RecordingError."""
     try:
         import fsspec
     except ImportError as error:
         raise RecordingError(
             f'{url}: URLs need fsspec: pip install "mvuav_ros[remote]" ({error})'
         ) from error
-    system, path = fsspec.core.url_to_fs(url)
-    return system, str(path)
+    try:
+        system, path = fsspec.core.url_to_fs(url)
+        yield system, str(path)
+    except RecordingError:
+        raise
+    except Exception as error:  # each protocol's library has errors of its own
+        reason = ' '.join(f'{type(error).__name__}: {error}'.split())
+        raise RecordingError(f'{url} cannot be {done}: {reason}') from None

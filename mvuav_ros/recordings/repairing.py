@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer
-from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.recordings.rosbag2_folder import open_writer
 
 _PROGRESS_STEP = 100
 
@@ -45,7 +43,7 @@ def repair(
     Args:
         source: the recording, in whatever condition.
         output: a file that ends in .mcap; with ``split_bytes``, a folder as rosbag2 makes it.
-        overwrite: whether a file that exists may be replaced.
+        overwrite: whether what exists may be replaced.
         split_bytes: the size at which the folder's next file begins; 0 never.
         progress: told now and then the number of messages, and of all as far as known.
 
@@ -59,20 +57,12 @@ def repair(
     with open_recording(source) as recording:
         counts = [topic.message_count for topic in recording.topics]
         total = None if None in counts else sum(count or 0 for count in counts)
-        with _writer(output, overwrite, split_bytes) as writer:
+        with open_writer(output, split_bytes, overwrite) as writer:
             for number, message in enumerate(recording.messages()):
                 writer.copy(message)
                 report.messages[message.topic] = report.messages.get(message.topic, 0) + 1
                 if number % _PROGRESS_STEP == 0:
                     progress(number, total)
         report.skipped = dict(recording.skipped)
-        report.errors, report.warnings = recording.losses, recording.remarks
+        report.errors, report.warnings = recording.errors, recording.warnings
     return report
-
-
-def _writer(
-    output: Path, overwrite: bool, split_bytes: int | None
-) -> AbstractContextManager[RecordingWriter | Rosbag2Writer]:
-    if split_bytes is None:
-        return RecordingWriter(output, overwrite)
-    return Rosbag2Writer(output, split_bytes)

@@ -10,9 +10,9 @@ import struct
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
-from io import BytesIO, RawIOBase
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, cast
+from typing import BinaryIO, NamedTuple
 
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from rosbags.serde import SerdeError
@@ -20,28 +20,26 @@ from rosbags.serde import SerdeError
 from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, unpack
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import (
-    Losses,
+    Problems,
     RecordedMessage,
     TopicInfo,
     counted,
     normalised_type,
 )
+from mvuav_ros.recordings.ros1_records import (
+    MAGIC,
+    PARSE_ERRORS,
+    VERSION_LINE,
+    Record,
+    next_chunk,
+    record_at,
+    stream_of,
+)
 from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
 
-MAGIC = b'#ROSBAG V'
-_VERSION_LINE = MAGIC + b'2.0\n'
-_LONGEST_HEADER = 1 << 20
-_SEARCH_BLOCK = 1 << 20
 _LARGEST_CONNECTION = 1 << 24
 _MOST_CONNECTIONS = 1 << 16
-_PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
-
-
-class _Record(NamedTuple):
-    header: Header
-    kind: int
-    data: int
-    size: int
+_SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
 
 class _Message(NamedTuple):
@@ -53,9 +51,9 @@ class _Message(NamedTuple):
 class Ros1File:
     """One ROS 1 bag; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, losses: Losses) -> None:
+    def __init__(self, path: Path, problems: Problems) -> None:
         self._path = path
-        self._losses = losses
+        self._problems = problems
         self._topics: dict[int, TopicInfo] = {}
         self._types: dict[int, Ros1Type] = {}
         self._scanned = False
@@ -106,11 +104,11 @@ class Ros1File:
         size = stream.seek(0, 2)
         lost_chunk: tuple[int, str] | None = None
         lost = 0
-        position = len(_VERSION_LINE)
+        position = len(VERSION_LINE)
         while position < size:
-            record = _record_at(stream, position)
+            record = record_at(stream, position)
             if record is None or record.size > SIZE_LIMIT:
-                found = _next_chunk(stream, position + 1, size)
+                found = next_chunk(stream, position + 1, size)
                 if found is None:
                     self._note_end(size - position)
                     return
@@ -139,7 +137,7 @@ class Ros1File:
                 return
             position = record.data + record.size
 
-    def _chunk(self, record: _Record, stream: BinaryIO, *, cut: bool) -> memoryview:
+    def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> memoryview:
         """What a chunk holds; of one that is cut, what there is of it."""
         try:
             compression = record.header.get_string('compression')
@@ -156,16 +154,16 @@ class Ros1File:
         return raw
 
     def _records(self, raw: memoryview) -> Iterator[_Message]:
-        stream = cast(BinaryIO, _View(raw))
+        stream = stream_of(raw)
         position = 0
         while position < len(raw):
-            record = _record_at(stream, position)
+            record = record_at(stream, position)
             if record is None or record.data + record.size > len(raw):
                 return
             yield from self._record(record, raw[record.data : record.data + record.size])
             position = record.data + record.size
 
-    def _record(self, record: _Record, data: memoryview) -> Iterator[_Message]:
+    def _record(self, record: Record, data: memoryview) -> Iterator[_Message]:
         if record.kind == RecordType.CONNECTION:
             self._connect(record.header, data)
         elif record.kind == RecordType.MSGDATA and len(data) == record.size:
@@ -173,7 +171,7 @@ class Ros1File:
                 yield _Message(
                     record.header.get_uint32('conn'), record.header.get_time('time'), data
                 )
-            except _PARSE_ERRORS:
+            except PARSE_ERRORS:
                 self._note(record.data, 'a message record is damaged')
 
     def _connect(self, header: Header, data: memoryview) -> None:
@@ -187,7 +185,7 @@ class Ros1File:
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
             definition = fields.get_string('message_definition')
-        except _PARSE_ERRORS:
+        except PARSE_ERRORS:
             self._note('connections', 'a connection record is damaged')
             return
         try:
@@ -201,13 +199,13 @@ class Ros1File:
     def _bag_header(self, stream: BinaryIO) -> Header | None:
         """The bag's header, None if it is damaged."""
         line = stream.readline(64)
-        if line.startswith(MAGIC) and line != _VERSION_LINE:
+        if line.startswith(MAGIC) and line != VERSION_LINE:
             version = line[len(MAGIC) :].strip().decode('ascii', 'replace')
             raise RecordingError(
                 f'{self._path} is a ROS 1 bag of version {version}; convert it to version 2.0 '
                 'with "rosbag fix"'
             )
-        record = _record_at(stream, len(_VERSION_LINE))
+        record = record_at(stream, len(VERSION_LINE))
         if record is None or record.kind != RecordType.BAGHEADER:
             return None
         if record.header.get('encryptor'):
@@ -226,7 +224,7 @@ class Ros1File:
             return False
         counts: Counter[int] = Counter()
         for _ in range(left):
-            record = _record_at(stream, position)
+            record = record_at(stream, position)
             if record is None or record.size > _LARGEST_CONNECTION:
                 return False
             data = memoryview(stream.read(record.size))
@@ -241,7 +239,7 @@ class Ros1File:
                 return False
             position = record.data + record.size
         self._set_counts(counts)
-        return position > len(_VERSION_LINE)
+        return position > len(VERSION_LINE)
 
     def _set_counts(self, counts: Counter[int]) -> None:
         for key, topic in self._topics.items():
@@ -255,70 +253,4 @@ class Ros1File:
         self._note('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
 
     def _note(self, key: object, text: str) -> None:
-        self._losses.note((self._path, key), f'{self._path.name}: {text}')
-
-
-def _record_at(stream: BinaryIO, position: int) -> _Record | None:
-    """The record there, None where none is; the stream is left at its data."""
-    stream.seek(position)
-    length = stream.read(4)
-    if len(length) < 4 or not 0 < int.from_bytes(length, 'little') < _LONGEST_HEADER:
-        return None
-    stream.seek(position)
-    try:
-        header = Header.read(stream)
-        kind = header.get_uint8('op')
-    except _PARSE_ERRORS:
-        return None
-    length = stream.read(4)
-    if len(length) < 4 or kind not in _KINDS:
-        return None
-    return _Record(header, kind, stream.tell(), int.from_bytes(length, 'little'))
-
-
-def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
-    """Where the next chunk's record begins; its header holds three fields in any order."""
-    first = start
-    while start < size:
-        stream.seek(start)
-        block = stream.read(_SEARCH_BLOCK + 64)
-        place = block.find(b'op=\x05')
-        while 0 <= place < _SEARCH_BLOCK + 32:
-            for back in range(8, 64):
-                record = None
-                if start + place - back >= first:
-                    record = _record_at(stream, start + place - back)
-                if (
-                    record is not None
-                    and record.kind == RecordType.CHUNK
-                    and {'compression', 'size'} <= record.header.keys()
-                ):
-                    return start + place - back
-            place = block.find(b'op=\x05', place + 1)
-        start += _SEARCH_BLOCK
-    return None
-
-
-class _View(RawIOBase):
-    """A chunk as a stream, without copying it as BytesIO does."""
-
-    def __init__(self, raw: memoryview) -> None:
-        self._raw = raw
-        self._position = 0
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        assert whence == 0
-        self._position = offset
-        return offset
-
-    def tell(self) -> int:
-        return self._position
-
-    def read(self, size: int = -1) -> bytes:
-        data = bytes(self._raw[self._position : self._position + size])
-        self._position += len(data)
-        return data
-
-
-_KINDS = frozenset(int(kind) for kind in RecordType)
-_SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
+        self._problems.error((self._path, key), f'{self._path.name}: {text}')

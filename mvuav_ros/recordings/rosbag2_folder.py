@@ -2,36 +2,48 @@
 
 from __future__ import annotations
 
+import glob
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 import yaml
 
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.layout import METADATA
-from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.recordings.recording import RecordedMessage, Schema
+from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 
 _VERSION = 5
 """Of metadata.yaml: the newest that every release since Humble reads."""
 
 
 class Rosbag2Writer:
-    """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager."""
+    """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager.
 
-    def __init__(self, folder: Path, split_bytes: int = 0) -> None:
+    Ended by an exception it leaves no metadata.yaml, so that it does not look complete.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        split_bytes: int = 0,
+        metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+    ) -> None:
         """Create the folder.
 
         Args:
             folder: must not exist, or be empty.
             split_bytes: a part that has reached this size is the last of its kind; 0: no limit.
+            metadata: records by name, written at the beginning of each part.
 
         Raises:
             RecordingError: there is something already, or it cannot be created.
         """
         self._folder = folder
         self._split_bytes = split_bytes
+        self._records = metadata
         self._parts: list[_Part] = []
         self._topics: dict[tuple[str, str], _Topic] = {}
         try:
@@ -40,9 +52,9 @@ class Rosbag2Writer:
                 raise RecordingError(f'{folder} is not empty; give another folder')
         except OSError as error:
             raise RecordingError(f'{folder} cannot be made: {error.strerror or error}') from None
+        self._begin_part()
 
     def __enter__(self) -> Rosbag2Writer:
-        self._begin_part()
         return self
 
     def __exit__(
@@ -52,10 +64,22 @@ class Rosbag2Writer:
         traceback: TracebackType | None,
     ) -> None:
         self._parts[-1].writer.__exit__(kind, error, traceback)
-        (self._folder / METADATA).write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
+        if kind is None or not issubclass(kind, Exception):
+            content = yaml.safe_dump(self._metadata(), sort_keys=False)
+            (self._folder / METADATA).write_text(content, encoding='utf-8')
+        elif not any(self._folder.iterdir()):
+            self._folder.rmdir()
 
-    def copy(self, message: RecordedMessage) -> None:
-        """Write a message of another recording with its own definition and QoS.
+    def write(
+        self,
+        topic: str,
+        type: str,
+        stamp_ns: int,
+        cdr: bytes | memoryview,
+        schema: Schema | None = None,
+        qos: str = RELIABLE_QOS,
+    ) -> None:
+        """Write one message; see `RecordingWriter.write`.
 
         Raises:
             RecordingError: the file cannot be written, such as when the disk is full.
@@ -63,15 +87,22 @@ class Rosbag2Writer:
         if 0 < self._split_bytes <= self._parts[-1].writer.size:
             self._parts[-1].writer.close()
             self._begin_part()
-        self._parts[-1].writer.copy(message)
-        self._parts[-1].count(message.stamp_ns)
-        key = message.topic, message.type
-        topic = self._topics.setdefault(key, _Topic(message.qos))
-        topic.messages += 1
+        self._parts[-1].writer.write(topic, type, stamp_ns, cdr, schema, qos)
+        self._parts[-1].count(stamp_ns)
+        self._topics.setdefault((topic, type), _Topic(qos)).messages += 1
+
+    def copy(self, message: RecordedMessage) -> None:
+        """Write a message of another recording with its own definition and QoS.
+
+        Raises:
+            RecordingError: the file cannot be written, such as when the disk is full.
+        """
+        self.write(*message)
 
     def _begin_part(self) -> None:
         name = f'{self._folder.resolve().name}_{len(self._parts)}.mcap'
-        self._parts.append(_Part(RecordingWriter(self._folder / name)))
+        path = self._folder / name
+        self._parts.append(_Part(RecordingWriter(path, metadata=self._records)))
 
     def _metadata(self) -> dict[str, Any]:
         filled = [part for part in self._parts if part.messages]
@@ -102,6 +133,31 @@ class Rosbag2Writer:
             ],
         }
         return {'rosbag2_bagfile_information': content}
+
+
+def open_writer(
+    path: Path,
+    split_bytes: int | None,
+    overwrite: bool = False,
+    metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+) -> RecordingWriter | Rosbag2Writer:
+    """A writer of one mcap file or, with a number of bytes, of a folder as rosbag2 makes it.
+
+    Args:
+        path: the file, or the folder.
+        split_bytes: None for a file; see `Rosbag2Writer`.
+        overwrite: whether a file, or the parts of a folder that rosbag2 made, may be replaced.
+        metadata: records by name.
+
+    Raises:
+        RecordingError: there is something already, or it cannot be created.
+    """
+    if split_bytes is None:
+        return RecordingWriter(path, overwrite, metadata)
+    if overwrite and path.is_dir():
+        for file in [*path.glob(f'{glob.escape(path.resolve().name)}_*.mcap'), path / METADATA]:
+            file.unlink(missing_ok=True)
+    return Rosbag2Writer(path, split_bytes, metadata)
 
 
 class _Topic:

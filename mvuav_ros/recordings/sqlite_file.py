@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 from mvuav_ros.recordings.compression import SIZE_LIMIT
 from mvuav_ros.recordings.recording import (
-    Losses,
+    Problems,
     RecordedMessage,
     Schema,
     TopicInfo,
@@ -41,9 +41,9 @@ _MOST_TEXT = 1 << 26
 class SqliteFile:
     """One rosbag2 database; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, losses: Losses) -> None:
+    def __init__(self, path: Path, problems: Problems) -> None:
         self._path = path
-        self._losses = losses
+        self._problems = problems
         self._topics: dict[int, TopicInfo] | None = None
 
     def channels(self) -> Sequence[TopicInfo]:
@@ -139,7 +139,7 @@ class SqliteFile:
         return database
 
     def _note(self, key: str, text: str) -> None:
-        self._losses.note((self._path, key), f'{self._path.name}: {text}')
+        self._problems.error((self._path, key), f'{self._path.name}: {text}')
 
 
 def _logs(path: Path) -> list[Path]:

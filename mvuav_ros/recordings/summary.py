@@ -85,7 +85,7 @@ class SkippedSummary:
 class RecordingSummary:
     """A whole recording; ``duration_s`` is from the earliest to the latest log stamp.
 
-    ``losses`` tells what could not be read, ``remarks`` what is unusual though nothing is lost.
+    ``errors`` tells what could not be read, ``warnings`` what is unusual though nothing is lost.
     """
 
     path: str
@@ -95,8 +95,8 @@ class RecordingSummary:
     last_stamp_ns: int | None
     duration_s: float
     skipped: list[SkippedSummary]
-    losses: list[str]
-    remarks: list[str]
+    errors: list[str]
+    warnings: list[str]
 
 
 def summarise(
@@ -142,8 +142,8 @@ def summarise_recording(
         last_stamp_ns=max(lasts, default=None),
         duration_s=(max(lasts) - min(firsts)) / _NS if firsts else 0.0,
         skipped=[SkippedSummary(name, encoding) for name, encoding in recording.skipped],
-        losses=recording.losses,
-        remarks=recording.remarks,
+        errors=recording.errors,
+        warnings=recording.warnings,
     )
 
 

@@ -17,6 +17,7 @@ from mcap.records import Schema as SchemaRecord
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.mcap_chunks import Chunk, Summary, record_bytes
 from mvuav_ros.recordings.mcap_records import MAGIC
+from mvuav_ros.recordings.output_file import OutputFile
 from mvuav_ros.recordings.recording import RecordedMessage, Schema, normalised_type
 from mvuav_ros.recordings.schemas import schema_of, type_hash
 
@@ -72,8 +73,7 @@ class RecordingWriter:
             RecordingError: the file exists or cannot be created.
         """
         self.path = Path(path)
-        self._file = _created(self.path, overwrite)
-        self._end = 0
+        self._file = OutputFile(self.path, overwrite)
         self._summary = Summary()
         self._schemas: dict[tuple[str, Schema | None], int] = {}
         self._channels: dict[tuple[str, str, Schema | None], _Channel] = {}
@@ -84,15 +84,14 @@ class RecordingWriter:
         self._changed = threading.Condition()
         self._closed = False
         self._error: Exception | None = None
-        self._conclusions: list[tuple[str, Mapping[str, str]]] = []
         start = MAGIC + record_bytes(Header('ros2', LIBRARY))
         for name, values in metadata.items():
             start += self._summary.add_metadata(name, values, len(start))
         try:
-            self._append(start)
+            self._file.append(start)
         except OSError as error:
-            os.close(self._file)
-            raise self._failure(error) from None
+            self._file.close()
+            raise self._file.failure(error) from None
         self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
         self._thread.start()
 
@@ -117,7 +116,7 @@ class RecordingWriter:
     @property
     def size(self) -> int:
         """Bytes in the file by now."""
-        return self._end
+        return self._file.size
 
     def write(
         self,
@@ -167,18 +166,7 @@ class RecordingWriter:
         Raises:
             RecordingError: the file cannot be written, such as when the disk is full.
         """
-        self.write(
-            message.topic,
-            message.type,
-            message.stamp_ns,
-            message.data,
-            message.schema,
-            message.qos,
-        )
-
-    def conclude(self, name: str, values: Mapping[str, str]) -> None:
-        """Have a record of metadata written at the end of a file that becomes complete."""
-        self._conclusions.append((name, values))
+        self.write(*message)
 
     def close(self) -> None:
         """Write what is left, and the end that makes the file complete.
@@ -198,13 +186,11 @@ class RecordingWriter:
         self._thread.join()
         try:
             if complete and self._error is None:
-                for name, values in self._conclusions:
-                    self._append(self._summary.add_metadata(name, values, self._end))
-                self._append(self._summary.encode(self._end))
+                self._file.append(self._summary.encode(self._file.size))
         except OSError as error:
             self._error = error
         try:
-            os.close(self._file)
+            self._file.close()
         except OSError as error:
             self._error = self._error or error
         self._raise_error()
@@ -251,8 +237,8 @@ class RecordingWriter:
         """Write the chunks that are handed over, and the last one when it gets old."""
         while (chunk := self._next_chunk()) is not None:
             try:
-                encoded = chunk.encode(self._end)
-                self._append(encoded.data)
+                encoded = chunk.encode(self._file.size)
+                self._file.append(encoded.data)
                 self._summary.add(chunk, encoded.index_record)
             except Exception as error:
                 with self._changed:
@@ -276,27 +262,9 @@ class RecordingWriter:
             self._changed.notify_all()
             return chunk if chunk is not None and chunk.size else None
 
-    def _append(self, data: bytes) -> None:
-        """Write all of ``data``, or nothing if that fails."""
-        view = memoryview(data)
-        try:
-            while view:
-                view = view[os.write(self._file, view) :]
-        except OSError:
-            with suppress(OSError):
-                os.ftruncate(self._file, self._end)
-            raise
-        self._end += len(data)
-
     def _raise_error(self) -> None:
         if self._error is not None:
-            raise self._failure(self._error)
-
-    def _failure(self, error: Exception) -> RecordingError:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        return RecordingError(
-            f'{reason}: {self.path} cannot be written; what it holds so far can be read'
-        )
+            raise self._file.failure(self._error)
 
 
 class _Channel:
@@ -307,22 +275,3 @@ class _Channel:
     def __init__(self, channel_id: int) -> None:
         self.id = channel_id
         self.sequence = 0
-
-
-def _created(path: Path, overwrite: bool) -> int:
-    """The descriptor of the new file."""
-    if path.parts[:1] and path.parts[0].endswith(':'):  # what a Path makes of an URL
-        raise RecordingError(f'{path}: outputs are written to files of this machine, not to URLs')
-    if path.suffix != '.mcap':
-        raise RecordingError(f'{path}: the name of a recording must end in .mcap')
-    if path.is_dir():
-        raise RecordingError(f'{path} is a folder; give the name of a file')
-    try:
-        if overwrite:
-            # Not truncated in place: someone may be reading the old file.
-            path.unlink(missing_ok=True)
-        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-    except FileExistsError:
-        raise RecordingError(f'{path} exists; choose another name or allow overwriting') from None
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mvuav_ros.simulation.runway_truth import CameraPose
-from mvuav_ros.vision.frames import Matrix, from_rpy
+from mvuav_ros.vision.frames import from_rpy, quaternion
 
 BIAS_DEG, NOISE_DEG = 0.4, 0.1
 """Standard deviations of roll and pitch each: of a flight, and from sample to sample, as small
@@ -26,12 +26,4 @@ def measured_attitude(pose: CameraPose, seed: int, stamp_ns: int) -> tuple[float
     bias = np.random.default_rng((seed, _STREAM)).normal(0.0, math.radians(BIAS_DEG), 2)
     noise = np.random.default_rng((seed, _STREAM, stamp_ns)).normal(0.0, math.radians(NOISE_DEG), 2)
     roll, pitch = pose.roll + bias[0] + noise[0], pose.pitch + bias[1] + noise[1]
-    return _quaternion(from_rpy(float(roll), float(pitch), pose.yaw))
-
-
-def _quaternion(matrix: Matrix) -> tuple[float, ...]:
-    w = 0.5 * math.sqrt(max(0.0, 1.0 + float(np.trace(matrix))))
-    x = float(matrix[2, 1] - matrix[1, 2]) / (4 * w)
-    y = float(matrix[0, 2] - matrix[2, 0]) / (4 * w)
-    z = float(matrix[1, 0] - matrix[0, 1]) / (4 * w)
-    return x, y, z, w
+    return quaternion(from_rpy(float(roll), float(pitch), pose.yaw))

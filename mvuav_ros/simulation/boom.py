@@ -44,8 +44,8 @@ class Boom:
         along = along / length
         offset = point - self.pivot
         forward = float(offset @ along)
-        aside = abs(float(offset[0] * along[1] - offset[1] * along[0]))
-        return max(forward - length, -forward, aside - self.half_width)
+        across = abs(float(offset[0] * along[1] - offset[1] * along[0]))
+        return max(forward - length, -forward, across - self.half_width)
 
     def paint(self, image: Pixels) -> None:
         """Paint it into an 8-bit image, in place."""

@@ -7,14 +7,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
+from mvuav_ros.simulation.exposure import GainSteps, HotPixels, SensorNoise, defocus
 from mvuav_ros.simulation.settings import FlightSettings
+from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.point_operations import Pixels
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first frame; fixed, because a flight must not depend on the clock."""
@@ -55,10 +59,14 @@ class Flight(ABC, Generic[TruthT]):
         camera: that takes the images.
     """
 
-    camera: PinholeCamera
-
-    def __init__(self, settings: FlightSettings) -> None:
+    def __init__(self, settings: FlightSettings, camera: PinholeCamera) -> None:
+        self.camera = camera
         self._basics = settings
+        self._sensor_noise: SensorNoise | None = None
+        self._shake = Shake(
+            VIBRATIONS[settings.shake], settings.shake_gain, self._rng(Stream.SHAKE)
+        )
+        self._gain = GainSteps(settings.gain_steps, self.duration, self._rng(Stream.GAIN))
         draws = self._rng(Stream.DROPS).random(settings.frames)
         self._kept: NDArray[np.intp] = np.flatnonzero(draws >= settings.drop_probability)
 
@@ -111,6 +119,26 @@ class Flight(ABC, Generic[TruthT]):
     @abstractmethod
     def truth_at(self, time: float) -> TruthT:
         """What is true at any time (s)."""
+
+    def _exposed(self, pixels: Pixels, time: float) -> Pixels:
+        """An image with the lens's blur and the sensor's faults; may be the same array."""
+        pixels = defocus(pixels, self._basics.blur)
+        # By the time shown, so that a camera that hangs repeats its image bit for bit.
+        self._noise(pixels.shape).add(pixels, self._rng(Stream.NOISE, round(time * 1e6)))
+        self._hot_pixels.add(pixels)
+        return pixels
+
+    def _noise(self, shape: tuple[int, ...]) -> SensorNoise:
+        if self._sensor_noise is None:
+            self._sensor_noise = SensorNoise(
+                shape, self._basics.noise, self._rng(Stream.NOISE_POOL)
+            )
+        return self._sensor_noise
+
+    @cached_property
+    def _hot_pixels(self) -> HotPixels:
+        size = self.camera.width, self.camera.height
+        return HotPixels(*size, self._basics.hot_pixels, self._rng(Stream.HOT_PIXELS))
 
     def _rng(self, stream: Stream, *index: int) -> np.random.Generator:
         return np.random.default_rng((self._basics.seed, stream, *index))

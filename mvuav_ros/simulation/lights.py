@@ -20,8 +20,8 @@ _STEPS_PER_PIXEL = 16
 
 
 @dataclass(frozen=True)
-class Spot:
-    """How one light looks: a profile that depends on the distance from its centre alone.
+class LightProfile:
+    """How one light looks, by the distance from its centre alone.
 
     The profile is what a pixel collects over its area, so it is taken at the pixels' centres;
     with edges this soft its sum over the pixels keeps the centre to a thousandth of a pixel.
@@ -51,7 +51,7 @@ class Spot:
         return self.radius + 1.5 * self.softness
 
     @cached_property
-    def profile(self) -> NDArray[np.float32]:
+    def levels(self) -> NDArray[np.float32]:
         """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px."""
         r = np.arange(self.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
         edge = (r - self.radius) / (math.sqrt(2.0) * self.softness)
@@ -64,17 +64,17 @@ class Spot:
     def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Grey levels at distances in px."""
         place = distance * _STEPS_PER_PIXEL
-        np.minimum(place, len(self.profile) - 2, out=place)
+        np.minimum(place, len(self.levels) - 2, out=place)
         left = place.astype(np.intp)
-        value = self.profile[left]
-        return value + (place - left) * (self.profile[left + 1] - value)
+        value = self.levels[left]
+        return value + (place - left) * (self.levels[left + 1] - value)
 
 
 @dataclass(frozen=True)
 class Light:
-    """A spot and where its centre is during the exposure, (n, 2) px; one row without motion."""
+    """How a light looks, and its centre's path during the exposure, (n, 2) px."""
 
-    spot: Spot
+    profile: LightProfile
     path: NDArray[np.float64]
 
 
@@ -111,7 +111,7 @@ class _Window:
     def around(cls, image: Pixels, light: Light) -> _Window | None:
         if not np.all(np.isfinite(light.path)):
             return None
-        reach = light.spot.reach + 1
+        reach = light.profile.reach + 1
         low = np.floor(light.path.min(axis=0)).astype(int) - reach
         high = np.ceil(light.path.max(axis=0)).astype(int) + reach + 1
         x0, y0 = max(int(low[0]), 0), max(int(low[1]), 0)
@@ -129,7 +129,7 @@ class _Window:
 
     def even_out(self) -> None:
         distance = self.distance(self.light.path.mean(axis=0))
-        share = np.clip((self.light.spot.core + 5.0 - distance) / 4.0, 0.0, 1.0)
+        share = np.clip((self.light.profile.core + 5.0 - distance) / 4.0, 0.0, 1.0)
         if self.part.ndim == 3:
             share = share[:, :, None]
         total = float(share.sum())
@@ -141,7 +141,7 @@ class _Window:
     def add(self, gain: float) -> None:
         light = np.zeros((len(self.rows), len(self.columns)), np.float32)
         for centre in self.light.path:
-            light += self.light.spot.at(self.distance(centre))
+            light += self.light.profile.at(self.distance(centre))
         light *= gain / len(self.light.path)
         if self.part.ndim == 3:
             light = light[:, :, None] * np.array(TINT, np.float32)

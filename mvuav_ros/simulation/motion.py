@@ -67,27 +67,22 @@ class TankerMotion:
     def __init__(
         self,
         settings: TankerSettings,
-        layout: MarkerRig,
+        rig: MarkerRig,
         duration: float,
         rng: np.random.Generator,
     ) -> None:
         self._move = _MOTIONS[settings.motion](duration, rng)
         self._roll = math.radians(settings.roll_deg)
-        self._reach = layout.reach
+        self._reach = rig.reach
         lab = settings.actual_view == 'lab'
         self._elevation = LAB_ELEVATION if lab else RECEIVER_ELEVATION
         docking = settings.motion == 'docking'
         # Seen from right behind, a turn about the origin stays in the middle of the frame.
-        aim = layout.dock if docking or not lab else (0.0, 0.0, 0.0)
+        aim = rig.dock if docking or not lab else (0.0, 0.0, 0.0)
         self._aim = read_only(np.array(aim))
-        usual = layout.reach * (LAB_DISTANCE if lab else RECEIVER_DISTANCE)
+        usual = rig.reach * (LAB_DISTANCE if lab else RECEIVER_DISTANCE)
         self._start = settings.start_distance if docking else usual
         self._end = settings.end_distance if docking else usual
-
-    @property
-    def usual_distance(self) -> float:
-        """From the camera to the body at first, m."""
-        return self._start
 
     def steady_frame(self) -> Matrix:
         """Steady optical frame from level axes (x ahead, y left, z up), (3, 3)."""

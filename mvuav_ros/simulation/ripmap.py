@@ -115,10 +115,10 @@ class Ripmap:
 
         Args:
             x: (rows, columns), m, on the ground.
-            y: the same.
+            y: (rows, columns), m.
             bins: which entry of ``along`` and ``across`` holds for a pixel.
             along: what a pixel covers along x, m, for every bin.
-            across: the same along y.
+            across: what a pixel covers along y, m, for every bin.
             scratch: three arrays of the shape of x, contiguous, to be overwritten.
 
         Returns:

@@ -8,14 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.exposure import (
-    GainSteps,
-    HotPixels,
-    SensorNoise,
-    apply_gain,
-    defocus,
-    motion_blur,
-)
+from mvuav_ros.simulation.exposure import apply_gain, motion_blur
 from mvuav_ros.simulation.flight import Flight, SimulatedFrame, Stream
 from mvuav_ros.simulation.ground import GroundPainter
 from mvuav_ros.simulation.ground_textures import load_ground
@@ -29,7 +22,6 @@ from mvuav_ros.simulation.runway_truth import (
     vanishing_point,
 )
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.vision.image import Image
 
 
@@ -42,13 +34,8 @@ class RunwayFlight(Flight[RunwayTruth]):
 
     def __init__(self, settings: RunwaySettings | None = None) -> None:
         self.settings = settings or RunwaySettings()
-        super().__init__(self.settings)
-        self.camera = self.settings.camera()
-        self._shake = Shake(
-            VIBRATIONS[self.settings.shake], self.settings.shake_gain, self._rng(Stream.SHAKE)
-        )
+        super().__init__(self.settings, self.settings.camera())
         self._path = RunwayPath(self.settings, self._rng(Stream.MOTION))
-        self._gain = GainSteps(self.settings.gain_steps, self.duration, self._rng(Stream.GAIN))
 
     def truth_at(self, time: float) -> RunwayTruth:
         """What is true at any time (s)."""
@@ -75,10 +62,7 @@ class RunwayFlight(Flight[RunwayTruth]):
         self._painter.paint(image, truth.pose)
         image = motion_blur(image, *self._smear(time))
         image = apply_gain(image, truth.gain)
-        image = defocus(image, self.settings.blur)
-        # By the time shown, so that a camera that hangs repeats its image bit for bit.
-        self._noise.add(image, self._rng(Stream.NOISE, round(time * 1e6)))
-        self._hot_pixels.add(image)
+        image = self._exposed(image, time)
         return SimulatedFrame(self.stamp_ns(index), Image(image, 'bgr8'), truth)
 
     def _smear(self, time: float) -> tuple[float, float]:
@@ -102,17 +86,3 @@ class RunwayFlight(Flight[RunwayTruth]):
     @cached_property
     def _panorama(self) -> Panorama:
         return Panorama(self.camera, self.settings.detail, self._rng(Stream.BACKGROUND))
-
-    @cached_property
-    def _noise(self) -> SensorNoise:
-        shape = (self.camera.height, self.camera.width, 3)
-        return SensorNoise(shape, self.settings.noise, self._rng(Stream.NOISE_POOL))
-
-    @cached_property
-    def _hot_pixels(self) -> HotPixels:
-        return HotPixels(
-            self.camera.width,
-            self.camera.height,
-            self.settings.hot_pixels,
-            self._rng(Stream.HOT_PIXELS),
-        )

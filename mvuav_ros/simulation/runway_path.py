@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -24,8 +23,6 @@ CAPTURE_SECONDS = 6.0
 """Time in which an approach loses 63 % of its lateral offset."""
 _GRAVITY = 9.81
 _STEP = 1e-3
-
-Curve = Callable[[float], float]
 
 
 class RunwayPath:

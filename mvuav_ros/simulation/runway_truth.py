@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.vision.frames import Matrix, Vector
+from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole
 
 NEAR = 0.1
@@ -84,21 +85,6 @@ class RunwayTruth:
     gain: float
     camera: PinholeCamera
 
-    @property
-    def heading_error(self) -> float:
-        """Rad, positive looking left of the runway's direction."""
-        return self.pose.yaw
-
-    @property
-    def lateral_offset(self) -> float:
-        """Left of the centreline positive, m."""
-        return float(self.pose.position[1])
-
-    @property
-    def height(self) -> float:
-        """Above the runway, m."""
-        return float(self.pose.position[2])
-
     def line(self, role: LineRole) -> LineTruth:
         """The line of that role."""
         return self.lines[role - 1]
@@ -128,13 +114,7 @@ def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
     size = math.hypot(a, b)
     if size == 0.0:
         return math.nan, math.nan
-    rho, theta = -c / size, math.atan2(b, a)
-    # Compared after rounding: atan2 of a tiny positive a is -pi/2 itself.
-    if theta <= -0.5 * math.pi:
-        return -rho, theta + math.pi
-    if theta > 0.5 * math.pi:
-        return -rho, theta - math.pi
-    return rho, theta
+    return NormalForm(-c / size, math.atan2(b, a)).normalised()
 
 
 def vanishing_point(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:

@@ -36,67 +36,55 @@ RUNWAY_FOV_DEG = 60.0
 class FlightSettings(ParameterSet):
     """What every synthetic flight has: the camera's images and their faults."""
 
-    width: int = parameter(640, 'Width of the images.', minimum=64, maximum=4096, unit='px')
-    height: int = parameter(480, 'Height of the images.', minimum=64, maximum=4096, unit='px')
-    fps: float = parameter(30.0, 'Frames per second.', minimum=0.1, maximum=1000.0, unit='Hz')
-    frames: int = parameter(
-        300, 'Number of frames, dropped ones included.', minimum=1, maximum=10_000_000
-    )
-    seed: int = parameter(2006, 'Of everything that looks random.', minimum=0, maximum=2**31 - 1)
+    width: int = parameter(640, 'Width of the images.', limits=(64, 4096), unit='px')
+    height: int = parameter(480, 'Height of the images.', limits=(64, 4096), unit='px')
+    fps: float = parameter(30.0, 'Frames per second.', limits=(0.1, 1000.0), unit='Hz')
+    frames: int = parameter(300, 'Number of frames, dropped ones included.', limits=(1, 10_000_000))
+    seed: int = parameter(2006, 'Of everything that looks random.', limits=(0, 2**31 - 1))
     fov_deg: float = parameter(
-        0.0, "Horizontal field of view; 0: the view's own.", minimum=0.0, maximum=150.0, unit='deg'
+        0.0, "Horizontal field of view; 0: the view's own.", limits=(0.0, 150.0), unit='deg'
     )
     shake: int = parameter(
         0,
         'Vibration of the camera, 0 (none) to 3, with the frequencies and magnitudes of the '
         "thesis's Table 5.4.",
-        minimum=0,
-        maximum=3,
+        limits=(0, 3),
         thesis='Table 5.4',
     )
-    shake_gain: float = parameter(
-        1.0, "Scales the vibration's amplitudes.", minimum=0.0, maximum=100.0
-    )
+    shake_gain: float = parameter(1.0, "Scales the vibration's amplitudes.", limits=(0.0, 100.0))
     noise: float = parameter(
         1.5,
         'Standard deviation of the noise of a pixel; 0: none.',
-        minimum=0.0,
-        maximum=40.0,
+        limits=(0.0, 40.0),
         unit='grey levels',
     )
-    blur: float = parameter(
-        0.0, 'Defocus: sigma of a Gaussian.', minimum=0.0, maximum=20.0, unit='px'
-    )
+    blur: float = parameter(0.0, 'Defocus: sigma of a Gaussian.', limits=(0.0, 20.0), unit='px')
     exposure: float = parameter(
         0.004,
         'Exposure time, over which motion blurs; 0: frozen. The stamp is its middle.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         unit='s',
     )
     gain_steps: float = parameter(
         0.0,
         'The gain jumps to another value within 1 plus or minus this, every few seconds.',
-        minimum=0.0,
-        maximum=0.5,
+        limits=(0.0, 0.5),
     )
     detail: float = parameter(
         1.0,
         'Contrast of the textures (foam, clouds, grass, fields, asphalt); at 0 the surfaces are '
         'even, so that recordings compress well.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
     )
-    hot_pixels: int = parameter(0, 'Pixels that are always white.', minimum=0, maximum=100_000)
+    hot_pixels: int = parameter(0, 'Pixels that are always white.', limits=(0, 100_000))
     drop_probability: float = parameter(
-        0.0, 'Probability that a frame is missing.', minimum=0.0, maximum=0.95
+        0.0, 'Probability that a frame is missing.', limits=(0.0, 0.95)
     )
     camera_rate: float = parameter(
         0.0,
         'The image changes only this often and then jumps, as from a cheap camera behind a '
         'faster converter; 0: every frame is new.',
-        minimum=0.0,
-        maximum=1000.0,
+        limits=(0.0, 1000.0),
         unit='Hz',
         thesis="about 10, by the thesis's camera",
     )
@@ -135,28 +123,26 @@ class TankerSettings(FlightSettings):
     encoding: str = parameter('mono8', 'Of the images.', choices=('mono8', 'bgr8'))
     layout: str = parameter('', "A body's layout file; empty: the built-in tanker_747.")
     roll_deg: float = parameter(
-        0.0, 'Constant roll added to the motion.', minimum=-360.0, maximum=360.0, unit='deg'
+        0.0, 'Constant roll added to the motion.', limits=(-360.0, 360.0), unit='deg'
     )
     start_distance: float = parameter(
         60.0,
         "Docking: distance from the tanker's dock point at first.",
-        minimum=0.1,
-        maximum=10_000.0,
+        limits=(0.1, 10_000.0),
         unit='m',
     )
     end_distance: float = parameter(
-        10.0, 'Docking: the same in the end.', minimum=0.1, maximum=10_000.0, unit='m'
+        10.0, 'Docking: that distance in the end.', limits=(0.1, 10_000.0), unit='m'
     )
     distortion: str = parameter('', "The lens's k1, k2, p1, p2[, k3]; empty: none.")
     airframe: bool = parameter(True, 'Whether the aircraft is drawn, or its lights alone.')
     light_radius: float = parameter(
-        3.5, 'Radius of a light at the usual distance.', minimum=1.0, maximum=20.0, unit='px'
+        3.5, 'Radius of a light at the usual distance.', limits=(1.0, 20.0), unit='px'
     )
     glares: int = parameter(
         0,
         "Reflections as bright and large as the markers, clear of the markers' paths.",
-        minimum=0,
-        maximum=100,
+        limits=(0, 100),
     )
     failures: str = parameter('', "When which light is out: 'left_wing@2-4, all@6-7', in seconds.")
     occlusions: str = parameter(
@@ -215,23 +201,23 @@ class RunwaySettings(FlightSettings):
         choices=RUNWAY_MOTIONS,
     )
     runway_width: float = parameter(
-        30.0, 'From edge to edge of the pavement.', minimum=6.0, maximum=60.0, unit='m'
+        30.0, 'From edge to edge of the pavement.', limits=(6.0, 60.0), unit='m'
     )
     runway_length: float = parameter(
-        1200.0, 'From end to end of the pavement.', minimum=200.0, maximum=4000.0, unit='m'
+        1200.0, 'From end to end of the pavement.', limits=(200.0, 4000.0), unit='m'
     )
     start_distance: float = parameter(
-        600.0, 'From the near end at first.', minimum=-4000.0, maximum=5000.0, unit='m'
+        600.0, 'From the near end at first.', limits=(-4000.0, 5000.0), unit='m'
     )
-    speed: float = parameter(40.0, 'Over ground.', minimum=0.0, maximum=150.0, unit='m/s')
+    speed: float = parameter(40.0, 'Over ground.', limits=(0.0, 150.0), unit='m/s')
     lateral_offset: float = parameter(
-        8.0, 'Left of the centreline at first.', minimum=-200.0, maximum=200.0, unit='m'
+        8.0, 'Left of the centreline at first.', limits=(-200.0, 200.0), unit='m'
     )
     camera_pitch_deg: float = parameter(
-        8.0, 'How far the camera looks down.', minimum=-10.0, maximum=60.0, unit='deg'
+        8.0, 'How far the camera looks down.', limits=(-10.0, 60.0), unit='deg'
     )
     visibility: float = parameter(
-        9000.0, 'Where haze has taken 63 % of the contrast.', minimum=200.0, maximum=1e6, unit='m'
+        9000.0, 'Where haze has taken 63 % of the contrast.', limits=(200.0, 1e6), unit='m'
     )
 
     def camera(self) -> PinholeCamera:

@@ -13,17 +13,10 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, tanker_mesh
 from mvuav_ros.simulation.backgrounds import Background
 from mvuav_ros.simulation.boom import Boom, place_boom
-from mvuav_ros.simulation.exposure import (
-    GainSteps,
-    HotPixels,
-    SensorNoise,
-    apply_gain,
-    defocus,
-    motion_blur,
-)
+from mvuav_ros.simulation.exposure import apply_gain, motion_blur
 from mvuav_ros.simulation.flight import Flight, SimulatedFrame, Stream
 from mvuav_ros.simulation.glare import Glares
-from mvuav_ros.simulation.lights import LARGEST_RADIUS, Light, Spot, add_lights
+from mvuav_ros.simulation.lights import LARGEST_RADIUS, Light, LightProfile, add_lights
 from mvuav_ros.simulation.mesh import paint_mesh
 from mvuav_ros.simulation.motion import BodyPose, TankerMotion
 from mvuav_ros.simulation.schedule import (
@@ -34,7 +27,6 @@ from mvuav_ros.simulation.schedule import (
     refuse_unknown,
 )
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, roll_between
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
@@ -65,11 +57,10 @@ class TankerFlight(Flight[TankerTruth]):
             settings: of the flight; the defaults if None.
 
         Raises:
-            ParameterError: the layout's file cannot be used, or a schedule names no light of it.
+            ParameterError: the rig's file cannot be used, or a schedule names no light of it.
         """
         self.settings = settings or TankerSettings()
-        super().__init__(self.settings)
-        self.camera = self.settings.camera()
+        super().__init__(self.settings, self.settings.camera())
         self.rig = _open_rig(self.settings)
         self._failures = parse_schedule(self.settings.failures)
         self._occlusions = parse_schedule(self.settings.occlusions)
@@ -78,13 +69,9 @@ class TankerFlight(Flight[TankerTruth]):
                 refuse_unknown(schedule, (*self.rig.names, ALL))
             except ScheduleError as error:
                 raise ParameterError(name, str(error)) from error
-        self._shake = Shake(
-            VIBRATIONS[self.settings.shake], self.settings.shake_gain, self._rng(Stream.SHAKE)
-        )
         self._motion = TankerMotion(
             self.settings, self.rig, self.duration, self._rng(Stream.MOTION)
         )
-        self._gain = GainSteps(self.settings.gain_steps, self.duration, self._rng(Stream.GAIN))
 
     def truth_at(self, time: float) -> TankerTruth:
         """What is true at any time (s)."""
@@ -94,7 +81,7 @@ class TankerFlight(Flight[TankerTruth]):
             self._project(self.pose(time + _STEP)) - self._project(self.pose(time - _STEP))
         ) / (2 * _STEP)
         boom = self._boom(pose, places, time)
-        radii = [spot.radius for spot in self._spots(pose)]
+        radii = [profile.radius for profile in self._profiles(pose)]
         markers = tuple(
             MarkerTruth(
                 name,
@@ -133,12 +120,7 @@ class TankerFlight(Flight[TankerTruth]):
         """Draw frame ``index``, dropped or not."""
         time = self.seen_at(index)
         truth = self.truth_at(time)
-        pixels = self._draw(truth, time)
-        pixels = defocus(pixels, self.settings.blur)
-        # By the time shown, so that a camera that hangs repeats its image bit for bit.
-        self._noise.add(pixels, self._rng(Stream.NOISE, round(time * 1e6)))
-        self._hot_pixels.add(pixels)
-        image = Image(pixels, self.settings.encoding)
+        image = Image(self._exposed(self._draw(truth, time), time), self.settings.encoding)
         return SimulatedFrame(self.stamp_ns(index), image, truth)
 
     def _draw(self, truth: TankerTruth, time: float) -> Pixels:
@@ -173,25 +155,23 @@ class TankerFlight(Flight[TankerTruth]):
             offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
             paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
         lights = [
-            Light(spot, paths[:, number])
-            for number, (name, spot) in enumerate(
-                zip(self.rig.names, self._spots(pose), strict=True)
+            Light(profile, paths[:, number])
+            for number, (name, profile) in enumerate(
+                zip(self.rig.names, self._profiles(pose), strict=True)
             )
             if not affected(self._failures, name, time)
         ]
-        spot = Spot(self.settings.light_radius)
-        return lights + [Light(spot, place[None]) for place in self._glares.places(time)]
+        profile = LightProfile(self.settings.light_radius)
+        return lights + [Light(profile, place[None]) for place in self._glares.places(time)]
 
-    def _spots(self, pose: BodyPose) -> list[Spot]:
+    def _profiles(self, pose: BodyPose) -> list[LightProfile]:
         """Larger when closer, though by the root only: the glow is the lens's."""
         depths = (self.rig.positions @ pose.rotation.T + pose.translation)[:, 2]
         usual = self._usual_depth
         radius = self.settings.light_radius
         largest = max(radius, LARGEST_RADIUS)
-        return [
-            Spot(round(min(max(radius * math.sqrt(usual / max(depth, 0.1)), 2.0), largest), 2))
-            for depth in depths
-        ]
+        radii = (radius * math.sqrt(usual / max(depth, 0.1)) for depth in depths)
+        return [LightProfile(round(min(max(seen, 2.0), largest), 2)) for seen in radii]
 
     def _project(self, pose: BodyPose) -> NDArray[np.float64]:
         return self.camera.project(self.rig.positions @ pose.rotation.T + pose.translation)
@@ -207,7 +187,7 @@ class TankerFlight(Flight[TankerTruth]):
             return None
         half = 0.5 * BOOM_WIDTH * self.camera.fx / float(points[0, 2])
         if self._occlusions:
-            half = max(half, max(spot.core for spot in self._spots(pose)) + 1.5)
+            half = max(half, max(profile.core for profile in self._profiles(pose)) + 1.5)
         lights = dict(zip(self.rig.names, places, strict=True))
         return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
 
@@ -240,21 +220,6 @@ class TankerFlight(Flight[TankerTruth]):
             self.settings.encoding == 'bgr8',
             self.settings.detail,
             self._rng(Stream.BACKGROUND),
-        )
-
-    @cached_property
-    def _noise(self) -> SensorNoise:
-        size = (self.camera.height, self.camera.width)
-        shape = size if self.settings.encoding == 'mono8' else (*size, 3)
-        return SensorNoise(shape, self.settings.noise, self._rng(Stream.NOISE_POOL))
-
-    @cached_property
-    def _hot_pixels(self) -> HotPixels:
-        return HotPixels(
-            self.camera.width,
-            self.camera.height,
-            self.settings.hot_pixels,
-            self._rng(Stream.HOT_PIXELS),
         )
 
     @cached_property

@@ -20,7 +20,7 @@ class MarkerTruth(NamedTuple):
         vx: px/s, the camera's shake included.
         vy: px/s.
         visible: it is lit, its centre is on the frame and not behind the boom.
-        whole: the same of all of its disc, so that a centroid can be right.
+        whole: all of its disc is visible, so that a centroid can be right.
     """
 
     name: str
@@ -38,7 +38,7 @@ class TankerTruth:
 
     Attributes:
         time: s since the start of the flight.
-        markers: in the layout's order.
+        markers: in the rig's order.
         roll: rad, atan2 of right wing minus left wing as projected, right wing down positive;
             NaN for a body without lights of these names.
         rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.

@@ -138,8 +138,8 @@ def _draw_houses(land: Plane, rng: np.random.Generator, wood: Plane) -> None:
     for _ in range(260):
         column, row = int(rng.integers(0, COLUMNS - 8)), int(rng.integers(0, ROWS - 8))
         x, y = ORIGIN[0] + STEP * column, ORIGIN[1] + STEP * row
-        aside = abs(x - ROAD_X - ROAD_SLOPE * y)
-        near_road = 14.0 < aside < 90.0 and abs(y) > 170.0
+        off_road = abs(x - ROAD_X - ROAD_SLOPE * y)
+        near_road = 14.0 < off_road < 90.0 and abs(y) > 170.0
         near_lane = 15.0 < abs(y - 420.0 - 60.0 * math.sin(x / 500.0)) < 60.0
         if not (near_road or near_lane) or wood[row, column] > 0.5:
             continue

@@ -22,12 +22,12 @@ class CameraModel:
 
     Attributes:
         width: of the images that it was calibrated with, px.
-        height: likewise.
+        height: of these images, px.
         k: the camera matrix, nine numbers, row-major, px.
         d: OpenCV's distortion coefficients, at most 14.
         distortion_model: ``plumb_bob``, ``rational_polynomial`` or empty.
 
-    Example:
+    Examples:
         >>> from mvuav_ros import CameraModel
         >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
         >>> camera.check(640, 480)

@@ -95,7 +95,7 @@ class Image:
     Raises:
         ImageError: the encoding is unknown, the pixels do not fit it, or there are none.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from mvuav_ros import Image
         >>> image = Image(np.full((2, 3, 3), (255, 0, 0), np.uint8), 'bgr8')
@@ -172,7 +172,7 @@ class Image:
 
         Args:
             rows: with a start and an end within the frame.
-            columns: the same.
+            columns: with a start and an end within the frame.
         """
         layout = ENCODINGS[self.encoding]
         if layout.channels == 1 and not self.is_gray:

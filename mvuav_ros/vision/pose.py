@@ -104,7 +104,7 @@ class PoseEstimator:
     the error in object space by orthogonal iteration; at the solution they agree with this one
     to within the noise.
 
-    Example:
+    Examples:
         >>> import cv2, numpy as np
         >>> from mvuav_ros import CameraModel, PoseEstimator
         >>> from mvuav_ros.vision.rig import TANKER_747

@@ -36,7 +36,7 @@ class MarkerRig:
         dock: the point that a receiver steers for, from which the distance counts.
         boom: the pivot of the refuelling boom.
 
-    Example:
+    Examples:
         >>> from mvuav_ros import MarkerRig
         >>> drone = MarkerRig(
         ...     name='drone',

@@ -56,7 +56,7 @@ class Confusion:
         names: the cycles that are exchanged.
         residual: root mean square that the best pose with the wrong names leaves, px.
         pitch_deg: of the view in which it is least.
-        yaw_deg: the same.
+        yaw_deg: of the body there.
     """
 
     names: tuple[tuple[str, ...], ...]

@@ -28,7 +28,7 @@ def test_amber(bags: Path) -> None:
             (640, 480, 'rgb8')
         }
         # metadata.yaml is that of thirteen files, of which one is there.
-        missing, unlisted = recording.losses
+        missing, unlisted = recording.errors
         assert missing.startswith('12 of the 13 files that metadata.yaml lists are missing')
         assert 'not listed in metadata.yaml, not read' in unlisted
     for path in folder.glob('*.mcap'):
@@ -41,7 +41,7 @@ def test_rerun(bags: Path) -> None:
     formats = {t.type.split('/')[-1]: t.images.formats for t in summary.topics if t.images}
     assert formats == {'Image': ['640x480 rgb8'], 'CompressedImage': ['640x480 jpeg']}
     assert len(summary.topics) == 32
-    assert summary.losses == []
+    assert summary.errors == []
 
 
 def test_ros1(bags: Path) -> None:
@@ -49,7 +49,7 @@ def test_ros1(bags: Path) -> None:
     formats = {t.name: t.images.formats for t in summary.topics if t.images}
     assert formats['/image'] == ['360x240 rgb8']
     assert formats['/compressedimage'][0].endswith('png')
-    assert summary.losses == []
+    assert summary.errors == []
 
 
 def test_bare_db3(bags: Path) -> None:
@@ -74,7 +74,7 @@ def test_malformed_images(bags: Path, name: str) -> None:
         ),
     }
     assert summary.messages == 188
-    assert summary.losses == []
+    assert summary.errors == []
 
 
 def test_a_folder_of_many_is_no_recording(bags: Path) -> None:

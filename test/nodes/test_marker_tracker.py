@@ -1,6 +1,7 @@
 """marker_tracker as a process on real DDS."""
 
 import array
+import importlib.util
 import math
 import signal
 
@@ -9,6 +10,7 @@ from geometry_msgs.msg import PointStamped, Vector3Stamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import SetBool, Trigger
+from support.coded_videos import packets
 from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from support.marker_scenes import draw, tanker_at
@@ -251,17 +253,40 @@ def test_compressed_images_in_a_namespace_under_another_name(graph):
     assert graph.diagnostics(NODE)['rejected_bad_image'] == '1'
 
 
+def test_a_camera_that_sends_h264(graph):
+    graph.start(NODE, image_transport='compressed', mode='detect_any', **KEEP_EVERYTHING)
+    markers = graph.listen(f'/{NODE}/markers', PointCloud2)
+    images = flight(0, 12)
+    messages = [
+        CompressedImage(header=image.header, format='h264', data=data)
+        for image, data in zip(images, packets('libx264', 12), strict=True)
+    ]
+    graph.publish_images(messages, topic='/image_raw/compressed')
+    graph.until(lambda: len(markers) == 12, '12 answers')
+    assert [message.header for message in markers] == [image.header for image in images]
+    assert 'rejected_bad_image' not in graph.diagnostics(NODE)
+
+
+def test_a_transport_whose_messages_are_missing_is_said(graph):
+    if importlib.util.find_spec('ffmpeg_image_transport_msgs'):
+        pytest.skip('they are installed here')
+    process = graph.spawn(NODE, image_transport='ffmpeg')
+    output, _ = process.communicate(timeout=120)
+    assert process.returncode == 2
+    assert 'apt install ros-jazzy-ffmpeg-image-transport-msgs' in output.splitlines()[-1]
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_it_cleanly(graph, number):
     process = graph.start(NODE, **KEEP_EVERYTHING)
     process.send_signal(number)
-    output, _ = process.communicate(timeout=10)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 0, output
     assert 'Traceback' not in output
 
 
 def test_a_bad_start_is_one_clear_line(graph):
     process = graph.spawn(NODE, threshold=3.5)
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 2
     assert output.strip() == 'threshold: must be 0 to 1, not 3.5'

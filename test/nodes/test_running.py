@@ -50,7 +50,7 @@ def start(name, how, *arguments, domain=None):
 
 def check_end(process, context):
     begun = time.monotonic()
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 0, (context, output)
     assert 'Traceback' not in output and 'Error' not in output, (context, output)
     assert 'Exception' not in output and 'terminate' not in output, (context, output)
@@ -102,7 +102,7 @@ def test_the_command_is_interrupted_in_one_line(tmp_path):
             time.sleep(0.001)
         time.sleep(delay)
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=20)
+        output, _ = process.communicate(timeout=120)
         assert process.returncode == 130, (delay, output)
         assert 'Traceback' not in output, (delay, output)
 
@@ -117,7 +117,7 @@ def test_the_command_is_interrupted_in_one_line(tmp_path):
 )
 def test_a_mistake_on_the_command_line_is_no_traceback(arguments, words):
     process = start('marker_tracker', 'python -m', *arguments)
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 2, output
     assert 'Traceback' not in output
     assert words in output
@@ -156,7 +156,7 @@ def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_pat
     graph.publish_images([image_message(draw(tanker_at()), 0)])
     graph.until(lambda: any('first image' in log.msg for log in logs), 'the first image')
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=10)
+    output, _ = process.communicate(timeout=120)
     lines = [line.partition('[marker_tracker]: ')[2] for line in output.strip().splitlines()]
     begin = f'mode detect, images from /image_raw, parameter files: {settings}'
     assert lines[0].removesuffix('; no /tf, as tf2_msgs is not installed') == begin

@@ -104,7 +104,7 @@ def test_one_process_gives_the_same_topics_and_answers(graph, folder):
 
 def test_a_wrong_source_ends_the_one_process_with_one_line(graph):
     process = graph.spawn('vision_process', source='/nowhere.mcap')
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 2
     assert 'no such file' in output and 'Traceback' not in output
 

@@ -159,7 +159,7 @@ def test_calibration(graph, folder, tmp_path):
 )
 def test_a_bad_start_is_one_clear_line(graph, parameters, words):
     process = graph.spawn(NODE, **parameters)
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=120)
     assert process.returncode == 2
     # FFmpeg's own words come before ours.
     assert words in output.strip().splitlines()[-1]
@@ -171,7 +171,7 @@ def test_a_missing_camera_is_waited_for(graph):
     graph.spin(2.0)
     assert process.poll() is None
     process.send_signal(2)
-    output, _ = process.communicate(timeout=10)
+    output, _ = process.communicate(timeout=120)
     assert 'camera 77 cannot be opened' in output
     assert 'trying again' in output
     assert process.returncode == 0

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mvuav_ros.offline.simulate import truth_messages
+from mvuav_ros.offline.simulate import simulated_messages
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 from mvuav_ros.recordings.sources.bag import BagImages
@@ -22,7 +22,7 @@ def bag(tmp_path_factory):
     camera = camera_model(flight.camera)
     with RecordingWriter(path) as writer:
         for frame in flight:
-            for topic, kind, data in truth_messages(frame, camera, 'camera', seed=1):
+            for topic, kind, data in simulated_messages(frame, camera, 'camera', seed=1):
                 writer.write(topic, kind, frame.stamp_ns, data)
     return path
 

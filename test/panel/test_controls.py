@@ -8,6 +8,7 @@ from mvuav_ros.panel.controls import Kind, control_of, scale_of, value_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
+MARKUP = '<img src=x onerror=alert(1)>'
 TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
     int: ParameterType.PARAMETER_INTEGER,
@@ -19,7 +20,6 @@ SPECS = [
     pytest.param(spec, id=f'{kind.__name__[:6]}.{spec.name}')
     for kind in (MarkerTrackerParameters, RunwayDetectorParameters)
     for spec in kind.specs()
-    if spec.type is not tuple  # the panel shows several numbers, and does not change them
 ]
 
 
@@ -42,13 +42,14 @@ def test_the_control_says_everything_that_the_declaration_does(spec):
     assert control.choices == spec.choices
     assert control.odd == spec.odd
     assert control.read_only == spec.read_only
-    expected = {bool: Kind.SWITCH, str: Kind.MENU if spec.choices else Kind.TEXT}
+    text = Kind.MENU if spec.choices else Kind.TEXT
+    expected = {bool: Kind.SWITCH, str: text, tuple: Kind.TEXT}
     assert control.kind is expected.get(spec.type, Kind.SLIDER)
     if control.kind is Kind.SLIDER:
         assert (control.minimum, control.maximum) == (spec.minimum, spec.maximum)
 
 
-SLIDERS = [s for s in SPECS if s.values[0].minimum is not None]
+SLIDERS = [s for s in SPECS if s.values[0].type in (int, float)]
 
 
 @pytest.mark.parametrize('spec', SLIDERS)
@@ -106,12 +107,18 @@ def test_what_is_typed_becomes_a_value_or_is_refused():
     for words in ('1.5', '', 'ten', 'inf', '1e30', None):
         with pytest.raises(ValueError):
             whole.parse(words)
+    several = control_of(described(RunwayDetectorParameters.spec('camera_mount_rpy_deg')))
+    for words in ('0, -10.5, 3', '0 -10.5 3', '[0; -10.5; 3]', value_text((0.0, -10.5, 3.0))):
+        assert several.parse(words) == (0.0, -10.5, 3.0)
+    for words in ('', 'nan, 0, 0', '1, two, 3', MARKUP):
+        with pytest.raises(ValueError):
+            several.parse(words)
 
 
 def test_other_nodes_descriptors_do_no_harm():
     bare = control_of(ParameterDescriptor(name='gain', type=ParameterType.PARAMETER_DOUBLE))
     assert (bare.kind, bare.text.description, bare.text.unit) == (Kind.NUMBER, '', '')
-    array = control_of(ParameterDescriptor(name='list', type=ParameterType.PARAMETER_DOUBLE_ARRAY))
+    array = control_of(ParameterDescriptor(name='list', type=ParameterType.PARAMETER_STRING_ARRAY))
     assert array.read_only and array.kind is Kind.TEXT
     strange = ParameterDescriptor(
         name='x', type=ParameterType.PARAMETER_STRING, description='<b>Unit: px.</b>\n Thesis: '
@@ -120,5 +127,6 @@ def test_other_nodes_descriptors_do_no_harm():
 
 
 def test_values_in_words():
-    shown = [value_text(value) for value in (True, False, 0.1 + 0.2, 15, 'track', '', None)]
-    assert shown == ['on', 'off', '0.3', '15', 'track', '(empty)', '-']
+    values = (True, False, 0.1 + 0.2, 15, 'track', '', None, (1.0, -0.5))
+    shown = [value_text(value) for value in values]
+    assert shown == ['on', 'off', '0.3', '15', 'track', '(empty)', '-', '1, -0.5']

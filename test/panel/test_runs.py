@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 from support.graph import ROOT
 
+from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.observed import replay
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.trends import grouped_options, line_options

@@ -10,6 +10,7 @@ from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.parameter_file import read_parameter_values
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
 KIND = 'marker_tracker'
 OUTSIDE = [
@@ -64,6 +65,15 @@ def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tm
     assert store.names('runway_detector') == []
     store.delete('night')
     assert store.names(KIND) == []
+
+
+def test_several_numbers_survive_a_set(tmp_path):
+    store, kind = SetStore(tmp_path), 'runway_detector'
+    values = {**RunwayDetectorParameters().as_dict(), 'camera_mount_rpy_deg': (0.0, -10.5, 3.0)}
+    path = store.save('tilted', kind, values)
+    assert store.load('tilted', kind) == values
+    read = RunwayDetectorParameters.from_mapping(read_parameter_values(path, kind))
+    assert read.camera_mount_rpy_deg == (0.0, -10.5, 3.0)
 
 
 def test_shipped_sets_come_first_and_cannot_be_overwritten_or_deleted(tmp_path):

@@ -16,8 +16,8 @@ from mvuav_ros.parameters.video_source import VideoSourceParameters
 class Sample(ParameterSet):
     """Of every kind one."""
 
-    ratio: float = parameter(0.5, 'A ratio.', minimum=0.0, maximum=1.0)
-    count: int = parameter(3, 'A count.', minimum=1, maximum=9, odd=True)
+    ratio: float = parameter(0.5, 'A ratio.', limits=(0.0, 1.0))
+    count: int = parameter(3, 'A count.', limits=(1, 9), odd=True)
     mode: str = parameter('slow', 'A mode.', choices=('slow', 'fast'))
     name: str = parameter('', 'A name.')
     on: bool = parameter(False, 'A switch.')

@@ -30,7 +30,7 @@ CUTS = 60
 
 def read(path: Path) -> tuple[list[Sample], list[str]]:
     with open_recording(path) as recording:
-        return [Sample(*message[:4]) for message in recording.messages()], recording.losses
+        return [Sample(*message[:4]) for message in recording.messages()], recording.errors
 
 
 def assert_cuts_are_survived(path: Path, ends: list[int], cut_path: Path) -> None:
@@ -45,14 +45,14 @@ def assert_cuts_are_survived(path: Path, ends: list[int], cut_path: Path) -> Non
         cut_path.write_bytes(content[:cut])
         whole = sum(end <= cut for end in ends)
         try:
-            got, losses = read(cut_path)
+            got, errors = read(cut_path)
         except RecordingError:
             assert whole == 0, f'{whole} messages are whole at {cut}'
             continue
         readable += 1
         assert got == SAMPLES[: len(got)]
         assert len(got) >= whole, f'{len(got)} of {whole} messages read at {cut}'
-        assert losses
+        assert errors
     assert readable > CUTS / 2
 
 
@@ -86,10 +86,10 @@ def test_cut_zstd_file(tmp_path: Path, storage: str) -> None:
     path = storage_file(folder)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) * 3 // 4])
-    got, losses = read(folder)
+    got, errors = read(folder)
     assert got == samples[: len(got)]
     assert len(got) > 100
-    assert 'zstd data cut off' in losses[0]
+    assert 'zstd data cut off' in errors[0]
 
 
 def test_every_kind_survives_random_damage(tmp_path: Path) -> None:
@@ -131,14 +131,14 @@ def test_corrupt_chunk_in_the_middle(tmp_path: Path, compression: str, summary: 
     content = bytearray(path.read_bytes())
     content[middle - 500] ^= 0xFF
     path.write_bytes(content)
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == kept
-    assert len(losses) == (2 if summary else 1)
-    assert 'chunk' in losses[0]
+    assert len(errors) == (2 if summary else 1)
+    assert 'chunk' in errors[0]
     if summary:  # only then do message indexes say how many there were
         lost = len(SAMPLES) - len(kept)
-        assert f'{lost} messages lost' in losses[0]
-        assert f'{lost} of {len(SAMPLES)} messages lost' in losses[1]
+        assert f'{lost} messages lost' in errors[0]
+        assert f'{lost} of {len(SAMPLES)} messages lost' in errors[1]
 
 
 def test_corrupt_chunk_of_ros1(tmp_path: Path) -> None:
@@ -149,10 +149,10 @@ def test_corrupt_chunk_of_ros1(tmp_path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[middle - 500] ^= 0xFF
     path.write_bytes(content)
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == kept
-    (loss,) = losses
-    assert f'{len(SAMPLES) - len(kept)} messages lost' in loss
+    (error,) = errors
+    assert f'{len(SAMPLES) - len(kept)} messages lost' in error
 
 
 @pytest.mark.parametrize('chunk_size', [None, 10_000])
@@ -164,9 +164,9 @@ def test_damaged_record_header(tmp_path: Path, chunk_size: int | None) -> None:
     start = ends[10]
     content[start : start + 9] = b'\0' * 9
     path.write_bytes(content)
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == (SAMPLES if chunk_size else SAMPLES[:11] + SAMPLES[12:])
-    assert 'damaged at byte' in losses[0]
+    assert 'damaged at byte' in errors[0]
 
 
 def test_power_loss_that_leaves_zeros(tmp_path: Path) -> None:
@@ -175,9 +175,9 @@ def test_power_loss_that_leaves_zeros(tmp_path: Path) -> None:
     content = path.read_bytes()
     cut = ends[20] + 100
     path.write_bytes(content[:cut] + bytes(len(content) - cut))
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == SAMPLES[: sum(end <= cut for end in ends)]
-    assert losses
+    assert errors
 
 
 def test_damaged_pages_of_a_database(tmp_path: Path) -> None:
@@ -190,9 +190,9 @@ def test_damaged_pages_of_a_database(tmp_path: Path) -> None:
     # Without its root page, SQLite finds no message; all rows are still on their own pages.
     content[(root - 1) * 4096 : root * 4096] = b'\xff' * 4096
     path.write_bytes(content)
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == SAMPLES
-    assert 'damaged' in losses[0]
+    assert 'damaged' in errors[0]
 
 
 def test_write_ahead_log_that_a_crash_left_behind(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_missing_and_damaged_metadata(tmp_path: Path) -> None:
         # Nothing is lost by it.
         assert read(folder) == (SAMPLES, [])
         with open_recording(folder) as recording:
-            assert recording.remarks == [words]
+            assert recording.warnings == [words]
         (folder / 'metadata.yaml').unlink(missing_ok=True)
 
 
@@ -231,14 +231,14 @@ def test_an_empty_last_part_does_not_hide_the_others(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / 'bag_0', SAMPLES)
     (folder / 'metadata.yaml').unlink()
     (folder / 'bag_1.mcap').write_bytes(b'')
-    got, losses = read(folder)
+    got, errors = read(folder)
     assert got == SAMPLES
-    assert any('bag_1.mcap is empty' in loss for loss in losses)
+    assert any('bag_1.mcap is empty' in error for error in errors)
 
 
 def test_undecompressable_message_among_good_ones(tmp_path: Path) -> None:
     bad = Sample(*SAMPLES[5][:3], b'\x28\xb5\x2f\xfd' + bytes(40))
     path = write_mcap(tmp_path / 'a.mcap', [*SAMPLES[:5], bad, *SAMPLES[6:]])
-    got, losses = read(path)
+    got, errors = read(path)
     assert got == [*SAMPLES[:5], *SAMPLES[6:]]
-    assert '1 message of /camera/image_raw cannot be decompressed' in losses[0]
+    assert '1 message of /camera/image_raw cannot be decompressed' in errors[0]

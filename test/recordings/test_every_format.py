@@ -45,7 +45,7 @@ def images_in(path: Path) -> int:
     assert all(isinstance(frame, Frame) for frame in frames)
     summary = summarise(path)
     assert summary.messages == len(frames)
-    assert summary.losses == []
+    assert summary.errors == []
     return len(frames)
 
 
@@ -90,7 +90,7 @@ def test_valid_empty_bags(tmp_path: Path, kind: str) -> None:
     else:
         RecordingWriter(path).close()
     summary = summarise(path)
-    assert (summary.messages, summary.losses) == (0, [])
+    assert (summary.messages, summary.errors) == (0, [])
     with pytest.raises(SourceError, match='is empty: nothing was recorded in it'):
         open_source(str(path))
 

@@ -65,7 +65,7 @@ resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
 signal.alarm(int(sys.argv[3]))
 try:
     summary = summarise(sys.argv[1])
-    said = [summary.messages, *summary.losses]
+    said = [summary.messages, *summary.errors]
 except RecordingError as error:
     said = [0, str(error)]
 grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024

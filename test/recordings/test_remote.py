@@ -2,48 +2,41 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import fsspec
 import pytest
 from support.commands import mvuav
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
+from support.s3_server import s3_bucket
 
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.remote import fetch, is_url, local_copy, remote_state
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.remote import (
+    fetch,
+    is_url,
+    local_copy,
+    local_output,
+    read_text,
+    remote_state,
+    size_at,
+    write_text,
+)
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.opening import open_source
 
-fsspec = pytest.importorskip('fsspec')
 COUNT = 12
 
 
 @pytest.fixture(scope='module')
 def s3() -> Iterator[str]:
     """A bucket on a server of this machine."""
-    server_module = pytest.importorskip('moto.server')
-    pytest.importorskip('s3fs')
-    server = server_module.ThreadedMotoServer(ip_address='127.0.0.1', port=0)
-    server.start()
-    host, port = server.get_host_and_port()
-    given = {
-        'AWS_ENDPOINT_URL': f'http://{host}:{port}',
-        'AWS_ACCESS_KEY_ID': 'test',
-        'AWS_SECRET_ACCESS_KEY': 'test',
-        'AWS_DEFAULT_REGION': 'us-east-1',
-    }
-    before = {name: os.environ.get(name) for name in given}
-    os.environ.update(given)
-    system = fsspec.filesystem('s3')
-    system.mkdir('flights')
-    yield 's3://flights'
-    for name, value in before.items():
-        os.environ.pop(name) if value is None else os.environ.update({name: value})
-    server.stop()
+    with s3_bucket('flights') as url:
+        yield url
 
 
 def test_s3(s3: str, tmp_path: Path) -> None:
@@ -65,7 +58,6 @@ def test_s3(s3: str, tmp_path: Path) -> None:
 
 
 def test_https_and_what_is_removed_afterwards(tmp_path: Path) -> None:
-    pytest.importorskip('aiohttp')
     write_mcap(tmp_path / 'a.mcap', image_samples(COUNT))
     handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
     with ThreadingHTTPServer(('127.0.0.1', 0), handler) as server:
@@ -88,3 +80,49 @@ def test_memory(tmp_path: Path) -> None:
 def test_what_is_an_url() -> None:
     assert is_url('s3://a/b.mcap') and is_url('https://a/b')
     assert not is_url('sim:tanker') and not is_url('/a/b.mcap')
+
+
+@pytest.mark.parametrize('kind', ['s3', 'memory', 'here'])
+def test_a_file_is_written_whole_or_not_at_all(s3: str, tmp_path: Path, kind: str) -> None:
+    place = {'s3': f'{s3}/new', 'memory': 'memory://new', 'here': str(tmp_path)}[kind] + '/a.txt'
+    assert (size_at(place), read_text(place)) == (None, '')
+    for text in ('first', 'and second'):
+        write_text(place, text)
+        assert (size_at(place), read_text(place)) == (len(text), text)
+    if kind == 'here':
+        return
+    with pytest.raises(ZeroDivisionError), local_output(place) as path:
+        path.write_text('half')
+        raise ZeroDivisionError
+    assert read_text(place) == 'and second'
+
+
+def test_nothing_is_written_to_a_web_server(tmp_path: Path) -> None:
+    bag = write_mcap(tmp_path / 'a.mcap', image_samples(2))
+    for command in ('replay', 'repair', 'export'):
+        run = mvuav(command, bag, '-o', 'https://127.0.0.1/a.mcap')
+        assert 'only read from' in run.error
+
+
+def test_repair_and_export_from_s3_to_s3(s3: str, tmp_path: Path) -> None:
+    damaged = write_mcap(tmp_path / 'a.mcap', image_samples(COUNT))
+    damaged.write_bytes(damaged.read_bytes()[:-200])
+    fsspec.filesystem('s3').put(str(damaged), 'flights/damaged/a.mcap')
+    options = {'a file': ('out.mcap',), 'parts': ('out', '--format', 'rosbag2')}
+    for name, *more in options.values():
+        for force in ((), ('--force',)):
+            run = mvuav(
+                'repair', f'{s3}/damaged/a.mcap', '-o', f'{s3}/damaged/{name}', *more, *force
+            )
+            assert (run.status, f'{s3}/damaged/{name}: {COUNT} messages' in run.out) == (0, True)
+        assert 'exists' in mvuav('repair', damaged, '-o', f'{s3}/damaged/{name}', *more).error
+        with local_copy(f'{s3}/damaged/{name}') as path, open_recording(path) as recording:
+            assert (len(list(recording.messages())), recording.errors) == (COUNT, [])
+    results = f'{s3}/damaged/results.mcap'
+    replayed = mvuav('replay', f'{s3}/damaged/out', '-o', results, '--nodes', 'marker_tracker')
+    assert replayed.status == 0
+    run = mvuav('export', results, '-o', f'{s3}/damaged/tables')
+    assert f'{s3}/damaged/tables/marker_tracker_markers.csv: {5 * COUNT} rows' in run.out
+    text = read_text(f'{s3}/damaged/tables/marker_tracker_markers.csv')
+    assert len(text.splitlines()) == 5 * COUNT + 1
+    assert 'exists' in mvuav('export', results, '-o', f'{s3}/damaged/tables').error

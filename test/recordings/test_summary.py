@@ -33,7 +33,7 @@ def test_rates_times_and_formats(tmp_path: Path) -> None:
     assert images.rate_hz == pytest.approx(30)
     assert images.first_stamp_ns == START_NS
     assert images.duration_s == pytest.approx(29 * STEP_NS / 1e9)
-    assert (images.gaps, images.jumps_back, summary.losses) == (0, 0, [])
+    assert (images.gaps, images.jumps_back, summary.errors) == (0, 0, [])
     assert images.images is not None
     assert images.images.formats == ['64x48 mono8']
     assert (note.count, note.rate_hz, note.images) == (1, None, None)
@@ -68,4 +68,4 @@ def test_damage_is_named(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-10_000])
     summary = summarise(path)
     assert 0 < summary.messages < 30
-    assert any('cut off' in loss for loss in summary.losses)
+    assert any('cut off' in error for error in summary.errors)

@@ -24,6 +24,11 @@ COMMAND = [sys.executable, '-m', 'mvuav_ros', 'mvuav']
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'}
 
 
+def environment() -> dict[str, str]:
+    """`ENVIRONMENT` with what fixtures have set since."""
+    return {**os.environ, **ENVIRONMENT}
+
+
 class Run(NamedTuple):
     status: int
     out: str
@@ -66,9 +71,9 @@ def mvuav_process(*arguments: Any, **options: Any) -> Run:
         [*COMMAND, *map(str, arguments)],
         capture_output=True,
         text=True,
-        env=ENVIRONMENT,
+        env=environment(),
         cwd=ROOT,
-        timeout=120,
+        timeout=600,
         **options,
     )
     assert 'Traceback' not in done.stderr
@@ -79,7 +84,7 @@ def read(path: Path) -> list[RecordedMessage]:
     """Every message of a recording that must be whole."""
     with open_recording(path) as recording:
         messages = list(recording.messages())
-        assert recording.losses == []
+        assert recording.errors == []
     return messages
 
 

@@ -2,7 +2,7 @@
 
 from typer.testing import CliRunner
 
-from mvuav_ros.cli.app import app
+from mvuav_ros.cli.app import application
 from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.sources.opening import open_source
@@ -15,7 +15,7 @@ def write_bag(path, results):
     """A flight of six frames as `mvuav simulate` writes it, with or without results."""
     flight = path.with_name('simulated.mcap')
     given = ['simulate', 'tanker', '-o', str(flight), '--frames', '6', '--noise', '0']
-    assert CliRunner().invoke(app, given).exit_code == 0
+    assert CliRunner().invoke(application(), given).exit_code == 0
     if not results:
         return flight
     processor = MarkerTrackerProcessor()

@@ -168,7 +168,7 @@ class Graph:
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
-    def until(self, condition: Callable[[], bool], what: str, timeout: float = 20.0) -> None:
+    def until(self, condition: Callable[[], bool], what: str, timeout: float = 120.0) -> None:
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:

@@ -34,7 +34,7 @@ def results(path: Path) -> tuple[list[int], list[str]]:
     """The stamps of the results, and what cannot be read."""
     with open_recording(path) as recording:
         stamps = [message.stamp_ns for message in recording.messages({MARKERS})]
-        return stamps, recording.losses
+        return stamps, recording.errors
 
 
 def start(*arguments: object) -> subprocess.Popen[str]:
@@ -121,7 +121,7 @@ def _send(process: subprocess.Popen[str], number: int, *, group: bool) -> None:
 
 
 def _complete(output: Path) -> list[int]:
-    stamps, losses = results(output)
-    assert losses == [], (output, losses)
+    stamps, errors = results(output)
+    assert errors == [], (output, errors)
     assert stamps == [stamp(number) for number in range(len(stamps))]
     return stamps

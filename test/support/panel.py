@@ -19,7 +19,7 @@ CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason='there is no chromium here')
 
 TRACKER, DETECTOR = '/marker_tracker', '/runway_detector'
-PATIENCE = 60.0
+PATIENCE = 180.0
 """Seconds; nothing takes as long, but a loaded machine may."""
 
 

@@ -21,7 +21,7 @@ def approach_cases() -> list[Case]:
     return [
         Case(
             f'approach {width}x{height}',
-            _pipeline(_flight(width, height)),
+            _detector(_flight(width, height)),
             limit_ms=limit,
             note=f'at least {1e3 / limit:.0f} frames/s',
         )
@@ -29,11 +29,11 @@ def approach_cases() -> list[Case]:
     ]
 
 
-def _pipeline(frames: list[NDArray[np.uint8]]) -> Action:
-    pipeline = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+def _detector(frames: list[NDArray[np.uint8]]) -> Action:
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
     # There and back, so that nothing jumps.
     endless = itertools.cycle([*frames, *reversed(frames)])
-    return lambda: pipeline.process(next(endless), 0)
+    return lambda: detector.process(next(endless), 0)
 
 
 def _flight(width: int, height: int) -> list[NDArray[np.uint8]]:

@@ -50,6 +50,19 @@ class Measurement(NamedTuple):
             return False
         return limit_ms is None or self.median_ms <= limit_ms
 
+    def figures(self) -> dict[str, object]:
+        """For a JSON file."""
+        return {
+            'case': self.case.name,
+            'median_ms': self.median_ms,
+            'baseline': self.case.baseline_name,
+            'baseline_ms': self.baseline_ms,
+            'ratio': self.ratio,
+            'limit_ratio': self.case.limit_ratio,
+            'limit_ms': self.case.limit_ms,
+            'within_limits': self.within_limits,
+        }
+
 
 def measure(case: Case, seconds: float = 1.0, most_pairs: int = 3000) -> Measurement:
     """Run a case and its baseline in turn for about ``seconds``, at least five times."""

@@ -5,12 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import random
-import signal
-import subprocess
-import sys
-import tempfile
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
@@ -18,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mvuav_ros.cli.processes import NodeProcess, NodeProcesses
 from mvuav_ros.recordings.sources.frame import SourceError
 
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
@@ -44,7 +39,7 @@ class LiveResult:
     Attributes:
         node: whose results these are; the stream may have had other nodes as well.
         sent: images published.
-        answered: images whose result came back to the camera.
+        processed: images whose result came back to the camera.
         latency: p50, p95 and p99 from the image's publication to the result's arrival.
         floor_taken: images that the minimal subscriber took.
         floor: its p50, p95 and p99 from publication to callback.
@@ -57,7 +52,7 @@ class LiveResult:
     case: LiveCase
     node: str
     sent: int
-    answered: int
+    processed: int
     latency: tuple[float, float, float]
     floor_taken: int
     floor: tuple[float, float, float]
@@ -82,6 +77,15 @@ class LiveResult:
     def within_limits(self) -> bool:
         """Whether the promise is kept."""
         return self.limit is None or self.ratio <= self.limit
+
+    def figures(self) -> dict[str, object]:
+        """For a JSON file."""
+        return {
+            **asdict(self),
+            'ratio': self.ratio,
+            'limit_ratio': self.limit,
+            'within_limits': self.within_limits,
+        }
 
 
 def live_cases(full: bool) -> list[LiveCase]:
@@ -114,21 +118,16 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
     Raises:
         SourceError: a process failed.
     """
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
-    settings = ['--ros-args', '-p', f'image_transport:={case.transport}']
-    with ExitStack() as running:
-
-        def start(module: str, *arguments: str) -> _Process:
-            return running.enter_context(_Process(environment, module, *arguments))
-
-        floor = start('mvuav_ros.cli.bench.live_floor', case.transport)
-        nodes = {name: start('mvuav_ros', name, *settings) for name in case.nodes}
+    settings = ('--ros-args', '-p', f'image_transport:={case.transport}')
+    with NodeProcesses() as processes:
+        floor = processes.start('mvuav_ros.cli.bench.live_floor', case.transport)
+        nodes = {name: processes.start('mvuav_ros', name, *settings) for name in case.nodes}
         orders = {**asdict(case), 'seconds': seconds, 'subscribers': len(case.nodes) + 1}
-        camera = start('mvuav_ros.cli.bench.live_camera', json.dumps(orders))
+        camera = processes.start('mvuav_ros.cli.bench.live_camera', json.dumps(orders))
         camera.wait_for('begin')
-        before = {name: process.usage() for name, process in nodes.items()}
+        before = {name: _usage(process) for name, process in nodes.items()}
         camera.wait_for('end')
-        after = {name: process.usage() for name, process in nodes.items()}
+        after = {name: _usage(process) for name, process in nodes.items()}
         answer = json.loads(camera.wait_for('{'))
         floor.interrupt()
         floor_taken = json.loads(floor.wait_for('{'))
@@ -142,7 +141,7 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
                 case=case,
                 node=name,
                 sent=sent,
-                answered=len(latencies),
+                processed=len(latencies),
                 latency=_percentiles(latencies),
                 floor_taken=len(floor_ms),
                 floor=_percentiles(floor_ms),
@@ -174,55 +173,14 @@ class _Usage(NamedTuple):
     memory: float
 
 
-class _Process:
-    """A module run as a process; interrupted at the end."""
-
-    def __init__(self, environment: dict[str, str], module: str, *arguments: str) -> None:
-        self._name = ' '.join((module, *arguments[:1]))
-        self._words = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as the process
-        self._process = subprocess.Popen(
-            [sys.executable, '-m', module, *arguments],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=self._words,
-            text=True,
-        )
-
-    def __enter__(self) -> _Process:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.interrupt()
-        try:
-            self._process.communicate(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
-        self._words.close()
-
-    def interrupt(self) -> None:
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
-
-    def wait_for(self, start: str) -> str:
-        """The next line that starts so."""
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            if line.startswith(start):
-                return line
-        self._process.wait()
-        self._words.seek(0)
-        words = ' '.join(self._words.read().split())
-        raise SourceError(f'{self._name} ended with {self._process.returncode}: {words}')
-
-    def usage(self) -> _Usage:
-        if self._process.poll() is not None:
-            self.wait_for('nothing')
-        folder = Path(f'/proc/{self._process.pid}')
-        # After the command's name in brackets, which may hold blanks.
-        fields = (folder / 'stat').read_text().rsplit(')', 1)[1].split()
-        pages = int((folder / 'statm').read_text().split()[1])
-        return _Usage(
-            (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'),
-            pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
-        )
+def _usage(process: NodeProcess) -> _Usage:
+    if failure := process.failure():
+        raise SourceError(failure)
+    folder = Path(f'/proc/{process.pid}')
+    # After the command's name in brackets, which may hold blanks.
+    fields = (folder / 'stat').read_text().rsplit(')', 1)[1].split()
+    pages = int((folder / 'statm').read_text().split()[1])
+    return _Usage(
+        (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'),
+        pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
+    )

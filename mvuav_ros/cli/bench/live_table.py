@@ -1,8 +1,6 @@
-"""The figures of ``mvuav bench live`` as a table and as JSON."""
+"""The results of ``mvuav bench live`` as a table."""
 
 from __future__ import annotations
-
-from dataclasses import asdict
 
 from rich.console import Console
 from rich.table import Table
@@ -10,7 +8,7 @@ from rich.table import Table
 from mvuav_ros.cli.bench.live import LiveResult
 
 _HEADINGS = (
-    'node', 'image', 'Hz', 'answered', 'p50', 'p95', 'p99', 'floor p50', 'p95', 'p99', 'ratio',
+    'node', 'image', 'Hz', 'processed', 'p50', 'p95', 'p99', 'floor p50', 'p95', 'p99', 'ratio',
     'decode', 'process', 'publish', 'CPU', 'MB', '',
 )  # fmt: skip
 
@@ -39,7 +37,7 @@ def _row(result: LiveResult) -> list[str]:
         f'{case.width}x{case.height} {case.encoding}'
         + (' jpeg' if case.transport == 'compressed' else ''),
         f'{case.hz:g}',
-        f'{result.answered}/{result.sent}',
+        f'{result.processed}/{result.sent}',
         *(f'{ms:.2f}' for ms in (*result.latency, *result.floor)),
         f'{result.ratio:.2f}',
         *stages,
@@ -47,13 +45,3 @@ def _row(result: LiveResult) -> list[str]:
         f'{result.memory_mb:.0f}',
         '' if result.within_limits else f'EXCEEDED {result.limit:g} x',
     ]
-
-
-def as_figures(result: LiveResult) -> dict[str, object]:
-    """One row as JSON."""
-    return {
-        **asdict(result),
-        'ratio': result.ratio,
-        'limit_ratio': result.limit,
-        'within_limits': result.within_limits,
-    }

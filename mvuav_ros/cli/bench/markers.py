@@ -160,24 +160,24 @@ def _tracked_frame(
     width: int, height: int, prediction: str = 'acceleration'
 ) -> tuple[Callable[[], object], tuple[Window, ...]]:
     """A call that tracks the next frame, and the windows of the one that came first."""
-    pipeline = MarkerTracker(MarkerTrackerParameters(mode='track', prediction=prediction))
+    tracker = MarkerTracker(MarkerTrackerParameters(mode='track', prediction=prediction))
     frames = itertools.cycle(_flight(width, height))
     stamps = itertools.count(0, 33_333_333)
 
     def run() -> object:
-        return pipeline.process(Image(next(frames), 'mono8'), next(stamps))
+        return tracker.process(Image(next(frames), 'mono8'), next(stamps))
 
     for _ in range(4):
         run()
-    result = pipeline.process(Image(next(frames), 'mono8'), next(stamps))
+    result = tracker.process(Image(next(frames), 'mono8'), next(stamps))
     assert all(marker.state is MarkerState.DETECTED for marker in result.markers)
     return run, result.windows
 
 
 def _posed_frame() -> Callable[[], object]:
-    """A call that tracks the tanker of the built-in layout and estimates its pose."""
+    """A call that tracks the tanker of the built-in rig and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
-    pipeline, poses = MarkerTracker(), PoseEstimator(TANKER_747)
+    tracker, poses = MarkerTracker(), PoseEstimator(TANKER_747)
     behind = TANKER_747.positions @ OPTICAL_FROM_BODY.T + (0.0, 5.0, 100.0)
     frames = []
     for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
@@ -189,7 +189,7 @@ def _posed_frame() -> Callable[[], object]:
 
     def run() -> object:
         stamp_ns = next(stamps)
-        markers = pipeline.process(next(endless), stamp_ns).markers
+        markers = tracker.process(next(endless), stamp_ns).markers
         pixels = np.array([(marker.x, marker.y) for marker in markers])
         return poses.estimate(camera, range(len(markers)), pixels, stamp_ns * 1e-9)
 

@@ -117,7 +117,8 @@ def _do(replay: _Replay, _report: object, stop: Any) -> int:
     if not replay.nodes:
         return _floor(replay.bag)
     settings = ReplaySettings({node: {} for node in replay.nodes})
-    job = ReplayJob(str(replay.bag), replay.bag.with_suffix('.results.mcap'), settings, True)
+    output = str(replay.bag.with_suffix('.results.mcap'))
+    job = ReplayJob(str(replay.bag), output, settings, True)
     outcome = attempt(job, lambda _: None, stop, replay.processes)
     assert outcome.processed == outcome.frames, outcome
     return outcome.processed

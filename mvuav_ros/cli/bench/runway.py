@@ -38,7 +38,7 @@ def runway_cases() -> list[Case]:
     cases = [
         Case(
             'runway 320x240 rows 50-130',
-            _pipeline(slice_frames, RunwayDetectorParameters()),
+            _detector(slice_frames, RunwayDetectorParameters()),
             'OpenCV',
             _in_turn(_opencv, slices),
             limit_ratio=1.5,
@@ -48,7 +48,7 @@ def runway_cases() -> list[Case]:
         cases.append(
             Case(
                 'runway 320x240 rows 50-130',
-                _pipeline(slice_frames, RunwayDetectorParameters()),
+                _detector(slice_frames, RunwayDetectorParameters()),
                 'scikit-image',
                 _in_turn(_scikit_image(), slices),
                 limit_ratio=0.2,
@@ -57,7 +57,7 @@ def runway_cases() -> list[Case]:
     cases.append(
         Case(
             'runway 1280x720 whole frame',
-            _pipeline(whole_frames, whole),
+            _detector(whole_frames, whole),
             'OpenCV',
             _in_turn(_opencv, wholes),
         )
@@ -65,10 +65,10 @@ def runway_cases() -> list[Case]:
     return cases
 
 
-def _pipeline(frames: list[Frame], parameters: RunwayDetectorParameters) -> Action:
-    pipeline = RunwayDetector(parameters)
+def _detector(frames: list[Frame], parameters: RunwayDetectorParameters) -> Action:
+    detector = RunwayDetector(parameters)
     endless = itertools.cycle(frames)
-    return lambda: pipeline.process(next(endless), 0)
+    return lambda: detector.process(next(endless), 0)
 
 
 def _in_turn(process: Callable[[Frame, float], object], slices: list[Frame]) -> Action:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,11 +12,12 @@ from rich.table import Table
 from mvuav_ros.cli.bench.approach import approach_cases
 from mvuav_ros.cli.bench.case import Measurement, measure
 from mvuav_ros.cli.bench.live import LiveResult, live_cases, measure_live
-from mvuav_ros.cli.bench.live_table import as_figures, print_results
+from mvuav_ros.cli.bench.live_table import print_results
 from mvuav_ros.cli.bench.markers import marker_cases
 from mvuav_ros.cli.bench.replay import replay_cases
 from mvuav_ros.cli.bench.runway import runway_cases
 from mvuav_ros.cli.bench.simulation import simulation_cases
+from mvuav_ros.cli.options import Json
 from mvuav_ros.cli.progress import frame_progress
 
 SUITES = {
@@ -42,9 +42,7 @@ def bench(
         ),
     ] = None,
     seconds: Annotated[float, typer.Option(help='Time for each case, s.', min=0.01)] = 1.0,
-    as_json: Annotated[
-        Path | None, typer.Option('--json', help='Also write the figures there.')
-    ] = None,
+    as_json: Json = None,
     check: Annotated[
         bool, typer.Option('--check', help='Exit with status 1 if a limit is exceeded.')
     ] = False,
@@ -65,7 +63,7 @@ def bench(
     if results:
         print_results(results, _console())
     if as_json is not None:
-        figures = [*map(_figures, measurements), *map(as_figures, results)]
+        figures = [m.figures() for m in measurements] + [r.figures() for r in results]
         as_json.write_text(json.dumps(figures, indent=2) + '\n')
     kept = [m.within_limits for m in measurements] + [r.within_limits for r in results]
     if check and not all(kept):
@@ -125,16 +123,3 @@ def _limit(m: Measurement) -> str:
 
 def _milliseconds(value: float | None) -> str:
     return '' if value is None else f'{value:.3f} ms'
-
-
-def _figures(m: Measurement) -> dict[str, object]:
-    return {
-        'case': m.case.name,
-        'median_ms': m.median_ms,
-        'baseline': m.case.baseline_name,
-        'baseline_ms': m.baseline_ms,
-        'ratio': m.ratio,
-        'limit_ratio': m.case.limit_ratio,
-        'limit_ms': m.case.limit_ms,
-        'within_limits': m.within_limits,
-    }

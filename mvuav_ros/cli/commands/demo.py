@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.recordings.sources.frame import SourceError
 
 
@@ -29,11 +28,9 @@ def demo(
 
     Leaves demo.mcap, annotated images and a plot of the roll.
     """
-    try:
-        from mvuav_ros.cli.demo.panel import run_panel
-        from mvuav_ros.cli.demo.run import run_demo
-    except ImportError as error:
-        raise SourceError(explain_missing_module('demo', error)) from error
+    from mvuav_ros.cli.demo.panel import run_panel
+    from mvuav_ros.cli.demo.run import run_demo
+
     if panel:
         run_panel(bags or sample_bags(), Console())
         return

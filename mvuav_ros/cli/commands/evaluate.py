@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from mvuav_ros.cli.commands.corners import corners
+from mvuav_ros.cli.options import Force, ImageTopic, takes
 from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.sources.frame import SourceError
+
+if TYPE_CHECKING:
+    from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
+
+Output = Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')]
 
 
 class _BagByDefault(TyperGroup):
@@ -37,9 +42,7 @@ evaluate.command()(corners)
 
 @evaluate.command()
 def thesis(
-    output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')] = Path(
-        'out/thesis'
-    ),
+    output: Output = Path('out/thesis'),
     seed: Annotated[
         int, typer.Option(help='Of the synthetic flights.', min=0, max=2**31 - 1)
     ] = 2006,
@@ -47,7 +50,7 @@ def thesis(
     quick: Annotated[
         bool, typer.Option('--quick', help='Rough numbers in about a minute.')
     ] = False,
-    force: Annotated[bool, typer.Option('--force', help='Overwrite a report.')] = False,
+    force: Force = False,
 ) -> None:
     """Make the tables and figures of the thesis's chapter 5 again, on synthetic flights.
 
@@ -68,69 +71,61 @@ def thesis(
     typer.echo(page)
 
 
-@evaluate.command()
-def bag(
+@dataclass(frozen=True)
+class BagOptions:
+    """The options of ``mvuav evaluate bag``."""
+
     source: Annotated[
         str,
         typer.Argument(
             metavar='INPUT', help="A bag with truth, or a flight such as 'sim:tanker?motion=roll'."
         ),
-    ],
-    output: Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')] = Path(
-        'out/evaluation'
-    ),
+    ]
+    output: Output = Path('out/evaluation')
     replayed: Annotated[
         bool,
         typer.Option('--replay', help='Run the nodes even if the bag holds their results.'),
-    ] = False,
+    ] = False
     params_file: Annotated[
         Path | None, typer.Option(help='A ROS 2 parameter file; implies --replay.')
-    ] = None,
+    ] = None
     param: Annotated[
         list[str] | None,
         typer.Option(
             help='node:name:=value; may be repeated; implies --replay.', show_default=False
         ),
-    ] = None,
-    image_topic: Annotated[
-        str | None, typer.Option(help='Image topic of a bag that has several.')
-    ] = None,
-    force: Annotated[bool, typer.Option('--force', help='Overwrite a report.')] = False,
-) -> None:
+    ] = None
+    image_topic: ImageTopic = None
+    force: Force = False
+
+
+@evaluate.command()
+@takes(BagOptions)
+def bag(options: BagOptions) -> None:
     """Compare the nodes' results in a bag with the bag's truth.
 
     Truth is /truth/markers, /truth/rpy and /truth/lines, as `mvuav simulate` writes them. Where
     the bag has no results of a node, the node runs on its images.
     """
-    try:
-        from mvuav_ros.offline.evaluation import observed as observing
-        from mvuav_ros.offline.evaluation.bag_report import bag_report
-        from mvuav_ros.offline.report.writing import write_report
-    except ImportError as error:
-        raise SourceError(explain_missing_module('evaluate', error)) from error
+    from mvuav_ros.offline.evaluation import evaluation_run as running
+    from mvuav_ros.offline.evaluation.bag_report import bag_report
+    from mvuav_ros.offline.report.writing import write_report
 
-    _refuse_to_overwrite(output, force)
-    observed = None
-    again = replayed or bool(param) or params_file is not None
-    if not again and not source.startswith('sim:'):
-        observed = observing.read_bag(Path(source).expanduser())
-        if not len(observed.truth):
-            raise RecordingError(
-                f'{source} holds no truth ({", ".join(observing.TRUTH_TOPICS)}); '
-                'mvuav simulate writes bags that do'
-            )
-        if not len(observed.results):
-            observed = None
+    _refuse_to_overwrite(options.output, options.force)
+    run = None
+    again = options.replayed or options.param or options.params_file is not None
+    if not again and not options.source.startswith('sim:'):
+        run = running.read_bag(Path(options.source).expanduser())
+        _require_truth(run)
     parameters: dict[str, dict[str, Any]] = {}
-    if observed is None:
-        parameters = _parameters(source, params_file, param or [])
-        observed = observing.replay(source, parameters, image_topic)
-    if not len(observed.truth):
-        raise SourceError(f'{source} holds no truth; mvuav simulate writes bags that do')
+    if run is None or not len(run.results):
+        parameters = _parameters(options)
+        run = running.replay(options.source, parameters, options.image_topic)
+        _require_truth(run)
     how = 'replayed by this version' if parameters else "the bag's own"
     described = {node: str(given or 'defaults') for node, given in parameters.items()}
-    report = bag_report(observed, {'results': how, **described})
-    page = write_report(report, output)
+    report = bag_report(run, {'results': how, **described})
+    page = write_report(report, options.output)
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
@@ -141,16 +136,23 @@ def bag(
 _WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'cannot be told'}
 
 
-def _parameters(
-    source: str, params_file: Path | None, assignments: list[str]
-) -> dict[str, dict[str, Any]]:
+def _parameters(options: BagOptions) -> dict[str, dict[str, Any]]:
     """The nodes that the input's truth or the user asks for, with their parameters."""
-    from mvuav_ros.offline.evaluation.observed import nodes_for
+    from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
     from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
 
+    assignments = options.param or []
     asked = [parse_assignment(assignment)[0] for assignment in assignments]
-    nodes = node_names(','.join([*nodes_for(source), *asked]))
-    return resolve_parameters(nodes, params_file, assignments)
+    nodes = node_names(','.join([*nodes_for(options.source), *asked]))
+    return resolve_parameters(nodes, options.params_file, assignments)
+
+
+def _require_truth(run: EvaluationRun) -> None:
+    if not len(run.truth):
+        raise RecordingError(
+            f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
+            'mvuav simulate writes bags that do'
+        )
 
 
 def _refuse_to_overwrite(output: Path, force: bool) -> None:

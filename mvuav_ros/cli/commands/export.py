@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from mvuav_ros.recordings.remote import local_copy
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output, size_at
 
 
 class Form(StrEnum):
@@ -22,7 +22,10 @@ class Form(StrEnum):
 def export(
     source: Annotated[str, typer.Argument(metavar='RESULTS', help='A bag of results.')],
     output: Annotated[
-        Path, typer.Option('--output', '-o', help='The folder for the files.', show_default=False)
+        str,
+        typer.Option(
+            '--output', '-o', help='The folder for the files, or its URL.', show_default=False
+        ),
     ],
     form: Annotated[
         Form, typer.Option('--format', help='tum is for poses, as evo reads them.')
@@ -31,6 +34,9 @@ def export(
     """Write markers, roll, poses and lines, one file for each topic."""
     from mvuav_ros.recordings.exporting import export as write
 
-    with local_copy(source) as path:
-        for file, rows in write(path, output, form.value).items():
-            typer.echo(f'{file}: {rows} rows')
+    if is_url(output) and size_at(output) is not None:
+        raise RecordingError(f'{output} exists; give another folder')
+    with local_copy(source) as path, local_output(output) as folder:
+        files = write(path, folder, form.value)
+    for file, rows in files.items():
+        typer.echo(f'{inside(output, file.name)}: {rows} rows')

@@ -29,7 +29,7 @@ class FrameSummary:
     duration_s: float = 0.0
     formats: list[str] = field(default_factory=list)
     unusable: int = 0
-    losses: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
 
 
 def info(
@@ -72,19 +72,19 @@ def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
         formats[f'{image.width}x{image.height} {image.encoding}'] += 1
     summary.formats = [name for name, _ in formats.most_common()]
     summary.duration_s = summary.frames / frames.rate if frames.rate else 0.0
-    summary.losses = frames.losses
+    summary.errors = frames.errors
     return summary
 
 
 def _print_recording(summary: RecordingSummary) -> None:
     typer.echo(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
     table = Table(box=None, pad_edge=False)
-    for heading in ('topic', 'type', 'count', 'Hz', 'images', 'remarks'):
+    for heading in ('topic', 'type', 'count', 'Hz', 'images', 'warnings'):
         table.add_column(heading, overflow='fold')
     for topic in summary.topics:
         images = ', '.join(topic.images.formats) if topic.images else ''
         rate = f'{topic.rate_hz:.2f}' if topic.rate_hz else '-'
-        table.add_row(topic.name, topic.type, str(topic.count), rate, images, _remarks(topic))
+        table.add_row(topic.name, topic.type, str(topic.count), rate, images, _notes(topic))
     # A pipe has no width: nothing is wrapped there.
     console = Console(markup=False, highlight=False)
     if not console.is_terminal:
@@ -92,23 +92,23 @@ def _print_recording(summary: RecordingSummary) -> None:
     console.print(table)
     for skipped in summary.skipped:
         typer.echo(f'skipped: {skipped.name} is {skipped.encoding or "of no encoding"}, not CDR')
-    for loss in summary.losses:
-        typer.echo(f'damage: {loss}')
-    for remark in summary.remarks:
-        typer.echo(f'note: {remark}')
+    for error in summary.errors:
+        typer.echo(f'damage: {error}')
+    for warning in summary.warnings:
+        typer.echo(f'note: {warning}')
 
 
-def _remarks(topic: TopicSummary) -> str:
-    remarks = []
+def _notes(topic: TopicSummary) -> str:
+    warnings = []
     if topic.gaps:
-        remarks.append(f'{topic.gaps} gaps, longest {topic.longest_gap_s:.2f} s')
+        warnings.append(f'{topic.gaps} gaps, longest {topic.longest_gap_s:.2f} s')
     if topic.jumps_back:
-        remarks.append(f'time jumps back {topic.jumps_back} times')
+        warnings.append(f'time jumps back {topic.jumps_back} times')
     if topic.images and topic.images.header_jumps_back:
-        remarks.append(f'stamps jump back {topic.images.header_jumps_back} times')
+        warnings.append(f'stamps jump back {topic.images.header_jumps_back} times')
     if topic.images and topic.images.malformed:
-        remarks.append(f'{topic.images.malformed} malformed: {topic.images.first_problem}')
-    return '; '.join(remarks)
+        warnings.append(f'{topic.images.malformed} malformed: {topic.images.first_problem}')
+    return '; '.join(warnings)
 
 
 def _print_images(summary: FrameSummary) -> None:
@@ -119,5 +119,5 @@ def _print_images(summary: FrameSummary) -> None:
     )
     if summary.unusable:
         typer.echo(f'damage: {summary.unusable} frames do not decode')
-    for loss in summary.losses:
-        typer.echo(f'damage: {loss}')
+    for error in summary.errors:
+        typer.echo(f'damage: {error}')

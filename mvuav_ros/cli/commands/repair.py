@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.recordings.remote import local_copy
-
-
-class Storage(StrEnum):
-    """What is written."""
-
-    MCAP = 'mcap'
-    ROSBAG2 = 'rosbag2'
+from mvuav_ros.cli.storage import Storage
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.remote import is_url, local_copy, local_output, size_at
 
 
 def repair(
     source: Annotated[str, typer.Argument(metavar='INPUT', help='A bag in any condition.')],
     output: Annotated[
-        Path,
-        typer.Option('--output', '-o', help='OUT.mcap, or a new folder.', show_default=False),
+        str,
+        typer.Option(
+            '--output', '-o', help='OUT.mcap, or a new folder; or an URL.', show_default=False
+        ),
     ],
     storage: Annotated[
         Storage,
@@ -37,14 +32,15 @@ def repair(
     """Write every message that can be read, of all topics, and say what could not."""
     from mvuav_ros.recordings.repairing import repair as write
 
-    split_bytes = split_mb * 1_000_000 if storage is Storage.ROSBAG2 else None
-    with local_copy(source) as path, frame_progress() as bar:
+    if is_url(output) and not force and size_at(output) is not None:
+        raise RecordingError(f'{output} exists; --force overwrites it')
+    with local_copy(source) as path, local_output(output) as target, frame_progress() as bar:
         task = bar.add_task(path.name, total=None)
         report = write(
             path,
-            output,
+            target,
             overwrite=force,
-            split_bytes=split_bytes,
+            split_bytes=storage.split_bytes(split_mb),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
     typer.echo(f'{output}: {sum(report.messages.values())} messages')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 
 import cv2
@@ -12,11 +12,44 @@ from rich.progress import Progress, TaskID
 from mvuav_ros.cli.progress import frame_progress
 from mvuav_ros.offline.replay.cluster import run_on_cluster
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
+from mvuav_ros.offline.replay.manifest import Manifest
 from mvuav_ros.offline.replay.many import run_jobs
+from mvuav_ros.offline.replay.outputs import Plan
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.process_tuning import keep_freed_memory
 
 _MOST_REASONS = 5
+
+
+def replay_all(
+    planned: Plan, processes: int, cluster: str | None, stop: Stop
+) -> list[ReplayOutcome]:
+    """Replay what is not finished yet, report each recording at its end, and keep the manifest.
+
+    Raises:
+        RecordingError: the manifest cannot be read or written.
+        SourceError: the cluster cannot be used.
+    """
+    jobs = planned.jobs
+    outcomes: list[ReplayOutcome] = []
+    manifest = None
+    if planned.folder is not None:
+        manifest = Manifest(planned.folder, jobs)
+        outcomes, jobs = manifest.begin(jobs)
+        for outcome in outcomes:
+            _report(outcome)
+    took = manifest.take if manifest else lambda _: None
+    if cluster is None and len(jobs) == 1:
+        outcomes.append(replay_one(jobs[0], processes, stop))
+        took(outcomes[-1])
+    elif jobs:
+        outcomes += replay_many(jobs, processes, cluster, stop, took)
+    if manifest is not None:
+        manifest.end()
+    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    if failed and len(planned.jobs) > 1:
+        typer.echo(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
+    return outcomes
 
 
 def replay_one(job: ReplayJob, processes: int, stop: Stop) -> ReplayOutcome:
@@ -38,9 +71,13 @@ def replay_one(job: ReplayJob, processes: int, stop: Stop) -> ReplayOutcome:
 
 
 def replay_many(
-    jobs: Sequence[ReplayJob], at_once: int, cluster: str | None, stop: Stop
+    jobs: Sequence[ReplayJob],
+    at_once: int,
+    cluster: str | None,
+    stop: Stop,
+    took: Callable[[ReplayOutcome], None],
 ) -> list[ReplayOutcome]:
-    """Replay recordings in processes or on a Dask cluster, and report each at its end.
+    """Replay recordings in processes or on a Dask cluster; report and hand on each at its end.
 
     Raises:
         SourceError: the cluster cannot be used.
@@ -61,10 +98,8 @@ def replay_many(
             if number in tasks:
                 progress.remove_task(tasks.pop(number))
             progress.update(overall, completed=len(outcomes), refresh=True)
+            took(event)
             _report(event)
-    failed = sum(bool(outcome.failure) for outcome in outcomes)
-    if failed and len(jobs) > 1:
-        typer.echo(f'mvuav: {failed} of {len(jobs)} recordings failed', err=True)
     return outcomes
 
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable
+from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from mvuav_ros.cli.options import Force, takes
 from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.simulated import FRAME_ID, camera_model, make_flight
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.simulation.flight import SimulatedFrame
@@ -29,36 +28,31 @@ simulate = typer.Typer(
 
 def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
     """A command with one option for each setting of the flight."""
+    options: list[tuple[str, Any, Any]] = [
+        ('output', Annotated[Path, typer.Option('--output', '-o', help='OUT.mcap.')], field()),
+        (
+            'size',
+            Annotated[str, typer.Option(help='WxH, instead of --width and --height.')],
+            field(default=''),
+        ),
+        ('force', Force, field(default=False)),
+    ]
+    for spec in settings.specs():
+        limits = ', '.join(filter(None, (spec.unit, spec.constraint)))
+        words = spec.description + (f' [{limits}]' if limits else '')
+        kind_of_value: Any = spec.type
+        option = Annotated[kind_of_value, typer.Option(help=words)]
+        options.append((spec.name, option, field(default=spec.default)))
 
-    def run(output: Path, size: str, force: bool, **given: Any) -> None:
+    def run(chosen: Any) -> None:
+        given = vars(chosen)
+        output, size, force = (given.pop(name) for name in ('output', 'size', 'force'))
         if size:
             given['width'], given['height'] = _parse_size(size)
         _write(kind, given, output, force)
 
-    options = [
-        ('output', Path, typer.Option('--output', '-o', help='OUT.mcap.'), inspect.Parameter.empty),
-        ('size', str, typer.Option(help='WxH, instead of --width and --height.'), ''),
-        ('force', bool, typer.Option('--force', help='Overwrite OUT.mcap.'), False),
-    ]
-    for spec in settings.specs():
-        words = ', '.join(text for text in (spec.unit, spec.constraint) if text)
-        option = typer.Option(help=f'{spec.description}{f" [{words}]" if words else ""}')
-        options.append((spec.name, spec.type, option, spec.default))
-    run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=default,
-                annotation=Annotated[annotation, option],
-            )
-            for name, annotation, option, default in options
-        ]
-    )
-    # typer reads both.
-    run.__annotations__ = {name: annotation for name, annotation, _, _ in options}
     run.__doc__ = settings.__doc__
-    return run
+    return takes(make_dataclass(f'{kind.title()}Options', options))(run)
 
 
 simulate.command('tanker')(_command('tanker', TankerSettings))
@@ -73,10 +67,8 @@ def _parse_size(text: str) -> tuple[int, int]:
 
 
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
-    try:
-        from mvuav_ros.offline.simulate import truth_messages
-    except ImportError as error:
-        raise SourceError(explain_missing_module('simulate', error)) from error
+    from mvuav_ros.offline.simulate import simulated_messages
+
     flight = make_flight(kind, given)
     if output.exists() and not force:
         raise RecordingError(f'{output} exists; --force overwrites it')
@@ -89,7 +81,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     ):
         frames: Iterable[SimulatedFrame[Any]] = flight
         for frame in progress.track(frames, total=len(flight), description=f'sim:{kind}'):
-            for topic, type_name, data in truth_messages(frame, camera, FRAME_ID, seed):
+            for topic, type_name, data in simulated_messages(frame, camera, FRAME_ID, seed):
                 writer.write(topic, type_name, frame.stamp_ns, data)
             if stop:
                 break

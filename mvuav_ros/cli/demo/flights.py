@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
+from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
@@ -23,16 +26,21 @@ class Flight:
     """A sample bag and the node that looks at it.
 
     Attributes:
-        name: the bag's name without suffix, and the namespace of its images.
+        bag: the file, whose name is the namespace of its images.
         processor: the node.
         main_topic: result topic that has one message per frame.
         make_table: from the newest message of each topic below ``~/`` what the terminal shows.
     """
 
-    name: str
+    bag: Path
     processor: type[Processor]
     main_topic: str
     make_table: Callable[[dict[str, Any]], Table]
+
+    @property
+    def name(self) -> str:
+        """The bag's, without suffix."""
+        return self.bag.stem
 
     @property
     def image_topic(self) -> str:
@@ -47,6 +55,18 @@ class Flight:
     def topic(self, suffix: str) -> str:
         """A result topic's full name."""
         return f'{self.node}/{suffix}'
+
+    def start_node(self, nodes: NodeProcesses) -> None:
+        """Start the node that looks at the bag's images."""
+        remapping = ('--ros-args', '-r', f'image_raw:={self.image_topic}')
+        nodes.start('mvuav_ros', self.processor.name, *remapping)
+
+    def start_source(self, nodes: NodeProcesses, **parameters: str) -> None:
+        """Start the node that plays the bag."""
+        arguments = ['--ros-args', '-r', f'__ns:=/{self.name}']
+        for name, value in {'source': self.bag, **parameters}.items():
+            arguments += ['-p', f'{name}:={value}']
+        nodes.start('mvuav_ros', 'video_source', *arguments)
 
 
 def marker_table(newest: dict[str, Any]) -> Table:
@@ -102,7 +122,17 @@ def _number(value: float) -> str:
     return '-' if math.isnan(value) else f'{value:.1f}'
 
 
-FLIGHTS = (
-    Flight('tanker', MarkerTrackerProcessor, 'markers', marker_table),
-    Flight('runway', RunwayDetectorProcessor, 'line_params', runway_table),
-)
+def sample_flights(bags: Path) -> list[Flight]:
+    """The flights whose bags lie in a folder.
+
+    Raises:
+        SourceError: there are none.
+    """
+    flights = [
+        Flight(bags / 'tanker.mcap', MarkerTrackerProcessor, 'markers', marker_table),
+        Flight(bags / 'runway.mcap', RunwayDetectorProcessor, 'line_params', runway_table),
+    ]
+    present = [flight for flight in flights if flight.bag.is_file()]
+    if not present:
+        raise SourceError(f'{bags}: no sample bags there')
+    return present

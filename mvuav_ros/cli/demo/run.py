@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import time
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ from rich.text import Text
 from sensor_msgs.msg import Image
 
 from mvuav_ros.cli.demo.figures import save_image, save_roll_plot
-from mvuav_ros.cli.demo.flights import FLIGHTS, Flight
-from mvuav_ros.cli.demo.processes import NodeProcesses
+from mvuav_ros.cli.demo.flights import Flight, sample_flights
 from mvuav_ros.cli.demo.recorder import Recorder
+from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -44,26 +43,22 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
     Raises:
         SourceError: a bag is missing, or a node failed.
     """
-    flights = [flight for flight in FLIGHTS if (bags / f'{flight.name}.mcap').is_file()]
-    if not flights:
-        raise SourceError(f'{bags}: no sample bags there')
+    flights = sample_flights(bags)
     out.mkdir(parents=True, exist_ok=True)
     bag = out / 'demo.mcap'
     prepare_transport()
-    # A domain of its own: other ROS systems on the network are neither heard nor disturbed.
-    domain_id = random.SystemRandom().randint(1, 100)
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=domain_id)
-    try:
-        with RecordingWriter(bag, overwrite=True) as writer, NodeProcesses(domain_id) as nodes:
+    with RecordingWriter(bag, overwrite=True) as writer, NodeProcesses() as nodes:
+        rclpy.init(context=context, domain_id=nodes.domain_id)
+        try:
             recorder = Recorder(_topics(flights), writer, context)
             for flight in flights:
-                nodes.start(flight.processor.name, ['-r', f'image_raw:={flight.image_topic}'])
-            _watch(flights, recorder, nodes, console, context, bags)
+                flight.start_node(nodes)
+            _watch(flights, recorder, nodes, console)
             _check(flights, recorder)
             recorder.destroy_node()
-    finally:
-        rclpy.try_shutdown(context=context)
+        finally:
+            rclpy.try_shutdown(context=context)
     return [bag, *_make_images(flights, bag, out)]
 
 
@@ -76,25 +71,11 @@ def _topics(flights: list[Flight]) -> dict[str, type]:
     return topics
 
 
-def _play(flight: Flight, bags: Path, nodes: NodeProcesses) -> None:
-    # The node and the recorder.
-    settings = {'source': bags / f'{flight.name}.mcap', 'wait_for_subscribers': 2}
-    arguments = ['-r', f'__ns:=/{flight.name}']
-    for name, value in settings.items():
-        arguments += ['-p', f'{name}:={value}']
-    nodes.start('video_source', arguments)
-
-
 def _watch(
-    flights: list[Flight],
-    recorder: Recorder,
-    nodes: NodeProcesses,
-    console: Console,
-    context: Any,
-    bags: Path,
+    flights: list[Flight], recorder: Recorder, nodes: NodeProcesses, console: Console
 ) -> None:
     """Play the bags once the recorder hears every node, until all is silent."""
-    executor = SingleThreadedExecutor(context=context)
+    executor = SingleThreadedExecutor(context=recorder.context)
     executor.add_node(recorder)
     end = time.monotonic() + LONGEST
     playing = False
@@ -112,7 +93,8 @@ def _watch(
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True
                 for flight in flights:
-                    _play(flight, bags, nodes)
+                    # The node and the recorder.
+                    flight.start_source(nodes, wait_for_subscribers='2')
             if reason := nodes.failure():
                 raise SourceError(reason)
             started = any(recorder.counts.values())

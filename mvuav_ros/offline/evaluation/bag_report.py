@@ -17,10 +17,10 @@ from mvuav_ros.offline.evaluation.comparison import (
     marker_errors,
     roll_errors,
 )
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
 from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.evaluation.observed import EvaluationRun
 from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, TRUTH, drawing, label, legend_below
 from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
@@ -28,34 +28,34 @@ from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
 _NAMES = [found.name.lower().replace('_', ' ') for found in TANKER_LABELS]
 
 
-def bag_report(observed: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
+def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     """Every error that results and truth allow.
 
     Args:
-        observed: one input.
+        run: one input.
         settings: shown besides version and input.
     """
-    sections = [_everything(observed)]
-    markers = marker_errors(observed)
+    sections = [_everything(run)]
+    markers = marker_errors(run)
     if markers is not None:
         sections.append(Section('Markers', (), (_marker_table(markers), _marker_figure(markers))))
-    roll = roll_errors(observed)
+    roll = roll_errors(run)
     if roll is not None:
         sections.append(Section('Roll', (), (_roll_table(roll), _roll_figure(roll))))
-    lines = line_errors(observed)
+    lines = line_errors(run)
     if lines is not None:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
-        f'Results against truth: {observed.name}',
-        tuple(f'Could not be read: {error}' for error in observed.errors),
-        {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': observed.name, **settings},
+        f'Results against truth: {run.name}',
+        tuple(f'Could not be read: {error}' for error in run.errors),
+        {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
         (),
         tuple(sections),
     )
 
 
-def _everything(observed: EvaluationRun) -> Section:
-    metrics = [metric for metric in metrics_of(observed) if not math.isnan(metric.value)]
+def _everything(run: EvaluationRun) -> Section:
+    metrics = [metric for metric in metrics_of(run) if not math.isnan(metric.value)]
     table = Table(
         'metrics',
         'All numbers',

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
+from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
-from mvuav_ros.offline.evaluation.observed import EvaluationRun, Observations, Rows
 from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
+from mvuav_ros.vision.runway.normal_form import NormalForm
 
 NEAR = 5.0
 """px; a marker within this of another light's true place, and not of its own, is a wrong name."""
@@ -66,9 +67,9 @@ class LineErrors:
         return [match for match in self.matches if match.true == true]
 
 
-def marker_errors(observed: EvaluationRun) -> MarkerErrors | None:
+def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     """Markers against truth; None where one of them is missing, or there are other lights."""
-    results, truth = observed.results.markers, observed.truth.markers
+    results, truth = run.results.markers, run.truth.markers
     stamps = [
         stamp
         for stamp in sorted(results.keys() & truth.keys())
@@ -93,9 +94,9 @@ def _wrong_names(found: Array, true: Array, state: Array) -> Array:
     return np.asarray((state == MarkerState.DETECTED) & ~(own <= NEAR) & (nearest <= NEAR))
 
 
-def roll_errors(observed: EvaluationRun) -> RollErrors | None:
+def roll_errors(run: EvaluationRun) -> RollErrors | None:
     """Roll against truth; None where one of them is missing."""
-    results, truth = observed.results.rpy, observed.truth.rpy
+    results, truth = run.results.rpy, run.truth.rpy
     stamps = sorted(results.keys() & truth.keys())
     if not stamps:
         return None
@@ -110,9 +111,9 @@ TRUE_LINES = ('left edge', 'right edge', 'centreline')
 """Of ``/truth/lines``, the rows that run along the runway."""
 
 
-def line_errors(observed: EvaluationRun) -> LineErrors | None:
+def line_errors(run: EvaluationRun) -> LineErrors | None:
     """Lines against truth; None where one of them is missing."""
-    results, truth = observed.results.lines, observed.truth.lines
+    results, truth = run.results.lines, run.truth.lines
     stamps = sorted(results.keys() & truth.keys())
     if not stamps:
         return None
@@ -123,7 +124,7 @@ def line_errors(observed: EvaluationRun) -> LineErrors | None:
         true = _true_lines(truth[stamp])
         for index, line in enumerate(true):
             visible[index] += math.isfinite(line.line.rho)
-        lines = [Line(float(row['rho']), float(row['theta'])) for row in results[stamp]]
+        lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
         found += sum(math.isfinite(line.rho) for line in lines)
         matches += match_lines(lines, true)
     return LineErrors(len(stamps), found, tuple(visible), tuple(matches), TRUE_LINES)
@@ -132,16 +133,11 @@ def line_errors(observed: EvaluationRun) -> LineErrors | None:
 def _true_lines(rows: Rows) -> list[TrueLine]:
     return [
         TrueLine(
-            Line(float(row['rho']), float(row['theta'])),
+            NormalForm(float(row['rho']), float(row['theta'])),
             (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
         )
         for row in rows[: len(TRUE_LINES)]
     ]
-
-
-def has_truth(truth: Observations) -> bool:
-    """Whether there is any."""
-    return len(truth) > 0
 
 
 def _places(rows: Rows) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +32,7 @@ TOLERANCE = Tolerance()
 WARM_UP = 24
 """Frames before the first that counts."""
 _CORNERS = ('near_left', 'near_right', 'far_right', 'far_left')
-_COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy'))
+COLUMNS = ('file', *(f'{corner}_{axis}' for corner in _CORNERS for axis in 'xy'))
 
 Point = tuple[float, float]
 
@@ -197,12 +197,10 @@ def read_corners(path: Path) -> list[LabelledFrame]:
     Raises:
         CornersError: it has other columns, no rows, or something that is no number.
     """
-    with path.open(newline='', encoding='utf-8') as file:
-        reader = csv.DictReader(file)
-        missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
-        if missing:
-            raise CornersError(f'{path}: no column {", ".join(missing)}')
-        frames = [_frame(path, number, row) for number, row in enumerate(reader, 2)]
+    frames = [
+        LabelledFrame(file, *zip(numbers[::2], numbers[1::2], strict=True))
+        for file, numbers in _read_rows(path, COLUMNS)
+    ]
     if not frames:
         raise CornersError(f'{path}: no rows')
     return frames
@@ -244,34 +242,28 @@ def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLin
     Raises:
         CornersError: a column, a frame or a number is missing.
     """
-    columns = ('file', 'row_at_centre', 'slope_deg')
-    lines = {}
-    with path.open(newline='', encoding='utf-8') as file:
-        reader = csv.DictReader(file)
-        missing = [name for name in columns if name not in (reader.fieldnames or ())]
-        if missing:
-            raise CornersError(f'{path}: no column {", ".join(missing)}')
-        for number, row in enumerate(reader, 2):
-            try:
-                slope = math.radians(float(row['slope_deg'] or ''))
-                lines[row['file']] = HorizonLine(float(row['row_at_centre'] or ''), slope)
-            except ValueError as error:
-                raise CornersError(f'{path}, line {number}: {error}') from error
+    lines = {
+        file: HorizonLine(row, math.radians(slope))
+        for file, (row, slope) in _read_rows(path, ('file', 'row_at_centre', 'slope_deg'))
+    }
     absent = [frame.file for frame in frames if frame.file not in lines]
     if absent:
         raise CornersError(f'{path}: no row of {absent[0]}')
     return [lines[frame.file] for frame in frames]
 
 
-def _frame(path: Path, number: int, row: dict[str, str | None]) -> LabelledFrame:
-    try:
-        points = [
-            (float(row[f'{corner}_x'] or ''), float(row[f'{corner}_y'] or ''))
-            for corner in _CORNERS
-        ]
-    except ValueError as error:
-        raise CornersError(f'{path}, line {number}: {error}') from error
-    return LabelledFrame(row['file'] or '', *points)
+def _read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, list[float]]]:
+    """The first column of each row as text, the others as numbers."""
+    with path.open(newline='', encoding='utf-8') as stream:
+        reader = csv.DictReader(stream)
+        missing = [name for name in columns if name not in (reader.fieldnames or ())]
+        if missing:
+            raise CornersError(f'{path}: no column {", ".join(missing)}')
+        for number, row in enumerate(reader, 2):
+            try:
+                yield row[columns[0]], [float(row[name] or '') for name in columns[1:]]
+            except ValueError as error:
+                raise CornersError(f'{path}, line {number}: {error}') from error
 
 
 def _horizontal_error(line: NormalForm, point: Point) -> float:

@@ -77,11 +77,11 @@ class NamedFlight:
     Attributes:
         scene: of the task.
         wrong: frame, marker and px from its true place, for every name on something else.
-        imagined: the same for every marker that was out of sight, yet reported as detected.
+        imagined: frame, marker and px for every marker out of sight, yet reported as detected.
         switches: how often a name went over from one light to another.
         partial: latencies, frames, from a whole marker's appearance to its name while others
             were named.
-        total: the same where no marker had been named the frame before.
+        total: latencies where no marker had been named the frame before.
         named: share of the whole markers' frames in which they were detected.
         most_predicted: largest distance of a predicted marker from its true place, px.
         roll_error: the greatest while both wings were detected, rad, modulo a turn.
@@ -117,12 +117,12 @@ def identity_task(
 
 def fly_names(task: IdentityTask) -> NamedFlight:
     """Follow a flight and hold every name against the truth."""
-    pipeline = MarkerTracker(task.parameters)
-    account = IdentityScorer()
+    tracker = MarkerTracker(task.parameters)
+    scorer = IdentityScorer()
     for frame in TankerFlight(task.flight):
-        result = pipeline.process(frame.image, frame.stamp_ns)
-        account.add(result, frame.truth.markers, frame.truth.roll)
-    return account.close(task.scene)
+        result = tracker.process(frame.image, frame.stamp_ns)
+        scorer.add(result, frame.truth.markers, frame.truth.roll)
+    return scorer.close(task.scene)
 
 
 class IdentityScorer:

@@ -65,7 +65,7 @@ class IntegrityFlight:
         waits: lengths, frames, of the times in which three or more whole markers were in sight
             and not all had names, after all had had them once.
         moved: errors of the poses told, share of the distance.
-        turned: the same, degrees.
+        turned: errors of the attitudes told, degrees.
         squares: errors squared over their covariance.
     """
 

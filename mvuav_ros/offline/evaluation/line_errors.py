@@ -6,29 +6,17 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from mvuav_ros.vision.runway.normal_form import NormalForm
+
 DISTANCE_LIMIT = 5.0
 """px; a line that passes farther off is another one."""
 THETA_LIMIT = math.radians(3.0)
 
 
-class Line(NamedTuple):
-    """x cos theta + y sin theta = rho (px, rad)."""
-
-    rho: float
-    theta: float
-
-    def point_at(self, row: float) -> tuple[float, float]:
-        """Where it crosses a row, px; not finite for a line along the rows."""
-        cos = math.cos(self.theta)
-        if abs(cos) < 1e-9:
-            return math.inf, row
-        return (self.rho - row * math.sin(self.theta)) / cos, row
-
-
 class TrueLine(NamedTuple):
     """A true line, and the point of it at which distances are taken, px."""
 
-    line: Line
+    line: NormalForm
     point: tuple[float, float]
 
 
@@ -41,12 +29,12 @@ class LineMatch(NamedTuple):
     dtheta: float
 
 
-def match_lines(found: Sequence[Line], true: Sequence[TrueLine]) -> list[LineMatch]:
+def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
     """Pair lines that are close at the true line's point and in direction, the closest first.
 
     Args:
         found: by the detector; lines with NaN match nothing.
-        true: the same.
+        true: of the runway, each with its point.
 
     Returns:
         Pairs in which each line occurs once at most.

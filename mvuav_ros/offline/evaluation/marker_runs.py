@@ -1,4 +1,4 @@
-"""The marker pipeline over a synthetic flight: what it predicted, found, and what was true."""
+"""The marker tracker over a synthetic flight: what it predicted, found, and what was true."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 @dataclass(frozen=True)
 class MarkerTask:
-    """A flight, and the parameters of each pipeline that follows it, by a name of one's own."""
+    """A flight, and the parameters of each tracker that follows it, by a name of one's own."""
 
     flight: TankerSettings
-    pipelines: Mapping[str, MarkerTrackerParameters]
+    trackers: Mapping[str, MarkerTrackerParameters]
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerRun:
-    """One pipeline's results, by frame and marker.
+    """One tracker's results, by frame and marker.
 
     Attributes:
         predicted: (n, 5, 2) px, where each marker was expected before its frame was seen; NaN
@@ -52,14 +52,14 @@ class MarkerRun:
 
 @dataclass(frozen=True, eq=False)
 class FlownMarkers:
-    """All pipelines' results on one flight, and its truth.
+    """All trackers' results on one flight, and its truth.
 
     Attributes:
         settings: of the flight.
         time: (n,) s.
         places: (n, 5, 2) px, true.
         roll: (n,) rad, true.
-        runs: by the pipeline's name.
+        runs: by the tracker's name.
     """
 
     settings: TankerSettings
@@ -87,10 +87,10 @@ def supported(kind: type[ParameterSet], values: Mapping[str, Value]) -> dict[str
 
 
 def fly_markers(task: MarkerTask) -> FlownMarkers:
-    """Draw every frame once and show it to every pipeline."""
+    """Draw every frame once and show it to every tracker."""
     flight = TankerFlight(task.flight)
     followers = {
-        name: _Follower(MarkerTracker(parameters)) for name, parameters in task.pipelines.items()
+        name: _Follower(MarkerTracker(parameters)) for name, parameters in task.trackers.items()
     }
     places, rolls = [], []
     for frame in flight:
@@ -108,17 +108,17 @@ def fly_markers(task: MarkerTask) -> FlownMarkers:
 
 
 class _Follower:
-    """Collects one pipeline's results."""
+    """Collects one tracker's results."""
 
-    def __init__(self, pipeline: MarkerTracker) -> None:
-        self._pipeline = pipeline
+    def __init__(self, tracker: MarkerTracker) -> None:
+        self._tracker = tracker
         self._predicted: list[Sequence[tuple[float, float]]] = []
         self._found: list[list[tuple[float, float]]] = []
         self._states: list[list[int]] = []
         self._rolls: list[float] = []
 
     def see(self, image: Image, stamp_ns: int) -> None:
-        result = self._pipeline.process(image, stamp_ns)
+        result = self._tracker.process(image, stamp_ns)
         # A frame that is searched whole makes no use of a prediction.
         used = result.windows and result.predictions
         self._predicted.append(result.predictions if used else [_NOWHERE] * len(result.markers))

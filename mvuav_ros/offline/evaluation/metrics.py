@@ -4,33 +4,68 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
-from mvuav_ros.offline.evaluation.metric import Metric
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.evaluation.observed import EvaluationRun, Rows
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics
 
 
-def metrics_of(observed: EvaluationRun) -> list[Metric]:
+class Metric(NamedTuple):
+    """One number; metrics of one group are drawn together, since they have one unit."""
+
+    group: str
+    name: str
+    unit: str
+    value: float
+
+    @property
+    def cell(self) -> int | float:
+        """The value; counts as whole numbers."""
+        whole = not self.unit and self.value.is_integer()
+        return int(self.value) if whole else self.value
+
+    @property
+    def column(self) -> str:
+        """Name and unit."""
+        return f'{self.name} [{self.unit}]' if self.unit else self.name
+
+
+def metric_groups(runs: Iterable[Iterable[Metric]]) -> dict[str, list[str]]:
+    """Columns by group, without those that have no number at all.
+
+    Args:
+        runs: the metrics of each.
+    """
+    groups: dict[str, list[str]] = {}
+    for metrics in runs:
+        for metric in metrics:
+            names = groups.setdefault(metric.group, [])
+            if metric.column not in names and not math.isnan(metric.value):
+                names.append(metric.column)
+    return {group: names for group, names in groups.items() if names}
+
+
+def metrics_of(run: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
     metrics = [
-        Metric('frames', 'frames', '', float(observed.frames)),
-        Metric('frames', 'frames refused', '', float(observed.rejected)),
-        Metric('time per frame', 'time per frame', 'ms', observed.milliseconds),
+        Metric('frames', 'frames', '', float(run.frames)),
+        Metric('frames', 'frames rejected', '', float(run.rejected)),
+        Metric('time per frame', 'time per frame', 'ms', run.milliseconds),
     ]
-    if observed.results.markers:
-        metrics += _marker_counts(observed.results.markers.values())
-    if observed.results.rpy:
-        rolls = np.array(list(observed.results.rpy.values()))
+    if run.results.markers:
+        metrics += _marker_counts(run.results.markers.values())
+    if run.results.rpy:
+        rolls = np.array(list(run.results.rpy.values()))
         metrics += _roll_statistics(rolls[np.isfinite(rolls)])
-    if observed.results.lines:
-        metrics += _line_statistics(observed.results.lines.values())
-    return metrics + _errors(observed)
+    if run.results.lines:
+        metrics += _line_statistics(run.results.lines.values())
+    return metrics + _errors(run)
 
 
 def _marker_counts(frames: Iterable[Rows]) -> list[Metric]:
@@ -92,9 +127,9 @@ def _line(row: np.void) -> RunwayLine:
     )
 
 
-def _errors(observed: EvaluationRun) -> list[Metric]:
+def _errors(run: EvaluationRun) -> list[Metric]:
     metrics = []
-    markers = marker_errors(observed)
+    markers = marker_errors(run)
     if markers is not None:
         for state in (MarkerState.DETECTED, MarkerState.PREDICTED):
             offset = np.where((markers.state == state)[..., None], markers.offset, np.nan)
@@ -102,11 +137,11 @@ def _errors(observed: EvaluationRun) -> list[Metric]:
             metrics.append(Metric('error of markers', name, 'px', distance_rms(offset)))
         wrong = float(np.count_nonzero(markers.wrong))
         metrics.append(Metric('wrong names', 'wrong names', '', wrong))
-    roll = roll_errors(observed)
+    roll = roll_errors(run)
     if roll is not None:
         error = math.degrees(rms(roll.error))
         metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
-    lines = line_errors(observed)
+    lines = line_errors(run)
     if lines is not None:
         share = 100.0 * len(lines.matches) / max(sum(lines.visible), 1)
         distance = rms(np.array([match.distance for match in lines.matches]))

@@ -1,4 +1,4 @@
-"""The runway pipeline over a synthetic flight, with truth."""
+"""The runway detector over a synthetic flight, with truth."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.line_errors import Line, LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.runway_truth import LineTruth, RunwayTruth
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
+from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.overlay import draw_overlay
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.statistics import RunwaySummary
@@ -30,7 +31,7 @@ class RunwayTask:
     """A flight, the parameters of each detector by name, and whose images to keep when."""
 
     flight: RunwaySettings
-    pipelines: Mapping[str, RunwayDetectorParameters]
+    detectors: Mapping[str, RunwayDetectorParameters]
     images: Sequence[int] = ()
     row: float = 90.0
 
@@ -84,7 +85,7 @@ class FlownRunway:
 def fly_runway(task: RunwayTask) -> FlownRunway:
     """Draw every frame once and show it to every detector."""
     flight = RunwayFlight(task.flight)
-    watchers = {n: _Watcher(_detector(p), task.row) for n, p in task.pipelines.items()}
+    watchers = {n: _Watcher(_make_detector(p), task.row) for n, p in task.detectors.items()}
     for index in flight.indices:
         frame = flight.frame(index)
         image = frame.image.bgr()
@@ -94,7 +95,7 @@ def fly_runway(task: RunwayTask) -> FlownRunway:
     return FlownRunway(task.flight, {name: w.run() for name, w in watchers.items()})
 
 
-def _detector(parameters: RunwayDetectorParameters) -> RunwayDetector | ApproachDetector:
+def _make_detector(parameters: RunwayDetectorParameters) -> RunwayDetector | ApproachDetector:
     if parameters.mode == 'approach':
         return ApproachDetector(parameters)
     return RunwayDetector(parameters)
@@ -103,8 +104,8 @@ def _detector(parameters: RunwayDetectorParameters) -> RunwayDetector | Approach
 class _Watcher:
     """Collects one detector's results."""
 
-    def __init__(self, pipeline: RunwayDetector | ApproachDetector, row: float) -> None:
-        self._pipeline = pipeline
+    def __init__(self, detector: RunwayDetector | ApproachDetector, row: float) -> None:
+        self._detector = detector
         self._row = row
         self._visible = [0] * len(ALONG)
         self._matches: list[LineMatch] = []
@@ -121,7 +122,7 @@ class _Watcher:
         truth: RunwayTruth,
         keep: float | None,
     ) -> None:
-        result = self._pipeline.process(image, stamp_ns)
+        result = self._detector.process(image, stamp_ns)
         lines = [truth.line(role) for role in ALONG]
         crossing = [_crosses(line, self._row) for line in lines]
         for number, crosses in enumerate(crossing):
@@ -131,13 +132,15 @@ class _Watcher:
             for line, crosses in zip(lines, crossing, strict=True)
         ]
         self._found += sum(line.found for line in result.lines)
-        found = [Line(line.rho, line.theta) for line in result.lines]
+        found = [NormalForm(line.rho, line.theta) for line in result.lines]
         matches = match_lines(found, true)
         self._matches += matches
         self._judge(result.lines, crossing, {(m.found, m.true) for m in matches})
         if keep is not None:
             segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
-            overlay = _overlay(result) if isinstance(result, RunwayResult) else _shown(image)
+            shown = draw_overlay(result) if isinstance(result, RunwayResult) else image
+            # Red first, as figures want it.
+            overlay = np.asarray(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), np.uint8)
             self._images.append(LineImage(index, keep, overlay, segments.reshape(-1, 4)))
 
     def _judge(
@@ -159,17 +162,18 @@ class _Watcher:
             self._found,
             tuple(self._right),
             tuple(self._wrong),
-            self._pipeline.statistics(),
+            self._detector.statistics(),
             tuple(self._images),
         )
 
 
-_NOWHERE = TrueLine(Line(math.nan, math.nan), (math.nan, math.nan))
+_NOWHERE = TrueLine(NormalForm(math.nan, math.nan), (math.nan, math.nan))
 
 
 def _true(truth: LineTruth, row: float) -> TrueLine:
-    line = Line(truth.rho, truth.theta)
-    return TrueLine(line, line.point_at(row))
+    """The line, with its point in a row that it crosses."""
+    column = (truth.rho - row * math.sin(truth.theta)) / math.cos(truth.theta)
+    return TrueLine(NormalForm(truth.rho, truth.theta), (column, row))
 
 
 def _crosses(line: LineTruth, row: float) -> bool:
@@ -178,12 +182,3 @@ def _crosses(line: LineTruth, row: float) -> bool:
 
 _EDGES = (0, 1)
 """Places of the left and the right edge in `ALONG` and in a result of mode approach."""
-
-
-def _shown(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
-
-
-def _overlay(result: RunwayResult) -> NDArray[np.uint8]:
-    """Red first, as figures want it."""
-    return np.asarray(cv2.cvtColor(draw_overlay(result), cv2.COLOR_BGR2RGB), np.uint8)

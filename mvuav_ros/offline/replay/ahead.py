@@ -14,15 +14,14 @@ from typing import Any, NamedTuple
 
 from mvuav_ros.offline.processes import Done, Report, Worker
 from mvuav_ros.offline.replay.frames import FrameResults, conclude, merged, process
+from mvuav_ros.offline.replay.inputs import Item
 from mvuav_ros.offline.replay.shared_buffer import SharedBuffer, Sizes
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.schemas import typestore
-from mvuav_ros.recordings.sources.bag import EncodedFrame
+from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
-
-Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 
 _SLOTS = 12
 """Frames under way at a time."""

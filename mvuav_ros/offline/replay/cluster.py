@@ -1,4 +1,4 @@
-"""Many recordings on a Dask cluster; the machines share the paths of inputs and outputs."""
+"""Many recordings on a Dask cluster, whose machines share the paths or reach the URLs."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def run_on_cluster(
     """Do the jobs on a cluster, as many at a time as its workers have threads.
 
     Args:
-        jobs: with absolute paths.
+        jobs: with absolute paths or URLs; one whose worker dies is done again by another.
         address: the scheduler's, such as ``tcp://10.0.0.1:8786``.
         interrupted: when to end early.
 

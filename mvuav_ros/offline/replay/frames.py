@@ -12,7 +12,7 @@ from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.type_name import type_name
-from mvuav_ros.recordings.sources.bag import EncodedFrame
+from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.image import ImageError
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from typing import Protocol
 
 from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.sources.bag import BagImages, EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource
+from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.writing import RELIABLE_QOS
@@ -20,90 +20,51 @@ IMAGE_TOPIC = '/image_raw'
 """Of the frames of a video or of image files."""
 
 
-class Input(Protocol):
-    """An input; ``errors`` are what cannot be read, ``warnings`` what is unusual without a loss."""
+class ReplayInput:
+    """A bag, a video, or images, or the part of it that a selection names."""
+
+    def __init__(
+        self, text: str, topic: str | None, fps: float | None, selection: Selection
+    ) -> None:
+        """Open it.
+
+        Raises:
+            SourceError: there is no such thing, or nothing in it can be read.
+        """
+        self._source = open_source(text, topic=topic, rate=fps, cameras=False)
+        self._selection = selection
+        self.name = self._source.name
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def count(self) -> int | None:
+        """Number of frames as far as it is known."""
+        if isinstance(self._source, BagImages):
+            return self._source.count
+        return self._selection.count(self._source.count, self._source.rate)
 
     @property
-    def count(self) -> int | None: ...  # noqa: D102
+    def errors(self) -> list[str]:
+        """What cannot be read, in words."""
+        return self._source.errors
 
     @property
-    def errors(self) -> list[str]: ...  # noqa: D102
+    def warnings(self) -> list[str]:
+        """What is unusual without a loss."""
+        return self._source.warnings if isinstance(self._source, BagImages) else []
 
-    @property
-    def warnings(self) -> list[str]: ...  # noqa: D102
-
-    def items(
-        self, keep: bool, camera: bool, attitude: bool = False
-    ) -> Generator[Item, None, None]:
+    def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
         """Frames, and what goes with them.
 
         Args:
             keep: the messages to be copied come as well.
-            camera: the frames have their calibrations.
-            attitude: the frames have the body's attitude.
+            camera: the frames have their calibrations, where the input is a bag.
+            attitude: the frames have the body's attitude, where the input is a bag.
         """
-        ...
-
-    def close(self) -> None: ...  # noqa: D102
-
-
-def open_input(text: str, topic: str | None, fps: float | None, selection: Selection) -> Input:
-    """Open a bag, a video, or images.
-
-    Raises:
-        SourceError: there is no such thing, or nothing in it can be read.
-    """
-    source = open_source(text, topic=topic, rate=fps, cameras=False)
-    if isinstance(source, BagImages):
-        return _Bag(source, selection)
-    return _Images(source, selection)
-
-
-class _Bag:
-    def __init__(self, bag: BagImages, selection: Selection) -> None:
-        self._bag = bag
-        self._selection = selection
-        self.name = bag.name
-
-    @property
-    def count(self) -> int | None:
-        return self._bag.count
-
-    @property
-    def errors(self) -> list[str]:
-        return self._bag.losses
-
-    @property
-    def warnings(self) -> list[str]:
-        return self._bag.remarks
-
-    def items(
-        self, keep: bool, camera: bool, attitude: bool = False
-    ) -> Generator[Item, None, None]:
-        return self._bag.items(self._selection, others=keep, camera=camera, attitude=attitude)
-
-    def close(self) -> None:
-        self._bag.close()
-
-
-class _Images:
-    def __init__(self, source: FrameSource, selection: Selection) -> None:
-        self._source = source
-        self._selection = selection
-        self.name = source.name
-        self.count = selection.count(source.count, source.rate)
-        self.warnings: list[str] = []
-
-    @property
-    def errors(self) -> list[str]:
-        return self._source.losses
-
-    def items(
-        self, keep: bool, camera: bool, attitude: bool = False
-    ) -> Generator[Item, None, None]:
+        if isinstance(self._source, BagImages):
+            yield from self._source.items(
+                self._selection, others=keep, camera=camera, attitude=attitude
+            )
+            return
         for index, frame in enumerate(self._selection.stretch(self._source.frames())):
             if keep and isinstance(frame, Frame):
                 yield _message(frame)
@@ -111,6 +72,7 @@ class _Images:
                 yield frame
 
     def close(self) -> None:
+        """Let go of it."""
         self._source.close()
 
 

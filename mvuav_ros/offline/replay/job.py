@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -13,17 +11,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import mvuav_ros
 from mvuav_ros.offline.processes import ProcessDiedError
 from mvuav_ros.offline.replay.ahead import ReplayAhead
 from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
-from mvuav_ros.offline.replay.inputs import Input, Item, open_input
-from mvuav_ros.offline.replay.records import DESCRIPTION, RESULT, State, fingerprint, state_of
+from mvuav_ros.offline.replay.inputs import Item, ReplayInput
+from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.remote import is_url, local_output, size_at
+from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.gamma import gamma_corrected
 from mvuav_ros.recordings.sources.opening import looks_like_bag
@@ -46,6 +45,8 @@ class ReplaySettings:
         keep_inputs: whether the input's messages go along.
         debug_images: whether debug images are made.
         gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
+        split_bytes: None for one mcap file; else a rosbag2 folder, and the size at which its next
+            part begins (0: never).
     """
 
     parameters: Mapping[str, Mapping[str, Any]]
@@ -55,20 +56,17 @@ class ReplaySettings:
     keep_inputs: bool = False
     debug_images: bool = False
     gamma: float = 1.0
+    split_bytes: int | None = None
 
 
 @dataclass(frozen=True)
 class ReplayJob:
-    """One recording, and where its results go.
-
-    ``resume`` says that a finished output is left as it is, and an unfinished one done again.
-    """
+    """One recording, and where its results go: paths or URLs."""
 
     source: str
-    output: Path
+    output: str
     settings: ReplaySettings
     overwrite: bool = False
-    resume: bool = False
 
 
 @dataclass
@@ -77,7 +75,7 @@ class ReplayOutcome:
 
     Attributes:
         source: the recording.
-        output: the file written.
+        output: what was written.
         frames: read, unusable ones included.
         processed: by every node.
         rejected: number of frames without a result, by reason.
@@ -89,7 +87,7 @@ class ReplayOutcome:
     """
 
     source: str
-    output: Path
+    output: str
     frames: int = 0
     processed: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
@@ -114,7 +112,6 @@ class ReplayOutcome:
 
 
 _MOST_REASONS = 100
-_RESULT_FIELDS = ('frames', 'processed', 'rejected', 'errors', 'warnings')
 
 
 class JobProgress(NamedTuple):
@@ -125,6 +122,7 @@ class JobProgress(NamedTuple):
     total: int | None
 
 
+Writer = RecordingWriter | Rosbag2Writer
 Progress = Callable[[JobProgress], None]
 Replaying = Callable[[Iterable[Item]], Iterator[FrameResults | RecordedMessage]]
 
@@ -132,10 +130,7 @@ Replaying = Callable[[Iterable[Item]], Iterator[FrameResults | RecordedMessage]]
 def run_job(
     job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: Stop, processes: int = 1
 ) -> None:
-    """Replay a recording.
-
-    Interrupted, the output is a complete file, though not a finished one in the sense of
-    `state_of`.
+    """Replay a recording; interrupted, the output is complete up to there.
 
     Args:
         job: what to replay, and where to.
@@ -149,16 +144,10 @@ def run_job(
         RecordingError: the output cannot be written.
         ParameterError: a parameter is not valid.
     """
-    _refuse_own_input(job)
-    description = _description(job)
-    state, result = state_of(job.output, description)
-    if job.resume and state is State.FINISHED and not job.overwrite:
-        outcome.done_before = True
-        vars(outcome).update(result)
-        return
-    redo = job.overwrite or (job.resume and state is State.UNFINISHED)
-    if state is not State.ABSENT and not redo:
-        raise RecordingError(_exists(job))
+    if is_own_input(job):
+        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
+    if not job.overwrite and size_at(job.output) is not None:
+        raise RecordingError(f'{job.output} exists; --force overwrites it')
     settings = job.settings
     processors = make_processors(settings.parameters)
     # The processes first: they are forked, which is right only before the input has threads.
@@ -167,19 +156,17 @@ def run_job(
             outcome.interrupted = True
             return
         progress(JobProgress(source.name, 0, source.count))
-        with RecordingWriter(job.output, redo, {DESCRIPTION: description}) as writer:
-            camera = any(processor.uses_camera_info for processor in processors)
-            attitude = any(processor.awaits_attitude for processor in processors)
-            items = source.items(settings.keep_inputs, camera, attitude)
-            items = gamma_corrected(items, settings.gamma)
-            with closing(items):
+        with _writing(job) as writer:
+            items = source.items(
+                keep=settings.keep_inputs,
+                camera=any(processor.uses_camera_info for processor in processors),
+                attitude=any(processor.awaits_attitude for processor in processors),
+            )
+            with closing(gamma_corrected(items, settings.gamma)) as items:
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)
-            if not outcome.interrupted:
-                if outcome.processed == 0:
-                    raise SourceError(f'{job.source}: not a single frame could be used')
-                result = {name: getattr(outcome, name) for name in _RESULT_FIELDS}
-                writer.conclude(RESULT, {'json': json.dumps(result)})
+            if not outcome.interrupted and outcome.processed == 0:
+                raise SourceError(f'{job.source}: not a single frame could be used')
 
 
 def attempt(job: ReplayJob, progress: Progress, stop: Stop, processes: int = 1) -> ReplayOutcome:
@@ -207,14 +194,22 @@ def _replaying(
 
 
 @contextmanager
-def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
+def _writing(job: ReplayJob) -> Iterator[Writer]:
+    metadata = {DESCRIPTION: description(job.source, job.settings)}
+    with (
+        local_output(job.output) as path,
+        open_writer(path, job.settings.split_bytes, job.overwrite, metadata) as writer,
+    ):
+        yield writer
+
+
+@contextmanager
+def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
-    settings = job.settings
-
-    def open_it() -> Input:
-        return open_input(job.source, settings.image_topic, settings.fps, settings.selection)
-
-    source = stop.unless_requested(open_it)
+    given = job.settings
+    source = stop.unless_requested(
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection)
+    )
     try:
         yield source
     finally:
@@ -225,7 +220,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[Input | None]:
 def _write(
     steps: Iterator[FrameResults | RecordedMessage],
     output: _Output,
-    source: Input,
+    source: ReplayInput,
     progress: Progress,
     stop: Stop,
 ) -> None:
@@ -250,7 +245,7 @@ def _write(
 class _Output:
     """Writes results, and copies of the input's messages except onto the results' own topics."""
 
-    def __init__(self, job: ReplayJob, writer: RecordingWriter, outcome: ReplayOutcome) -> None:
+    def __init__(self, job: ReplayJob, writer: Writer, outcome: ReplayOutcome) -> None:
         self.outcome = outcome
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
         self._writer = writer
@@ -274,29 +269,13 @@ class _Output:
             self._writer.copy(step)
 
 
-def _description(job: ReplayJob) -> dict[str, str]:
-    settings = dataclasses.asdict(job.settings)
-    return {
-        'version': mvuav_ros.__version__,
-        **fingerprint(job.source),
-        'settings': json.dumps(settings, sort_keys=True),
-    }
-
-
-def _exists(job: ReplayJob) -> str:
-    if job.resume:
-        return (
-            f'{job.output} exists, but was not made from this input by this version with these '
-            'parameters; --force overwrites it'
-        )
-    return f'{job.output} exists; --force overwrites it'
-
-
-def _refuse_own_input(job: ReplayJob) -> None:
-    source = Path(job.source).expanduser()
-    output = job.output.resolve()
-    own = source.exists() and output == source.resolve()
-    if source.is_dir() and looks_like_bag(source):
-        own = own or output.parent == source.resolve()
-    if own or (source.is_file() and output.exists() and output.samefile(source)):
-        raise RecordingError(f'{job.output} is (in) the input itself; give another output')
+def is_own_input(job: ReplayJob) -> bool:
+    """Whether the output is the input, or a file among those of the input."""
+    source, output = Path(job.source).expanduser(), Path(job.output)
+    if is_url(job.output):
+        return job.source == job.output
+    if source.exists() and output.resolve() == source.resolve():
+        return True
+    if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
+        return True
+    return source.is_file() and output.exists() and output.samefile(source)

@@ -4,28 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.remote import is_url
+from mvuav_ros.recordings.remote import inside, is_url
 from mvuav_ros.recordings.sources.simulated import PREFIX
 
 _SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
 
 
+class Plan(NamedTuple):
+    """A job for each recording; ``folder`` is that of a batch's outputs, None for a single one."""
+
+    jobs: list[ReplayJob]
+    folder: str | None
+
+
 def plan(
     sources: Sequence[str],
-    output: Path,
+    output: str,
     settings: ReplaySettings,
     *,
     overwrite: bool = False,
     absolute: bool = False,
-) -> list[ReplayJob]:
-    """One job for each recording.
+) -> Plan:
+    """Say where the results of each recording go.
 
     Args:
         sources: what the user names.
-        output: a file's name that ends in .mcap or, needed for several, a folder.
+        output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
+            folder. A single recording's results as a rosbag2 folder are that folder.
         settings: what is done with each of them.
         overwrite: whether outputs that exist are replaced.
         absolute: whether the paths are to hold in other processes.
@@ -34,49 +43,41 @@ def plan(
         RecordingError: the output does not fit, or two recordings have the same name.
         OSError: the folder cannot be made.
     """
-    if output.parts[:1] and output.parts[0].endswith(':'):  # what a Path makes of an URL
-        raise RecordingError(f'{output}: outputs are written to files of this machine, not to URLs')
-    if len(sources) == 1 and output.suffix == '.mcap':
-        return [_job(sources[0], output, settings, overwrite, False, absolute)]
-    if output.suffix and not output.is_dir():
+    if absolute:
+        output = output if is_url(output) else str(Path(output).absolute())
+        sources = [_absolute(source) for source in sources]
+    is_folder = settings.split_bytes is not None
+    if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
+        return Plan([ReplayJob(sources[0], output, settings, overwrite)], None)
+    if Path(output).suffix and not Path(output).is_dir():
         raise RecordingError(
             f'{output}: the name of a recording must end in .mcap'
             if len(sources) == 1
             else f'{output}: several inputs need a folder as output'
         )
-    targets: dict[Path, str] = {}
+    targets: dict[str, str] = {}
     for source in sources:
-        target = output / f'{_name(source)}.mcap'
+        target = inside(output, _name(source) + ('' if is_folder else '.mcap'))
         if target in targets:
             raise RecordingError(
                 f'{targets[target]} and {source} would both become {target}; '
                 'replay them into folders of their own'
             )
         targets[target] = source
-    output.mkdir(parents=True, exist_ok=True)
-    return [
-        _job(source, target, settings, overwrite, True, absolute)
-        for target, source in targets.items()
-    ]
+    if not is_url(output):
+        Path(output).mkdir(parents=True, exist_ok=True)
+    jobs = [ReplayJob(source, target, settings, overwrite) for target, source in targets.items()]
+    return Plan(jobs, output)
 
 
-def _job(
-    source: str,
-    output: Path,
-    settings: ReplaySettings,
-    overwrite: bool,
-    resume: bool,
-    absolute: bool,
-) -> ReplayJob:
-    if absolute:
-        output = output.absolute()
-        if not source.startswith(PREFIX) and not is_url(source):
-            source = str(Path(source).expanduser().absolute())
-    return ReplayJob(source, output, settings, overwrite, resume)
+def _absolute(source: str) -> str:
+    if source.startswith(PREFIX) or is_url(source):
+        return source
+    return str(Path(source).expanduser().absolute())
 
 
 def _name(source: str) -> str:
-    path = Path(source).expanduser()
+    path = Path(source.split('?')[0] if is_url(source) else source).expanduser()
     if path.name == 'metadata.yaml':
         path = path.parent
     name = path.absolute().name

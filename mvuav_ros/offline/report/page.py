@@ -24,7 +24,7 @@ _CSS = """
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink);
   font: 16px/1.55 system-ui, "Segoe UI", "Noto Sans", "DejaVu Sans", sans-serif; }
-main { max-width: 1080px; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
+main { max-width: 1290px; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
 h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 .75rem; }
 h2 { font-size: 1.4rem; margin: 3rem 0 .75rem; padding-top: .9rem;
   border-top: 2px solid var(--accent); }
@@ -34,8 +34,8 @@ p { margin: .5rem 0; max-width: 76ch; }
 nav { margin: 1.25rem 0 0; font-size: .95rem; }
 nav a { color: var(--accent); text-decoration: none; margin-right: 1.2em; white-space: nowrap; }
 figure, .table { margin: 1.75rem 0 2.25rem; }
-figure img { display: block; width: 100%; height: auto; background: #fff; border-radius: 6px;
-  border: 1px solid var(--line); padding: .5rem; }
+figure img { display: block; width: 100%; max-width: 1040px; height: auto;
+  background: #fff; border-radius: 6px;  border: 1px solid var(--line); padding: .5rem; }
 figcaption, .note { color: var(--soft); font-size: .88rem; margin-top: .45rem; max-width: 92ch; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; min-width: 45%;
@@ -59,11 +59,15 @@ ol.worse li { margin: .15rem 0; }
 .yes { color: var(--good); font-weight: 600; white-space: nowrap; }
 .no { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
-@media (max-width: 600px) { main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
-  th, td { padding: .28rem .45rem; } td.whole { white-space: normal; }
+@media screen and (max-width: 600px) {
+  main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
+  th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
+  .claims td.word { min-width: 0; } .claims span { white-space: normal; }
+  figure img { width: 720px; max-width: none; }
   nav a { display: inline-block; padding: .2rem 0; } }
 footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
 @page { size: A4; margin: 16mm 14mm; }
+@page wide { size: A4 landscape; }
 @media print {
   body { font-size: 10pt; }
   main { max-width: none; padding: 0; }
@@ -74,8 +78,9 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
   .scroll { overflow: visible; }
   table { font-size: 8pt; min-width: 0; }
   th, td { padding: .15rem .38rem; }
-  .wide table { font-size: 5.6pt; }
-  .wide th, .wide td { padding: .1rem .16rem; }
+  .wide { page: wide; }
+  .wide table { font-size: 7.5pt; }
+  figcaption, .note, ol.worse { font-size: 8pt; max-width: none; }
   thead { display: table-header-group; }
   tr { break-inside: avoid; }
   figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
@@ -86,6 +91,7 @@ _SHORT = 22
 """Tables with at most so many rows are kept on one printed page."""
 _WIDE = 9
 """Tables with more columns are set smaller."""
+_SCROLL = '<div class="scroll" tabindex="0">'
 _WHOLE = 26
 """Texts of at most so many characters are not broken into lines."""
 
@@ -96,7 +102,7 @@ def render_page(report: Report) -> str:
     sections = [('summary', 'Summary')] if report.claims or cells else []
     sections += [(_anchor(s.title), s.title) for s in report.sections]
     sections.append(('settings', 'Settings'))
-    links = ''.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
+    links = ' '.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
     body = [
         f'<h1>{escape(report.title)}</h1>',
         *(f'<p class="lead">{escape(text)}</p>' for text in report.lead),
@@ -147,7 +153,7 @@ def _claims(claims: tuple[Claim, ...]) -> str:
         f'<th class="word">{text}</th>' for text in ('statement', 'thesis, or limit', 'here', '')
     )
     return (
-        '<div class="table short"><div class="scroll"><table>'
+        f'<div class="table short claims">{_SCROLL}<table>'
         f'<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></div>'
     )
 
@@ -196,7 +202,7 @@ def _table(table: Table) -> str:
     short += ' wide' if len(table.columns) > _WIDE else ''
     return (
         f'<div class="table{short}" id="{escape(table.key)}"><h3>{escape(table.title)}</h3>'
-        f'<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
+        f'{_SCROLL}<table><thead><tr>{heads}</tr></thead>'
         f'<tbody>{"".join(rows)}</tbody></table></div>{_notes(table.notes)}</div>'
     )
 
@@ -230,8 +236,8 @@ def _figure(figure: Figure) -> str:
     data = base64.b64encode(figure.png).decode('ascii')
     return (
         f'<figure id="{escape(figure.key)}"><h3>{escape(figure.title)}</h3>'
-        f'<img alt="{escape(figure.alt or figure.title)}" src="data:image/png;base64,{data}">'
-        f'{_notes(figure.notes, "figcaption")}</figure>'
+        f'{_SCROLL}<img alt="{escape(figure.alt or figure.title)}" '
+        f'src="data:image/png;base64,{data}"></div>{_notes(figure.notes, "figcaption")}</figure>'
     )
 
 
@@ -250,7 +256,7 @@ def _settings(report: Report) -> str:
     )
     return (
         '<h2 id="settings">Settings</h2><p>What made this page; the same settings make the same '
-        'numbers, apart from times.</p><div class="table"><div class="scroll"><table>'
+        f'numbers, apart from times.</p><div class="table">{_SCROLL}<table>'
         f'<tbody>{rows}</tbody></table></div></div>'
     )
 

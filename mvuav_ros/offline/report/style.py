@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -78,6 +78,29 @@ def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
         # Without the drawing library's advertisement, the same data give the same bytes.
         canvas.figure.savefig(buffer, dpi=_DPI, format='png', metadata={'Software': None})
         canvas.png = buffer.getvalue()
+
+
+@contextmanager
+def quartet(
+    titles: Sequence[str],
+    height: float,
+    x: str,
+    y: str,
+    *,
+    sharey: bool = True,
+    columns: int = 6,
+) -> Iterator[tuple[Canvas, list[Axes]]]:
+    """Two rows of two panels with their titles, axis labels outside, and one legend below."""
+    with drawing(9.6, height) as canvas:
+        grid = canvas.figure.subplots(2, 2, sharex=True, sharey=sharey)
+        for axes, title in zip(grid.flat, titles, strict=True):
+            label(axes, title)
+        yield canvas, list(grid.flat)
+        for axes in grid[-1]:
+            axes.set_xlabel(x)
+        for axes in grid[:, 0]:
+            axes.set_ylabel(y)
+        legend_below(canvas.figure, *grid.flat, columns=columns)
 
 
 def label(axes: Axes, title: str = '', x: str = '', y: str = '') -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import mvuav_ros
-from mvuav_ros.offline.evaluation.metric import metric_groups
+from mvuav_ros.offline.evaluation.metrics import metric_groups
 from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below
 from mvuav_ros.offline.sweep.run import Axis as SweepAxis
@@ -31,27 +31,10 @@ def sweep_table(results: Sequence[RunResult], axes: Sequence[SweepAxis]) -> Tabl
     rows: list[tuple[Cell, ...]] = []
     for result in results:
         values = {metric.column: metric.cell for metric in result.metrics}
-        rows.append(
-            (
-                result.run.number,
-                result.run.source,
-                *(_cell(value) for value in result.run.values),
-                *(values.get(column) for column in columns),
-                result.error or None,
-            )
-        )
-    return Table(
-        'sweep',
-        'Runs',
-        (
-            Column('run'),
-            Column('input'),
-            *(Column(axis.title) for axis in axes),
-            *(Column(column) for column in columns),
-            Column('error'),
-        ),
-        tuple(rows),
-    )
+        measured = (values.get(column) for column in columns)
+        rows.append((*_run_cells(result), *measured, result.error or None))
+    headings = (*_run_columns(axes), *map(Column, columns), Column('error'))
+    return Table('sweep', 'Runs', headings, tuple(rows))
 
 
 def sweep_report(
@@ -90,18 +73,19 @@ def sweep_report(
     )
 
 
+def _run_columns(axes: Sequence[SweepAxis]) -> tuple[Column, ...]:
+    """What tells runs apart."""
+    return (Column('run'), Column('input'), *(Column(axis.title) for axis in axes))
+
+
+def _run_cells(result: RunResult) -> tuple[Cell, ...]:
+    run = result.run
+    return (run.number, run.source, *map(_cell, run.values))
+
+
 def _key_table(results: Sequence[RunResult], axes: Sequence[SweepAxis]) -> Table:
-    rows = tuple(
-        (r.run.number, r.run.source, *(_cell(v) for v in r.run.values), r.error or 'ok')
-        for r in results
-    )
-    columns = (
-        Column('run'),
-        Column('input'),
-        *(Column(axis.title) for axis in axes),
-        Column('state'),
-    )
-    return Table('runs', 'What was run', columns, rows)
+    rows = tuple((*_run_cells(result), result.error or 'ok') for result in results)
+    return Table('runs', 'What was run', (*_run_columns(axes), Column('state')), rows)
 
 
 def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
@@ -132,25 +116,6 @@ def _column(heading: str) -> Column:
 
 def _metric_cell(result: RunResult, column: str) -> Cell:
     return next((m.cell for m in result.metrics if m.column == column), None)
-
-
-def trend_image(
-    results: Sequence[RunResult], arrangement: str, group: str, ticks: Sequence[str]
-) -> Figure:
-    """The trends of some runs in one figure.
-
-    Args:
-        results: in the order of the runs.
-        arrangement: ``single``, ``subplots`` or ``grouped``.
-        group: of metrics, where not all are drawn.
-        ticks: a name for each run.
-    """
-    groups = _groups(results)
-    if arrangement == 'subplots':
-        return _subplots(results, groups, ticks)
-    if arrangement == 'grouped':
-        return _grouped(results, {group: groups[group]}, ())[0]
-    return _single(results, group, groups[group], ticks)
 
 
 def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mvuav_ros.offline.evaluation.metric import Metric
-from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.observed import replay
+from mvuav_ros.offline.evaluation.evaluation_run import replay
+from mvuav_ros.offline.evaluation.metrics import Metric, metrics_of
+from mvuav_ros.offline.node_parameters import PROCESSING_NODES
 from mvuav_ros.offline.processes import Done
 from mvuav_ros.offline.replay.cluster import connect
 from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 from mvuav_ros.parameters.parameter_file import parse_assignment
-from mvuav_ros.processing.registry import PROCESSORS
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ def parse_axis(text: str) -> Axis:
         )
     assignments = [parse_assignment(f'{target}:={part}') for part in parts]
     node, name, _ = assignments[0]
-    if node not in PROCESSORS:
-        raise ParameterError(text, f'there are {", ".join(PROCESSORS)}')
-    spec = PROCESSORS[node].parameters_type.spec(name)
+    if node not in PROCESSING_NODES:
+        raise ParameterError(text, f'there are {", ".join(PROCESSING_NODES)}')
+    spec = NODE_PARAMETERS[node].spec(name)
     return Axis(node, name, tuple(spec.convert(value) for _, _, value in assignments))
 
 

@@ -13,19 +13,17 @@ from mvuav_ros.offline.evaluation.identity_runs import (
     SCENES,
     IdentityTask,
     NamedFlight,
-    fly_names,
     identity_task,
 )
-from mvuav_ros.offline.evaluation.integrity_runs import fly_integrity
+from mvuav_ros.offline.evaluation.integrity_runs import IntegrityFlight
 from mvuav_ros.offline.evaluation.numbers import rms
-from mvuav_ros.offline.evaluation.pose_runs import FlownPoses, PoseTask, fly_poses
+from mvuav_ros.offline.evaluation.pose_runs import FlownPoses, PoseTask
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis.integrity import (
     integrity_claims,
     integrity_table,
-    integrity_tasks,
 )
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan
+from mvuav_ros.offline.thesis.plan import Plan
 
 EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
 """m; the pose is told between each two."""
@@ -53,11 +51,10 @@ def pose_tasks(plan: Plan) -> list[PoseTask]:
     ]
 
 
-def beyond_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
-    """Fly the scenes and the approaches, and hold names and poses against the truth."""
-    names = runner.all_of(fly_names, identity_tasks(runner.plan))
-    doubts = runner.all_of(fly_integrity, integrity_tasks(runner.plan))
-    poses = runner.all_of(fly_poses, pose_tasks(runner.plan))
+def beyond_section(
+    names: Sequence[NamedFlight], doubts: Sequence[IntegrityFlight], poses: Sequence[FlownPoses]
+) -> tuple[Section, list[Claim]]:
+    """Hold names and poses against the truth."""
     section = Section(
         'Beyond the thesis: names and pose',
         (

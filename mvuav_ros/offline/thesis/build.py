@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import cv2
 
 import mvuav_ros
+from mvuav_ros.offline.evaluation.identity_runs import fly_names
+from mvuav_ros.offline.evaluation.integrity_runs import fly_integrity
+from mvuav_ros.offline.evaluation.marker_runs import fly_markers
+from mvuav_ros.offline.evaluation.pose_runs import fly_poses
+from mvuav_ros.offline.evaluation.runway_runs import fly_runway
 from mvuav_ros.offline.report.comparison import EQUAL_SHARE
-from mvuav_ros.offline.report.model import Cell, Claim, Report, Section
+from mvuav_ros.offline.report.model import Cell, Report
+from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.offline.thesis.beyond import (
     beyond_section,
     identity_tasks,
@@ -22,12 +29,11 @@ from mvuav_ros.offline.thesis.beyond import (
 from mvuav_ros.offline.thesis.integrity import integrity_tasks
 from mvuav_ros.offline.thesis.plan import (
     PROGRAM,
-    ExperimentRunner,
     Plan,
     thesis_detector,
     tracker,
 )
-from mvuav_ros.offline.thesis.predictions import path_tasks, predictions_section
+from mvuav_ros.offline.thesis.predictions import fly_paths, path_tasks, predictions_section
 from mvuav_ros.offline.thesis.roll_cells import noise_tasks, roll_tasks
 from mvuav_ros.offline.thesis.runway import runway_section, runway_tasks
 from mvuav_ros.offline.thesis.times import times_section
@@ -38,25 +44,37 @@ from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
-Chapter = Callable[[ExperimentRunner], tuple[Section, list[Claim]]]
-CHAPTERS: dict[str, Chapter] = {
-    'times': times_section,
-    'tracking': tracking_section,
-    'predictions': predictions_section,
-    'vibration': vibration_section,
-    'runway': runway_section,
-    'beyond': beyond_section,
+FLIGHTS: dict[str, tuple[Callable[[Any], Any], Callable[[Plan], Sequence[Any]]]] = {
+    'runway': (fly_runway, runway_tasks),
+    'names': (fly_names, identity_tasks),
+    'trials': (fly_markers, tracking_tasks),
+    'integrity': (fly_integrity, integrity_tasks),
+    'poses': (fly_poses, pose_tasks),
+    'paths': (fly_paths, path_tasks),
+    'rolls': (fly_markers, lambda plan: [*roll_tasks(plan), *noise_tasks(plan)]),
 }
-"""In order of the thesis, then what goes beyond it; the times come first, while nothing else
-runs."""
+"""Work and tasks of everything that is flown; what takes longest comes first, so that no process
+is left alone with it."""
 
 
 def steps_of(plan: Plan) -> int:
-    """How often a runner's ``advance`` is called."""
-    flights = len(tracking_tasks(plan)) + len(runway_tasks(plan))
-    flights += len(roll_tasks(plan)) + len(noise_tasks(plan))
-    beyond = len(identity_tasks(plan)) + len(integrity_tasks(plan)) + len(pose_tasks(plan))
-    return 2 + flights + len(path_tasks(plan)) + beyond
+    """How often ``advance`` is called."""
+    return 1 + sum(len(tasks_of(plan)) for _, tasks_of in FLIGHTS.values())
+
+
+def fly_all(plan: Plan, advance: Callable[[], None]) -> dict[str, list[Any]]:
+    """What was flown, by the names of `FLIGHTS`, in the order of the tasks."""
+    tasks = [(name, task) for name, (_, tasks_of) in FLIGHTS.items() for task in tasks_of(plan)]
+    flown = all_of(_fly, tasks, plan.jobs, advance)
+    return {
+        name: [result for result, (kind, _) in zip(flown, tasks, strict=True) if kind == name]
+        for name in FLIGHTS
+    }
+
+
+def _fly(task: tuple[str, Any]) -> Any:
+    name, given = task
+    return FLIGHTS[name][0](given)
 
 
 def build_report(
@@ -69,13 +87,18 @@ def build_report(
         advance: called `steps_of` times.
         command: that was typed; kept among the settings.
     """
-    runner = ExperimentRunner(plan, advance)
-    sections: list[Section] = []
-    claims: list[Claim] = []
-    for chapter in CHAPTERS.values():
-        section, said = chapter(runner)
-        sections.append(section)
-        claims += said
+    # The times first, while nothing else runs.
+    times = times_section(plan)
+    advance()
+    flown = fly_all(plan, advance)
+    chapters = (
+        times,
+        tracking_section(plan, flown['trials']),
+        predictions_section(plan, flown['paths']),
+        vibration_section(plan, flown['rolls']),
+        runway_section(plan, flown['runway']),
+        beyond_section(flown['names'], flown['integrity'], flown['poses']),
+    )
     return Report(
         "The thesis's experiments, with truth",
         (
@@ -90,8 +113,8 @@ def build_report(
             'the simulator. All numbers here were measured when this page was made.',
         ),
         settings(plan, command),
-        tuple(claims),
-        tuple(sections),
+        tuple(claim for _, claims in chapters for claim in claims),
+        tuple(section for section, _ in chapters),
     )
 
 

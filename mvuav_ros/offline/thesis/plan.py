@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 from mvuav_ros.offline.evaluation import integrity_runs
 from mvuav_ros.offline.evaluation.identity_runs import SCENES
 from mvuav_ros.offline.evaluation.marker_runs import supported
 from mvuav_ros.offline.report.comparison import SHIPPED
-from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import PREDICTIONS, MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-
-TaskT = TypeVar('TaskT')
-ResultT = TypeVar('ResultT')
 
 METHODS = tuple(sorted(PREDICTIONS, key=lambda m: m == MarkerTrackerParameters().prediction))
 """Every method of prediction, the default last."""
@@ -95,18 +89,6 @@ class Plan:
     def seed_of(self, repeat: int) -> int:
         """The seed of a repeated flight."""
         return (self.seed + 1000 * repeat) % 2**31
-
-
-@dataclass(frozen=True)
-class ExperimentRunner:
-    """What a chapter needs to get its flights flown."""
-
-    plan: Plan
-    advance: Callable[[], None] = lambda: None
-
-    def all_of(self, work: Callable[[TaskT], ResultT], tasks: Sequence[TaskT]) -> list[ResultT]:
-        """The work on every task, in the plan's processes."""
-        return all_of(work, tasks, self.plan.jobs, self.advance)
 
 
 def tracker(**values: Value) -> MarkerTrackerParameters:

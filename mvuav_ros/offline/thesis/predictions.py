@@ -9,10 +9,9 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array, distance_rms
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, words
+from mvuav_ros.offline.thesis.plan import Plan, words
 from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
-from mvuav_ros.vision.markers.extrapolation import METHODS
-from mvuav_ros.vision.markers.motion import Motion
+from mvuav_ros.vision.markers.extrapolation import METHODS, Extrapolation
 from mvuav_ros.vision.markers.prediction import MotionPredictor
 
 RATES = (15.0, 30.0)
@@ -66,27 +65,27 @@ def fly_paths(task: PathTask) -> PathErrors:
     thesis, shipped = [], []
     for seed in range(_FIRST_SEED, _FIRST_SEED + task.flights):
         times, places = marker_path(task.kind, task.fps, FRAMES, seed, NOISE)
-        thesis.append([thesis_error(times, places, method) for method in METHODS])
+        thesis.append(thesis_errors(times, places))
         shipped.append(shipped_error(times, places))
     return PathErrors(task, np.array(thesis), np.array(shipped))
 
 
-def thesis_error(times: Array, places: Array, method: str) -> float:
-    """One method's root mean square error, px.
+def thesis_errors(times: Array, places: Array) -> list[float]:
+    """Each method's root mean square error, px, in `METHODS`' order.
 
     Args:
         times: (n,), s.
         places: (n, markers, 2), measured, px.
-        method: one of `METHODS`.
     """
-    motions = [Motion() for _ in places[0]]
-    errors = []
-    for index, (time, now) in enumerate(zip(times.tolist(), places, strict=True)):
+    seen = Extrapolation(len(places[0]))
+    predicted = np.zeros((len(places), len(METHODS), places[0].size))
+    for index, time in enumerate(times.tolist()):
         if index >= FIRST:
-            errors.append(now - [motion.predict(time, method) for motion in motions])
-        for motion, (x, y) in zip(motions, now.tolist(), strict=True):
-            motion.add(time, x, y)
-    return distance_rms(np.array(errors))
+            seen.predict(time, predicted[index])
+        seen.update(time, places[index].ravel())
+    shape = (len(places), len(METHODS), *places[0].shape)
+    errors = (predicted.reshape(shape) - places[:, None])[FIRST:]
+    return [distance_rms(errors[:, number]) for number in range(len(METHODS))]
 
 
 def shipped_error(times: Array, places: Array) -> float:
@@ -101,13 +100,12 @@ def shipped_error(times: Array, places: Array) -> float:
     return distance_rms(np.array(errors))
 
 
-def predictions_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
-    """Fly all motions and hold the prediction against the thesis's methods."""
-    flown = runner.all_of(fly_paths, path_tasks(runner.plan))
+def predictions_section(plan: Plan, flown: Sequence[PathErrors]) -> tuple[Section, list[Claim]]:
+    """Hold the prediction against the thesis's methods on all motions."""
     section = Section(
         'Prediction by motion',
         (
-            f'{runner.plan.prediction_flights} flights of {FRAMES} frames of each kind of '
+            f'{plan.prediction_flights} flights of {FRAMES} frames of each kind of '
             f'motion, five rigid markers with {NOISE:g} px of noise; seeds that nothing was tuned '
             'on. Figures behind "erratic" are random accelerations in px per frame² at 15 '
             "frames/s; the vibrations have the frequencies of the thesis's Table 5.4.",

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
+from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask
 from mvuav_ros.offline.evaluation.numbers import Interval, pooled_rms
 from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Table
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracker
+from mvuav_ros.offline.thesis.plan import Plan, tracker
 from mvuav_ros.offline.thesis.statements import growth_text, monotonic_text, noise_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
@@ -21,8 +21,9 @@ from mvuav_ros.simulation.shake import VIBRATIONS
 THESIS = "the thesis's program"
 """Appendix A; beside it the tracker as shipped."""
 MEASUREMENTS_PER_SECOND = 1.0
-NOISES = (0.75, 1.5, 3.0)
-"""Standard deviation of a pixel, grey levels; 1.5 is the simulator's usual one."""
+USUAL_NOISE = TankerSettings().noise
+NOISES = (0.75, USUAL_NOISE, 3.0)
+"""Standard deviation of a pixel, grey levels."""
 _DIGITS = 4
 
 
@@ -53,15 +54,20 @@ class RollCell:
         return self.swings[THESIS]
 
 
-def fly_cells(runner: ExperimentRunner) -> list[RollCell]:
+def cells_of(flown: Sequence[FlownMarkers]) -> list[RollCell]:
     """The twelve cells, each from several flights of 60 measurements."""
-    plan = runner.plan
-    keys = [(roll, shake) for roll in known.ROLLS_DEG for shake in range(len(VIBRATIONS))]
-    flown = runner.all_of(fly_markers, roll_tasks(plan))
     return [
-        _cell(*key, flown[number * plan.repeats : (number + 1) * plan.repeats])
-        for number, key in enumerate(keys)
+        _cell(roll, shake, _those(flown, roll, shake))
+        for roll in known.ROLLS_DEG
+        for shake in range(len(VIBRATIONS))
     ]
+
+
+def _those(
+    flown: Sequence[FlownMarkers], roll: float, shake: int, noise: float = USUAL_NOISE
+) -> list[FlownMarkers]:
+    key = (roll, shake, noise)
+    return [f for f in flown if (f.settings.roll_deg, f.settings.shake, f.settings.noise) == key]
 
 
 def roll_tasks(plan: Plan) -> list[MarkerTask]:
@@ -194,6 +200,7 @@ def noise_tasks(plan: Plan) -> list[MarkerTask]:
             _PROGRAMS,
         )
         for noise in NOISES
+        if noise != USUAL_NOISE
         for roll in known.ROLLS_DEG
         for repeat in range(noise_repeats(plan))
     ]
@@ -204,17 +211,15 @@ def noise_repeats(plan: Plan) -> int:
     return min(plan.repeats, 2)
 
 
-def noise_table(runner: ExperimentRunner) -> Table:
+def noise_table(plan: Plan, flown: Sequence[FlownMarkers]) -> Table:
     """Table 5.5's first row against the noise of the camera, which the thesis does not tell."""
-    flown = runner.all_of(fly_markers, noise_tasks(runner.plan))
-    repeats = noise_repeats(runner.plan)
+    repeats = noise_repeats(plan)
     rows: list[tuple[Cell, ...]] = []
-    for number, noise in enumerate(NOISES):
-        first = number * len(known.ROLLS_DEG) * repeats
+    for noise in NOISES:
         for name in _PROGRAMS:
             cells = [
-                _about_mean(flown[first + roll * repeats : first + (roll + 1) * repeats], name)
-                for roll in range(len(known.ROLLS_DEG))
+                _about_mean(_those(flown, roll, 0, noise)[:repeats], name)
+                for roll in known.ROLLS_DEG
             ]
             rows.append((f'{noise:g}', name, *(cell.value for cell in cells)))
     printed = [

@@ -1,33 +1,36 @@
-"""Fig. 4.30 and Figures 5.12 to 5.15: runway images with lines, and how right the lines are."""
+"""Fig. 4.30 and Figures 5.12 to 5.15: the GUI's results and images of four runway scenes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
 from mvuav_ros.offline.evaluation.numbers import rms
 from mvuav_ros.offline.evaluation.runway_runs import (
-    ALONG,
     FlownRunway,
     RunwayRun,
     RunwayTask,
-    fly_runway,
 )
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Figure, Section, Table
-from mvuav_ros.offline.report.style import drawing, label
+from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, thesis_detector
+from mvuav_ros.offline.thesis.plan import Plan, thesis_detector
 from mvuav_ros.offline.thesis.runway_stages import THESIS_YAML
+from mvuav_ros.offline.thesis.runway_truth import (
+    APPROACH,
+    approach_claims,
+    approach_table,
+    found_table,
+    scene_figure,
+)
 from mvuav_ros.offline.thesis.videos import LOW_PASS
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.runway.statistics import LineSummary
 
-APPROACH = 'mode approach'
 _SCENES = {
     'low pass': LOW_PASS,
     'low pass, gain steps, 10 Hz camera': {**LOW_PASS, 'gain_steps': 0.3, 'camera_rate': 10.0},
@@ -47,24 +50,19 @@ _SCENES = {
 """Over the runway, as the thesis's camera was, and on the way to it."""
 FIGURE_SCENE = 'low pass, gain steps, 10 Hz camera'
 """Beside Fig. 4.30: the thesis's camera gave 10 images a second and changed its gain by itself."""
-FIRST_JUDGED = 25
-"""Frames in which mode approach may still be looking."""
-RIGHT_LIMIT, WRONG_LIMIT = 60.0, 2.0
-"""Percent of frames: both edges right at least, confident and wrong at most."""
 
 
-def runway_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
-    """Fly the scenes and show what was found."""
-    flown = runner.all_of(fly_runway, runway_tasks(runner.plan))
+def runway_section(plan: Plan, flown: Sequence[FlownRunway]) -> tuple[Section, list[Claim]]:
+    """Show what was found on the scenes."""
     scenes = dict(zip(_SCENES, flown, strict=True))
     figures = [
-        _scene_figure(f'figure_5_{12 + number}', f'Figure 5.{12 + number}: {name}', flight)
+        scene_figure(f'figure_5_{12 + number}', f'Figure 5.{12 + number}: {name}', flight)
         for number, (name, flight) in enumerate(scenes.items())
     ]
     section = Section(
         'Runway lines',
         (
-            f'Simulated flights of {runner.plan.runway_frames} frames at {known.RUNWAY_FPS:g} '
+            f'Simulated flights of {plan.runway_frames} frames at {known.RUNWAY_FPS:g} '
             f'frames/s and 320x240, as in the thesis, with {THESIS_YAML}, with our defaults '
             f'({SHIPPED}) and in mode approach. The images of the thesis are of real flights, '
             'without truth; here each found line is compared with the runway that was drawn.',
@@ -249,138 +247,3 @@ def _flag_text(scenes: Mapping[str, FlownRunway]) -> str:
         for flight in scenes.values()
     )
     return f'The defaults raise a flag in fewer frames on {fewer} of {len(scenes)} scenes.'
-
-
-def found_table(scenes: Mapping[str, FlownRunway]) -> Table:
-    """Which true lines the scheme finds, and how well."""
-    rows: list[tuple[Cell, ...]] = []
-    for scene, flight in scenes.items():
-        for name in (THESIS_YAML, SHIPPED, APPROACH):
-            run = flight.runs[name]
-            for number, role in enumerate(ALONG):
-                matches = run.of(number)
-                visible = run.visible[number]
-                rows.append(
-                    (
-                        scene,
-                        name,
-                        role.name.lower().replace('_', ' '),
-                        100.0 * len(matches) / visible if visible else math.nan,
-                        rms(np.array([m.distance for m in matches])),
-                        math.degrees(rms(np.array([m.dtheta for m in matches]))),
-                    )
-                )
-    return Table(
-        'runway_truth',
-        'What truth adds to Figures 5.12 to 5.15: lines found, and their error',
-        (
-            Column('scene'),
-            Column('by'),
-            Column('line'),
-            Column('found', '% of frames', 1),
-            Column('distance, RMS', 'px', 2),
-            Column('direction, RMS', '°', 2),
-        ),
-        tuple(rows),
-        (
-            'Of the frames in which the line crosses the middle of the rows. Errors are those of '
-            'the lines found, at that row.',
-        ),
-    )
-
-
-def shares(run: RunwayRun) -> tuple[float, float, int]:
-    """Percent of frames with both edges right, percent confident and wrong, frames judged."""
-    judged = [
-        (right, wrong)
-        for right, wrong in list(zip(run.right, run.wrong, strict=True))[FIRST_JUDGED:]
-        if right is not None
-    ]
-    if not judged:
-        return math.nan, math.nan, 0
-    count = len(judged)
-    return (
-        100.0 * sum(bool(right) for right, _ in judged) / count,
-        100.0 * sum(wrong for _, wrong in judged) / count,
-        count,
-    )
-
-
-def approach_table(scenes: Mapping[str, FlownRunway]) -> Table:
-    """Mode approach on every scene, against its limits."""
-    rows: list[tuple[Cell, ...]] = []
-    for scene, flight in scenes.items():
-        right, wrong, count = shares(flight.runs[APPROACH])
-        rows.append((scene, count, right, RIGHT_LIMIT, wrong, WRONG_LIMIT))
-    failing = [str(row[0]) for row in rows if not _approach_holds(scenes[str(row[0])])]
-    said = f'Outside of the limits: {", ".join(failing)}.' if failing else 'All within the limits.'
-    return Table(
-        'approach',
-        'Mode approach: both edges of the runway, each told apart',
-        (
-            Column('scene'),
-            Column('frames'),
-            Column('both edges right', '%', 1),
-            Column('at least', '%', 0),
-            Column('confident and wrong', '%', 1),
-            Column('at most', '%', 0),
-        ),
-        tuple(rows),
-        (
-            f'From frame {FIRST_JUDGED + 1} on, of frames in which both edges cross the middle of '
-            f'the rows; no attitude is given. {said}',
-        ),
-    )
-
-
-def _approach_holds(flight: FlownRunway) -> bool | None:
-    right, wrong, count = shares(flight.runs[APPROACH])
-    return (right >= RIGHT_LIMIT and wrong <= WRONG_LIMIT) if count else None
-
-
-def approach_claims(scenes: Mapping[str, FlownRunway]) -> list[Claim]:
-    """A row of the summary for each scene."""
-    claims = []
-    for scene, flight in scenes.items():
-        right, wrong, count = shares(flight.runs[APPROACH])
-        ours = (
-            f'{right:.1f} % right, {wrong:.1f} % confident and wrong'
-            if count
-            else 'no frame to judge'
-        )
-        claims.append(
-            Claim(
-                f'Mode approach finds both edges: {scene}',
-                f'right at least {RIGHT_LIMIT:g} %, wrong at most {WRONG_LIMIT:g} % (ours)',
-                ours,
-                _approach_holds(flight),
-            )
-        )
-    return claims
-
-
-def _scene_figure(key: str, title: str, flight: FlownRunway) -> Figure:
-    run = flight.runs[THESIS_YAML]
-    with drawing(9.6, 2.9) as canvas:
-        panels = canvas.figure.subplots(1, len(run.images), sharey=True, squeeze=False)[0]
-        for number, (axes, image) in enumerate(zip(panels, run.images, strict=True)):
-            height, width = image.overlay.shape[:2]
-            axes.imshow(image.overlay, interpolation='lanczos')
-            for x1, y1, x2, y2 in image.segments:
-                axes.plot([x1, x2], [y1, y2], ':', color='white', lw=2.0)
-                axes.plot([x1, x2], [y1, y2], ':', color='#0072b2', lw=1.2)
-            axes.set_xlim(-0.5, width - 0.5)
-            axes.set_ylim(height - 0.5, -0.5)
-            axes.grid(visible=False)
-            label(axes, f'{image.time:.1f} s', 'x [px]', '' if number else 'y [px], down')
-    return Figure(
-        key,
-        title,
-        canvas.png,
-        f'{title}: three frames with lines',
-        (
-            f'With {THESIS_YAML}. Solid green: lines believed; dashed: held by the rho/theta '
-            'correction, in the colour of their flags. Dotted blue on white: the true edges and '
-            'centreline. Brackets: the rows searched.',
-        ),
-    )

@@ -17,7 +17,7 @@ from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import PROGRAM_OF, Plan, tracker
 from mvuav_ros.offline.thesis.statements import sum_text
-from mvuav_ros.offline.thesis.videos import read_avi, trial_images, write_avi
+from mvuav_ros.offline.thesis.videos import read_avi, write_avi
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image
@@ -58,11 +58,11 @@ class ProgramTimes:
         return {**stages, REST: total - sum(stages.values()), TOTAL: total}
 
 
-def time_programs(plan: Plan) -> dict[str, ProgramTimes]:
+def time_programs(images: Sequence[tuple[Image, int]], plan: Plan) -> dict[str, ProgramTimes]:
     """Each program over the video of trial 1."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'trial_1.avi'
-        write_avi(path, (image.bgr() for image, _ in trial_images(plan, 1)), known.TRIAL_FPS)
+        write_avi(path, (image.bgr() for image, _ in images), known.TRIAL_FPS)
         return {name: _time(name, path, plan.passes) for name in PARAMETERS}
 
 

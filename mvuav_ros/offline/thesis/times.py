@@ -13,7 +13,7 @@ from mvuav_ros.offline.evaluation.stopwatch import least_ms
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracker
+from mvuav_ros.offline.thesis.plan import Plan, tracker
 from mvuav_ros.offline.thesis.runway_stages import runway_rate_claim, table_5_7, time_runway
 from mvuav_ros.offline.thesis.stages import PARAMETERS, ProgramTimes, table_5_2, time_programs
 from mvuav_ros.offline.thesis.times_figures import (
@@ -60,20 +60,18 @@ class Timed:
         return float(np.mean(self.ms[:_FIRST])) * 1e-3 / self.steady_s
 
 
-def times_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
+def times_section(plan: Plan) -> tuple[Section, list[Claim]]:
     """Time the marker programs and the runway scheme; nothing else may run meanwhile."""
-    plan = runner.plan
-    programs = time_programs(plan)
     runway = time_runway(plan)
-    runner.advance()
-    timed = {
-        number: {
+    timed = {}
+    for number in range(1, len(TRIALS) + 1):
+        frames = trial_images(plan, number)
+        if number == 1:
+            programs = time_programs(frames, plan)
+        timed[number] = {
             name: time_program(parameters, frames, plan.passes)
             for name, parameters in PARAMETERS.items()
         }
-        for number in range(1, len(TRIALS) + 1)
-        if (frames := trial_images(plan, number))
-    }
     times, loss = _loss(plan)
     section = Section(
         'Time per frame',
@@ -92,7 +90,6 @@ def times_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
             table_5_7(runway, plan),
         ),
     )
-    runner.advance()
     return section, [*_claims(timed, programs), runway_rate_claim(runway)]
 
 

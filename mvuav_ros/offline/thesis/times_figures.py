@@ -17,6 +17,7 @@ from mvuav_ros.offline.report.style import (
     legend_below,
     line_of,
     plain_log,
+    quartet,
 )
 from mvuav_ros.offline.thesis import known
 
@@ -33,9 +34,9 @@ class Loss(NamedTuple):
 
 def method_figure(trials: Mapping[int, Mapping[str, Array]]) -> Figure:
     """Time of every frame by method, a panel for each trial."""
-    with drawing(9.6, 6.4) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, (trial, times) in zip(panels.flat, trials.items(), strict=True):
+    titles = [f'Trial {trial}' for trial in trials]
+    with quartet(titles, 6.4, 'frame', 'time per frame [ms]', columns=4) as (canvas, panels):
+        for axes, times in zip(panels, trials.values(), strict=True):
             for number, (name, ms) in enumerate(times.items()):
                 axes.plot(np.arange(1, len(ms) + 1), ms, lw=1.0, label=name, **line_of(number))
             for dashes, program in zip(('--', '-.', ':'), known.PROGRAMS, strict=True):
@@ -44,12 +45,6 @@ def method_figure(trials: Mapping[int, Mapping[str, Array]]) -> Figure:
                     1e3 * printed, color=THESIS, ls=dashes, lw=1.0, label=f'{program}, thesis'
                 )
             plain_log(axes)
-            label(axes, f'Trial {trial}')
-        for axes in panels[-1]:
-            axes.set_xlabel('frame')
-        for axes in panels[:, 0]:
-            axes.set_ylabel('time per frame [ms]')
-        legend_below(canvas.figure, panels.flat[0], columns=4)
     return Figure(
         'figure_5_1',
         'Figure 5.1: time per frame by method, all trials',

@@ -12,7 +12,7 @@ from mvuav_ros.offline.evaluation.numbers import Array, distance_rms, rms
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import PROGRAM, PROGRAM_OF, RUNS, ExperimentRunner, words
+from mvuav_ros.offline.thesis.plan import PROGRAM, PROGRAM_OF, RUNS, Plan, words
 from mvuav_ros.offline.thesis.statements import (
     beats_text,
     bound_text,
@@ -23,16 +23,15 @@ from mvuav_ros.offline.thesis.statements import (
     winners_text,
 )
 from mvuav_ros.offline.thesis.tracking_figures import tracking_figures
-from mvuav_ros.offline.thesis.trials import Trial, fly_trials, lengths
+from mvuav_ros.offline.thesis.trials import Trial, lengths, trials_of
 
 _RUN_COLUMNS = tuple(Column(words(name), 'px') for name in RUNS)
 _MARKER_COLUMNS = tuple(Column(name, 'px') for name in known.MARKERS)
 
 
-def tracking_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
-    """Fly the trials and say how well they were predicted and measured."""
-    trials, shaken = fly_trials(runner)
-    plan = runner.plan
+def tracking_section(plan: Plan, flown: Sequence[FlownMarkers]) -> tuple[Section, list[Claim]]:
+    """Say how well the trials were predicted and measured."""
+    trials, shaken = trials_of(flown)
     section = Section(
         'Prediction and position',
         (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +18,7 @@ from mvuav_ros.offline.report.style import (
     drawing,
     label,
     legend_below,
+    quartet,
 )
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import PROGRAM, PROGRAM_OF
@@ -45,9 +47,8 @@ def tracking_figures(trials: Sequence[Trial]) -> list[Figure]:
 
 
 def _paths(trials: Sequence[Trial]) -> Figure:
-    with drawing(9.6, 7.8) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, trial in zip(panels.flat, trials, strict=True):
+    with quartet(_titles(trials), 7.8, 'x [px]', 'y [px], down') as (canvas, panels):
+        for axes, trial in zip(panels, trials, strict=True):
             flight = trial.first
             run = flight.runs[PROGRAM]
             for index in range(len(known.MARKERS)):
@@ -59,9 +60,6 @@ def _paths(trials: Sequence[Trial]) -> Figure:
             axes.set_aspect('equal')
             axes.set_xlim(0, flight.settings.width)
             axes.set_ylim(flight.settings.height, 0)
-            label(axes, trial.title)
-        _label_outer(panels, 'x [px]', 'y [px], down')
-        legend_below(canvas.figure, panels.flat[0])
     return Figure(
         'figure_5_4',
         'Figure 5.4: estimated against actual position, all trials',
@@ -139,21 +137,17 @@ def turning_frame(places: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) ->
 
 def _errors(trials: Sequence[Trial]) -> Figure:
     said = []
-    with drawing(9.6, 5.8) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, trial in zip(panels.flat, trials, strict=True):
+    with quartet(_titles(trials), 5.8, 'frame', 'error [px]') as (canvas, panels):
+        for axes, trial in zip(panels, trials, strict=True):
             distances = lengths(trial.first, PROGRAM)
             frames = np.arange(1, len(distances) + 1)
             for index, name in enumerate(known.MARKERS):
                 axes.plot(frames, distances[:, index], color=COLORS[index], lw=0.8, label=name)
             axes.axhline(known.ERROR_PX, color=THESIS, ls='--', lw=1.2, label='2 px')
-            label(axes, trial.title)
             seen = distances[np.isfinite(distances)]
             inside = int(np.sum(seen < known.ERROR_PX))
             said.append(f'trial {trial.number}: {inside_text(inside, len(seen))}')
-        _label_outer(panels, 'frame', 'error [px]')
-        panels.flat[0].set_ylim(bottom=0)
-        legend_below(canvas.figure, panels.flat[0])
+        panels[0].set_ylim(bottom=0)
     return Figure(
         'figure_5_7',
         'Figure 5.7: error of the estimated positions, absolute distance',
@@ -164,17 +158,13 @@ def _errors(trials: Sequence[Trial]) -> Figure:
 
 
 def _rolls(trials: Sequence[Trial]) -> Figure:
-    with drawing(9.6, 5.4) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True)
-        for axes, trial in zip(panels.flat, trials, strict=True):
+    with quartet(_titles(trials), 5.4, 'frame', 'roll [°]', sharey=False) as (canvas, panels):
+        for axes, trial in zip(panels, trials, strict=True):
             flight = trial.first
             frames = np.arange(1, len(flight.time) + 1)
             axes.plot(frames, np.degrees(flight.roll), color=TRUTH, lw=2.6, label='truth')
             measured = np.degrees(flight.runs[PROGRAM].roll)
             axes.plot(frames, measured, color=COLORS[5], lw=1.2, label='measured')
-            label(axes, trial.title)
-        _label_outer(panels, 'frame', 'roll [°]')
-        legend_below(canvas.figure, panels.flat[0])
     missing = sum(int(np.isnan(t.first.runs[PROGRAM].roll).sum()) for t in trials)
     return Figure(
         'figure_5_8',
@@ -191,10 +181,10 @@ def _bars(trials: Sequence[Trial]) -> Figure:
         *((f'{kind}, here', PROGRAM_OF[kind], kind) for kind in known.ESTIMATIONS),
         (SHIPPED, SHIPPED, None),
     ]
-    with drawing(9.6, 6.4) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
+    y = 'RMS of prediction [px]'
+    with quartet(_titles(trials), 6.4, '', y, columns=3) as (canvas, panels):
         width = 0.84 / len(kinds)
-        for axes, trial in zip(panels.flat, trials, strict=True):
+        for axes, trial in zip(panels, trials, strict=True):
             for number, (name, method, kind) in enumerate(kinds):
                 heights = (
                     [trial.error(method, i).value for i in range(len(known.MARKERS))]
@@ -215,10 +205,6 @@ def _bars(trials: Sequence[Trial]) -> Figure:
             axes.axhline(known.PREDICTION_RMS_PX, color=THESIS, ls='--', lw=1.2, label='1 px')
             axes.grid(axis='x', visible=False)
             axes.set_xticks(range(len(known.MARKERS)), _SHORT_NAMES)
-            label(axes, trial.title)
-        for axes in panels[:, 0]:
-            axes.set_ylabel('RMS of prediction [px]')
-        legend_below(canvas.figure, panels.flat[0], columns=3)
     return Figure(
         'figure_5_9',
         'Figure 5.9: RMS of prediction, comparison of methods, all trials',
@@ -228,7 +214,7 @@ def _bars(trials: Sequence[Trial]) -> Figure:
     )
 
 
-def _bar_style(number: int) -> dict[str, object]:
+def _bar_style(number: int) -> dict[str, Any]:
     color = (COLORS[0], COLORS[1], COLORS[0], COLORS[1], COLORS[2])[number]
     if number < 2:
         return {'color': color, 'alpha': 0.35}
@@ -236,20 +222,15 @@ def _bar_style(number: int) -> dict[str, object]:
 
 
 def _error_bars(trials: Sequence[Trial]) -> Figure:
-    with drawing(9.6, 5.6) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, trial in zip(panels.flat, trials, strict=True):
+    with quartet(_titles(trials), 5.6, '', 'error of prediction [px]') as (canvas, panels):
+        for axes, trial in zip(panels, trials, strict=True):
             means, deviations = mean_and_deviation(trial.first)
             places = np.arange(len(known.MARKERS))
             axes.bar(places, means, 0.6, color=COLORS[5], label='mean')
             _whiskers(axes, places, means, deviations)
             axes.grid(axis='x', visible=False)
             axes.set_xticks(places, _SHORT_NAMES)
-            label(axes, trial.title)
-        for axes in panels[:, 0]:
-            axes.set_ylabel('error of prediction [px]')
-        panels.flat[0].set_ylim(bottom=0)
-        legend_below(canvas.figure, panels.flat[0])
+        panels[0].set_ylim(bottom=0)
     return Figure(
         'figure_appendix_c',
         'Appendix C: mean and standard deviation of the error by marker',
@@ -289,8 +270,5 @@ def _whiskers(
     )
 
 
-def _label_outer(panels: np.ndarray[tuple[int, ...], np.dtype[np.object_]], x: str, y: str) -> None:
-    for axes in panels[-1]:
-        axes.set_xlabel(x)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(y)
+def _titles(trials: Sequence[Trial]) -> list[str]:
+    return [trial.title for trial in trials]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask, fly_markers
+from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask
 from mvuav_ros.offline.evaluation.numbers import Array, Interval, distance_rms, pooled_rms
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner, Plan, tracking_pipelines, words
+from mvuav_ros.offline.thesis.plan import Plan, tracking_pipelines, words
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +79,22 @@ def tracking_tasks(plan: Plan) -> list[MarkerTask]:
     ]
 
 
-def fly_trials(runner: ExperimentRunner) -> tuple[list[Trial], list[FlownMarkers]]:
+def trials_of(flown: Sequence[FlownMarkers]) -> tuple[list[Trial], list[FlownMarkers]]:
     """The trials on a steady camera, and one flight for each trial and vibration."""
-    flown = runner.all_of(fly_markers, tracking_tasks(runner.plan))
-    return trials_of(flown), [f for f in flown if f.settings.shake]
-
-
-def trials_of(flown: Sequence[FlownMarkers]) -> list[Trial]:
-    """The flights on a steady camera, by trial."""
-    return [
-        Trial(number, flights)
+    judged = [_after_start(flight) for flight in flown]
+    steady = [flight for flight in judged if not flight.settings.shake]
+    trials = [
+        Trial(number, tuple(f for f in steady if f.settings.motion == motion))
         for number, motion in enumerate(TRIALS, 1)
-        if (
-            flights := tuple(
-                f for f in flown if f.settings.motion == motion and not f.settings.shake
-            )
-        )
     ]
+    return trials, [flight for flight in judged if flight.settings.shake]
+
+
+def _after_start(flight: FlownMarkers) -> FlownMarkers:
+    """Without the predictions of the thesis's whole frames: all methods are judged by the same."""
+    runs = {}
+    for name, run in flight.runs.items():
+        predicted = run.predicted.copy()
+        predicted[:WHOLE_FRAMES] = np.nan
+        runs[name] = replace(run, predicted=predicted)
+    return replace(flight, runs=runs)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
 from mvuav_ros.offline.evaluation.numbers import Array, Spectrum, spectrum
 from mvuav_ros.offline.report.comparison import Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import ExperimentRunner
-from mvuav_ros.offline.thesis.roll_cells import fly_cells, noise_table, roll_claims, roll_tables
+from mvuav_ros.offline.thesis.plan import Plan
+from mvuav_ros.offline.thesis.roll_cells import cells_of, noise_table, roll_claims, roll_tables
 from mvuav_ros.offline.thesis.vibration_figures import roll_figure, spectrum_figure
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 
@@ -65,10 +67,10 @@ class Measured:
         return sum(bool(np.any(np.abs(peaks - hz) <= RESOLUTION)) for hz in self.listed_hz)
 
 
-def vibration_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
+def vibration_section(plan: Plan, flown: Sequence[FlownMarkers]) -> tuple[Section, list[Claim]]:
     """Measure the vibrations, and the roll before a camera that shakes with them."""
-    measured = [measure(condition, runner.plan.seed) for condition in range(len(VIBRATIONS))]
-    cells = fly_cells(runner)
+    measured = [measure(condition, plan.seed) for condition in range(len(VIBRATIONS))]
+    cells = cells_of(flown)
     section = Section(
         'Vibration',
         (
@@ -85,8 +87,8 @@ def vibration_section(runner: ExperimentRunner) -> tuple[Section, list[Claim]]:
         (
             table_5_4(measured),
             spectrum_figure(measured),
-            *roll_tables(cells, runner.plan),
-            noise_table(runner),
+            *roll_tables(cells, plan),
+            noise_table(plan, flown),
             roll_figure(cells),
         ),
     )

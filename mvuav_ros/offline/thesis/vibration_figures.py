@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvuav_ros.offline.report.model import Figure
-from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below, plain_log
+from mvuav_ros.offline.report.style import (
+    COLORS,
+    drawing,
+    label,
+    legend_below,
+    plain_log,
+    quartet,
+)
 from mvuav_ros.offline.thesis import known
 
 if TYPE_CHECKING:
@@ -20,9 +27,9 @@ _AXIS_NAMES = ('pitch', 'yaw', 'roll')
 
 def spectrum_figure(measured: Sequence[Measured]) -> Figure:
     """Densities over frequency for each condition; triangles at Table 5.4's frequencies."""
-    with drawing(9.6, 6.0) as canvas:
-        panels = canvas.figure.subplots(2, 2, sharex=True, sharey=True)
-        for axes, condition in zip(panels.flat, measured, strict=True):
+    titles = [condition.name for condition in measured]
+    with quartet(titles, 6.0, 'frequency [Hz]', 'density [°²/Hz]') as (canvas, panels):
+        for axes, condition in zip(panels, measured, strict=True):
             axes.set_yscale('log')
             for number, name, curve in zip((1, 2, 0), _AXIS_NAMES, condition.spectra, strict=True):
                 # The three swing with the same frequencies: the strongest is drawn below.
@@ -39,14 +46,8 @@ def spectrum_figure(measured: Sequence[Measured]) -> Figure:
             roll = condition.spectra[-1]
             tops = [4.0 * float(np.interp(hz, *roll)) for hz in condition.listed_hz]
             axes.plot(condition.listed_hz, tops, 'v', color=COLORS[6], ms=5, label='Table 5.4')
-            label(axes, condition.name)
-        panels.flat[0].set_ylim(bottom=_FLOOR)
-        panels.flat[0].set_xlim(0, _SHOWN_HZ)
-        for axes in panels[-1]:
-            axes.set_xlabel('frequency [Hz]')
-        for axes in panels[:, 0]:
-            axes.set_ylabel('density [°²/Hz]')
-        legend_below(canvas.figure, *panels.flat)
+        panels[0].set_ylim(bottom=_FLOOR)
+        panels[0].set_xlim(0, _SHOWN_HZ)
     return Figure(
         'figure_5_10',
         'Figure 5.10: power spectral density of the vibrations',

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -12,144 +11,21 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.images import RESULT_OF_KIND, Stream, encode_png, streams_of
+from mvuav_ros.panel.images import RESULT_OF_KIND, Stream, streams_of
 from mvuav_ros.panel.live_socket import MOST_STREAMS
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, empty, icon_button, set_prop, tell, text
+from mvuav_ros.panel.page.elements import box, button, empty, tell, text
+from mvuav_ros.panel.page.tile import INPUT, Tile
 from mvuav_ros.panel.recorder import Recorder
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.vision.image import Image, ImageError
 
 _SIZES = ('s', 'm', 'l')
 _KEPT = 'tuning_panel_images'
-_INPUT = 'input'
 KEPT_ARRANGEMENT = f'return localStorage.getItem({json.dumps(_KEPT)})'
 """JavaScript for `Images.restore`."""
-SHOW_VALUE, THRESHOLD, START_ROW, END_ROW = 'Value', 'threshold', 'start_row', 'end_row'
-_ACTIONS = {THRESHOLD: 'Threshold', START_ROW: 'Start row', END_ROW: 'End row'}
 Wish = tuple[str, str]
 """A stream's key and a size."""
-
-
-class Tile:
-    """One image."""
-
-    def __init__(self, stream: Stream, part: Images, size: str) -> None:
-        self.stream, self.size, self._part = stream, size, part
-        self._action = SHOW_VALUE
-        self._actions: dict[str, str] = {}
-        with box(f'card tile {size}', 'article') as self.element:
-            self.element.props['aria-label'] = f'{stream.title} of {stream.node}'
-            with box('tile-head'):
-                text(stream.title, 'title')
-                text(stream.node, 'soft small grow title')
-                text('', 'rate number small soft')
-                icon_button('chevron_left', 'Move to the front', lambda: part.move(self, -1))
-                icon_button('chevron_right', 'Move to the back', lambda: part.move(self, 1))
-                icon_button('photo_size_select_large', 'Another size', lambda: part.resize(self))
-                icon_button('photo_camera', 'Save this image as PNG', self._snapshot)
-                icon_button('close', 'Remove', lambda: part.remove(self))
-            with box('well').props('data-fresh=never'):
-                self._canvas = box('image', 'canvas').props('role=img')
-                self._canvas.props['data-key'] = stream.key
-                self._canvas.props['aria-label'] = stream.title
-                text('Waiting for images', 'waiting')
-            if stream.name == _INPUT:
-                self._canvas.classes('clickable')
-                self._canvas.on('pixel', self._clicked, ['detail'])
-                self._foot = box('tile-foot')
-        self.show_values()
-
-    @property
-    def _values(self) -> dict[str, Any]:
-        node = self._part.page.services.system.nodes.get(self.stream.node)
-        if node is None:
-            return {}
-        counting = {control.name for control in node.controls if control.counts(node.values)}
-        return {name: value for name, value in node.values.items() if name in counting}
-
-    def show_values(self) -> None:
-        """Follow the node's values: the rows searched, and what a click can set."""
-        if self.stream.name != _INPUT:
-            return
-        values = self._values
-        rows = [values.get(name) for name in (START_ROW, END_ROW)]
-        shown = ','.join(map(str, rows)) if None not in rows else ''
-        set_prop(self._canvas, 'data-rows', shown)
-        actions = {key: words for key, words in _ACTIONS.items() if key in values}
-        if actions != self._actions or not self._foot.default_slot.children:
-            self._actions = actions
-            self._foot.clear()
-            with self._foot:
-                self._make_foot(actions)
-
-    def _make_foot(self, actions: dict[str, str]) -> None:
-        self._action = SHOW_VALUE
-        if actions:
-            text('A click sets', 'soft small')
-            choice = ui.toggle({SHOW_VALUE: 'Nothing', **actions}, value=SHOW_VALUE)
-            choice.on_value_change(self._choose)
-            choice.props('dense unelevated toggle-color=primary size=sm no-caps')
-        self._words = text('Click a pixel to see its value.', 'small soft grow pixel')
-        self._words.props('role=status')
-
-    def _choose(self, event: Any) -> None:
-        self._action = event.value
-
-    def _clicked(self, event: Any) -> None:
-        at = event.args['detail']
-        x, y = int(at['x']), int(at['y'])
-        if self._action in (START_ROW, END_ROW):
-            row = y + 1 if self._action == END_ROW else y
-            self._words.set_text(f'{self._action} {row}')
-            self._part.set_parameter(self.stream.node, self._action, row)
-            return
-        image = self._newest()
-        if image is None or not (0 <= x < image.width and 0 <= y < image.height):
-            return
-        self._words.set_text(pixel_words(image, x, y, self._values))
-        if self._action == THRESHOLD:
-            self._part.set_parameter(self.stream.node, THRESHOLD, threshold_below(image, x, y))
-
-    def _newest(self) -> Image | None:
-        try:
-            return self._part.page.services.feed.newest(self.stream.key)
-        except ImageError:
-            return None
-
-    def _snapshot(self) -> None:
-        image = self._newest()
-        if image is None:
-            tell('There is no image yet.', bad=True)
-            return
-        name = self.stream.key.strip('/').replace('/', '_').replace(' ', '_')
-        ui.download.content(encode_png(image), f'{name}.png', 'image/png')
-
-
-def pixel_value(image: Image, x: int, y: int) -> float:
-    """A pixel's intensity as a fraction of full scale."""
-    gray = image.gray()
-    return float(gray[y, x]) / (65535.0 if gray.dtype.itemsize == 2 else 255.0)
-
-
-def threshold_below(image: Image, x: int, y: int) -> float:
-    """The threshold, in thousandths, that this pixel and all brighter ones exceed."""
-    return max(math.ceil(1000.0 * pixel_value(image, x, y)) - 1, 0) / 1000.0
-
-
-def pixel_words(image: Image, x: int, y: int, values: dict[str, Any]) -> str:
-    """A pixel's value as a fraction of full scale, held against the node's threshold."""
-    value = pixel_value(image, x, y)
-    words = f'x {x}, y {y}: {value:.3f}'
-    threshold = values.get(THRESHOLD)
-    if isinstance(threshold, float):
-        side = 'above' if value > threshold else 'not above'
-        return f'{words}, {side} the threshold {threshold:.3f}'
-    if not image.is_gray:
-        blue, green, red = (int(each) for each in image.bgr()[y, x])
-        words += f' (red {red}, green {green}, blue {blue})'
-    return words
 
 
 class Images:
@@ -205,7 +81,7 @@ class Images:
         node = self.page.node
         if node is None:
             return []
-        large = (_INPUT, RESULT_OF_KIND[node.kind])
+        large = (INPUT, RESULT_OF_KIND[node.kind])
         streams = [stream for stream in streams_of(node) if preset == 'all' or stream.name in large]
         streams.sort(key=lambda stream: stream.name not in large)
         return [(stream.key, 'm' if stream.name in large else 's') for stream in streams]

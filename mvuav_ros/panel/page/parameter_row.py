@@ -39,7 +39,7 @@ class ParameterRow:
         self._difference = ''
         self._slider: RangeSlider | None = None
         self._scale: Scale | None = None
-        with box('param') as self._row:
+        with box(f'param of-{control.kind.value}') as self._row:
             # As an item: `props` would read a name as markup of its own.
             self._row.props['data-parameter'] = control.label
             self._name()

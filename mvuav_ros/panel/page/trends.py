@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from mvuav_ros.offline.evaluation.metric import metric_groups
+from mvuav_ros.offline.evaluation.metrics import metric_groups
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text

@@ -52,7 +52,8 @@ class ValueField:
             self._field.on('keydown.esc', self._restore)
         self._field.props['aria-label'] = f'{control.label}, new value'
         # What cannot be typed as it is must not be changed by being looked at.
-        if control.read_only or (isinstance(value, str) and not foreign.is_plain(value)):
+        strange = isinstance(value, str) and (control.type is tuple or not foreign.is_plain(value))
+        if control.read_only or strange:
             self._field.disable()
 
     def show(self, value: Any) -> None:

@@ -106,3 +106,15 @@ def encode_placement(placement: Placement, header: bytes) -> bytes:
     writer.numbers('7d', *placement.translation.tolist(), *quaternion(placement.rotation))
     writer.numbers('36d', *placement.covariance.ravel().tolist())
     return writer.message()
+
+
+def encode_pose(pose: Pose | None, header: bytes) -> bytes:
+    """A PoseWithCovarianceStamped: the body in the camera's optical frame (m, rad).
+
+    All NaN where there is no pose.
+    """
+    if pose is not None:
+        return encode_placement(body_in_camera(pose), header)
+    writer = CdrWriter(header)
+    writer.numbers('43d', *[math.nan] * 43)
+    return writer.message()

@@ -47,7 +47,7 @@ class Camera:
     def __init__(self, device: int | str, settings: CameraSettings | None = None) -> None:
         """Name the camera; it is opened when frames are read."""
         self.name = f'camera {device}'
-        self.losses: list[str] = []
+        self.errors: list[str] = []
         self._device = device
         self._settings = settings or CameraSettings()
         self.rate: float | None = self._settings.fps or None

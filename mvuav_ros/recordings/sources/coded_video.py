@@ -17,7 +17,14 @@ _NOT_DECODED = 'its packet does not decode: the frames before it that it needs a
 class VideoTopic:
     """Decodes packet by packet; every packet becomes one frame, or one that cannot be used."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, low_delay: bool = False) -> None:
+        """Begin a topic.
+
+        Args:
+            low_delay: the frames come in the order of their packets, as live encoders send
+                them; none is held back to see whether one from before it will yet come.
+        """
+        self._low_delay = low_delay
         self._codec = ''
         self._decoder: Any = None
         self._number = 0
@@ -55,6 +62,8 @@ class VideoTopic:
             return
         if self._decoder is None:
             self._decoder = av.CodecContext.create(self._codec, 'r')
+            if self._low_delay:
+                self._decoder.options = {'flags': 'low_delay'}
         coded = None if data is None else av.Packet(data)
         if coded is not None:
             coded.pts = self._number

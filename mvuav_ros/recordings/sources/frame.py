@@ -50,14 +50,14 @@ class FrameSource(Protocol):
         rate: frames per second as far as it is known beforehand.
         count: number of frames as far as it is known beforehand.
         live: True for a camera, which cannot be read faster or slower than it comes.
-        losses: what could not be read, in words; grows while frames are read.
+        errors: what could not be read, in words; grows while frames are read.
     """
 
     name: str
     rate: float | None
     count: int | None
     live: bool
-    losses: list[str]
+    errors: list[str]
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; may be called again after the end."""

@@ -6,7 +6,7 @@ from collections.abc import Generator
 from dataclasses import replace
 from typing import TypeVar
 
-from mvuav_ros.recordings.sources.bag import EncodedFrame
+from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 
 ItemT = TypeVar('ItemT')

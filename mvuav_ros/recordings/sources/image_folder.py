@@ -34,7 +34,7 @@ class ImageFolder:
         """
         self.name = f'images {name}'
         self.rate: float | None = rate or DEFAULT_RATE
-        self.losses: list[str] = []
+        self.errors: list[str] = []
         self._files = sorted((file for file in files if is_image_file(file)), key=_natural_order)
         self.count: int | None = len(self._files)
 

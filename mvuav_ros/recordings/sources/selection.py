@@ -12,12 +12,12 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Selection:
-    """A stretch of time, and every so manieth frame of it.
+    """A stretch of time, and every N-th frame of it.
 
     Attributes:
         start_s: seconds from the source's beginning; of a bag, from its first message.
         duration_s: seconds from there; None: to the end.
-        every: only every so manieth frame of that part, beginning with the first.
+        every: only every N-th frame of that part, beginning with the first.
     """
 
     start_s: float = 0.0

@@ -42,7 +42,7 @@ class SimulatedFlight:
             given['fps'] = rate
         self._flight = make_flight(kind, given)
         self.name = text
-        self.losses: list[str] = []
+        self.errors: list[str] = []
         self.rate: float | None = self._flight.rate
         self.count: int | None = len(self._flight)
         self._camera = camera_model(self._flight.camera)

@@ -32,7 +32,7 @@ class VideoFile:
             SourceError: it is not a video.
         """
         self.name = f'video {path.name}'
-        self.losses: list[str] = []
+        self.errors: list[str] = []
         self._path = path
         self._given_rate = rate
         with self._open() as container:
@@ -85,9 +85,9 @@ class VideoFile:
                 for frame in frames:
                     yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
         if damaged:
-            self.losses.append(f'{damaged} packets of the video do not decode')
+            self.errors.append(f'{damaged} packets of the video do not decode')
         if packets < self._promised:
-            self.losses.append(f'the video ended after {packets} of {self._promised} frames')
+            self.errors.append(f'the video ended after {packets} of {self._promised} frames')
 
     def close(self) -> None:
         """Nothing to let go of: `frames` closes what it opens."""

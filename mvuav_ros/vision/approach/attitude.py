@@ -41,7 +41,7 @@ class Attitude:
         z: of the unit quaternion.
         w: of the unit quaternion.
 
-    Example:
+    Examples:
         >>> Attitude.from_roll_pitch(0.0, 0.0).w
         1.0
     """

@@ -35,7 +35,7 @@ class ApproachDetector:
     It is what the node runway_detector runs in mode approach. Not safe for calls from several
     threads at once.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from mvuav_ros import ApproachDetector
         >>> sky = np.full((240, 320, 3), (230, 180, 140), np.uint8)

@@ -30,7 +30,7 @@ class MarkerTracker:
     It is what the node marker_tracker runs. Positions are px on the frame, (0, 0) the centre of
     the top-left pixel; roll is in radians, right wing down positive.
 
-    Example:
+    Examples:
         >>> import cv2, numpy as np
         >>> from mvuav_ros import Image, MarkerTracker
         >>> lights = [(200, 240), (280, 260), (320, 200), (360, 260), (440, 240)]

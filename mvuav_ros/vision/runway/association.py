@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-
-from scipy.optimize import linear_sum_assignment
+from itertools import permutations
 
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 # A pair beyond the limits costs more than any pair within them, so that one wild measurement
 # cannot pull the good ones apart.
 _BEYOND_LIMITS = 2.0
+_FEW = 4
+"""Lines of which every assignment is tried: importing SciPy takes longer than all of the rest."""
 
 
 def by_index(rows: int, measured: int) -> list[int | None]:
@@ -51,9 +52,9 @@ def by_distance(
             for line in known
             if line is not None
         ]
-        for row, column in zip(*linear_sum_assignment(costs), strict=True):
-            assigned[rows[row]] = int(column)
-            left_over.remove(int(column))
+        for row, column in _cheapest(costs):
+            assigned[rows[row]] = column
+            left_over.remove(column)
     free = (row for row, line in enumerate(known) if line is None)
     # More measured lines than free rows cannot be left over: zip ends with the shorter.
     for row, index in zip(free, left_over, strict=False):
@@ -70,3 +71,18 @@ def _cost(known: NormalForm, measured: NormalForm, rho_limit: float, theta_limit
     if rho <= 1 and theta <= 1:
         return distance
     return _BEYOND_LIMITS + distance / (1 + distance)
+
+
+def _cheapest(costs: Sequence[Sequence[float]]) -> list[tuple[int, int]]:
+    """Pairs of row and column, each used once, as many as there can be, of the least sum."""
+    rows, columns = len(costs), len(costs[0])
+    if max(rows, columns) > _FEW:
+        from scipy.optimize import linear_sum_assignment
+
+        return [(int(r), int(c)) for r, c in zip(*linear_sum_assignment(costs), strict=True)]
+    if rows > columns:
+        swapped = list(zip(*costs, strict=True))
+        return sorted((row, column) for column, row in _cheapest(swapped))
+    ways = permutations(range(columns), rows)
+    best = min(ways, key=lambda way: sum(costs[row][column] for row, column in enumerate(way)))
+    return list(enumerate(best))

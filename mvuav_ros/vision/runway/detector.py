@@ -28,7 +28,7 @@ class RunwayDetector:
     frame, x cos(theta) + y sin(theta) = rho, in px and radians. Not safe for calls from several
     threads at once.
 
-    Example:
+    Examples:
         >>> import cv2, numpy as np
         >>> from mvuav_ros import RunwayDetector
         >>> frame = np.zeros((240, 320, 3), np.uint8)

@@ -57,7 +57,7 @@ def draw_overlay(result: RunwayResult) -> Canvas:
     """The whole frame with its lines, (height, width, 3).
 
     A line believed is solid green. A line that keeps old values is dashed, in the colour of its
-    flags (`line_color`), with its refused measurement as a thin line beside it. Numbers are
+    flags (`line_color`), with its rejected measurement as a thin line beside it. Numbers are
     rows of the result. Brackets at both sides show the rows searched.
     """
     image = _eight_bits(result.workings.image)

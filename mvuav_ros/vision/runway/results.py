@@ -1,4 +1,4 @@
-"""What the runway pipeline says about one frame."""
+"""What the runway detector says about one frame."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class RunwayResult:
         lines: exactly ``num_peaks`` rows.
         status: empty, or why no line was found or not all rows asked for were searched.
         workings: for the debug images of `overlay`. They share memory with the frame given to
-            the pipeline: draw them before that is overwritten.
+            the detector: draw them before that is overwritten.
     """
 
     stamp_ns: int

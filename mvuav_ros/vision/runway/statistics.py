@@ -123,7 +123,7 @@ class _LineStatistics:
 
 
 class RunwayStatistics:
-    """Collects what the pipeline found, frame by frame."""
+    """Collects what the detector found, frame by frame."""
 
     def __init__(self) -> None:
         self.reset()

@@ -6,7 +6,7 @@ import pytest
 from support.flights import write_bag
 from typer.testing import CliRunner
 
-from mvuav_ros.cli.app import app
+from mvuav_ros.cli.app import application
 from mvuav_ros.offline.sweep.run import in_order, parse_axis, plan_runs, sweep
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
@@ -15,7 +15,7 @@ FLIGHT = 'sim:tanker?frames=6&noise=0'
 
 
 def run(*arguments):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    result = CliRunner().invoke(application(), [str(argument) for argument in arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result

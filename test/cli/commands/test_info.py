@@ -54,14 +54,14 @@ def test_gaps_jumps_and_damage(tmp_path: Path) -> None:
     bag = write_mcap(tmp_path / 'in.mcap', samples, encodings={'/web': 'json'})
     run = mvuav('info', bag)
     assert run.status == 0
-    remarks = row(run.out, TOPIC)
+    warnings = row(run.out, TOPIC)
     for words in (
         '1 gaps, longest 0.13 s',
         'time jumps back 1 times',
         'stamps jump back 1 times',
         '1 malformed: 64 x 48 mono8 with step 64 needs 3072 bytes, the message has 30',
     ):
-        assert words in remarks
+        assert words in warnings
     assert 'skipped: /web is json, not CDR' in run.out
     bag.write_bytes(bag.read_bytes()[:-30_000])
     cut = mvuav('info', bag)
@@ -81,8 +81,8 @@ def test_json_holds_the_same(tmp_path: Path) -> None:
     assert topic['first_stamp_ns'] == stamp(0)
     assert topic['images']['formats'] == ['64x48 mono8']
     assert content['messages'] == topic['count'] == 31
-    assert content['losses'] == []
-    assert content['remarks'] == ['bag: metadata.yaml is missing']
+    assert content['errors'] == []
+    assert content['warnings'] == ['bag: metadata.yaml is missing']
     assert 'note: bag: metadata.yaml is missing' in mvuav('info', folder).out
 
 

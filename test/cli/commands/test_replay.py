@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from rosbags import rosbag2
 from support.commands import MARKERS, counts, mvuav, mvuav_process, read, stamp, stamps
 from support.recording_samples import (
     IMAGE,
@@ -427,4 +428,32 @@ def test_the_output_says_from_what_it_was_made(bag: Path, tmp_path: Path) -> Non
     assert metadata['mvuav_replay']['input'] == str(bag)
     settings = json.loads(metadata['mvuav_replay']['settings'])
     assert settings['parameters']['marker_tracker']['threshold'] == 0.25
-    assert json.loads(metadata['mvuav_replay_result']['json'])['processed'] == 30
+
+
+def test_a_rosbag2_folder_with_metadata(bag: Path, tmp_path: Path) -> None:
+    single, folder = tmp_path / 'single.mcap', tmp_path / 'flight'
+    assert mvuav('replay', bag, '-o', single, '--keep-inputs').status == 0
+    options = ('--keep-inputs', '--format', 'rosbag2')
+    run = mvuav('replay', bag, '-o', folder, *options)
+    assert run.out == f'{folder}: results for 30 of 30 frames\n'
+    assert sorted(path.name for path in folder.iterdir()) == ['flight_0.mcap', 'metadata.yaml']
+    assert read(folder) == read(single)
+    with rosbag2.Reader(folder) as reader:
+        assert reader.message_count == len(read(single))
+        assert {connection.topic for connection in reader.connections} == set(counts(single))
+    assert 'exists' in mvuav('replay', bag, '-o', folder, *options).error
+    assert mvuav('replay', bag, '-o', folder, *options, '--force').status == 0
+
+
+def test_rosbag2_folders_of_several_recordings_split_by_size(tmp_path: Path) -> None:
+    bags = [write_mcap(tmp_path / f'{name}.mcap', image_samples(400, 128, 96)) for name in 'ab']
+    options = ('--format', 'rosbag2', '--split-mb', '1', *NODE, '--keep-inputs')
+    for words in ('results for 400', 'finished before, results for 400'):
+        run = mvuav('replay', *bags, '-o', tmp_path / 'out', *options)
+        assert run.out.count(words) == 2
+        for name in 'ab':
+            folder = tmp_path / 'out' / name
+            assert len(list(folder.glob(f'{name}_*.mcap'))) > 2
+            assert len(stamps(folder)) == 400
+            with rosbag2.Reader(folder) as reader:
+                assert reader.message_count == len(read(folder))

@@ -7,8 +7,8 @@ from rclpy.serialization import serialize_message
 from support.flights import write_bag
 
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.observed import EvaluationRun, read_bag, replay
 from mvuav_ros.processing.messages.header import make_header
 from mvuav_ros.recordings.sources.frame import SourceError
 

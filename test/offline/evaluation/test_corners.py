@@ -146,11 +146,11 @@ def labelled(tmp_path):
 
 
 def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
-    from mvuav_ros.cli.app import app
+    from mvuav_ros.cli.app import application
 
     folder = labelled.parent / 'images'
     arguments = ['evaluate', 'corners', str(labelled)]
-    app([*arguments, '--images', str(folder)], standalone_mode=False)
+    application()([*arguments, '--images', str(folder)], standalone_mode=False)
     printed = capsys.readouterr().out
     assert 'frames counted 6' in printed
     assert 'both edges found 0.0 %' in printed
@@ -159,14 +159,14 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
     assert 'failures missing 6' in printed
     names = sorted(path.stem for path in folder.iterdir())
     assert names == ['best', 'failure_missing', 'median', 'worst']
-    status = app([*arguments, '--minimum', '0.9'], standalone_mode=False)
+    status = application()([*arguments, '--minimum', '0.9'], standalone_mode=False)
     assert status == 1
 
 
 def test_a_missing_image_is_a_users_mistake(labelled):
-    from mvuav_ros.cli.app import app
+    from mvuav_ros.cli.app import application
     from mvuav_ros.recordings.sources.frame import SourceError
 
     (labelled.parent / '7.png').unlink()
     with pytest.raises(SourceError, match=r'7\.png'):
-        app(['evaluate', 'corners', str(labelled)], standalone_mode=False)
+        application()(['evaluate', 'corners', str(labelled)], standalone_mode=False)

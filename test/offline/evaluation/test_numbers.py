@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation.line_errors import Line, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.line_errors import TrueLine, match_lines
 from mvuav_ros.offline.evaluation.numbers import (
     angle_difference,
     distance_rms,
@@ -11,6 +11,7 @@ from mvuav_ros.offline.evaluation.numbers import (
     rms,
     spectrum,
 )
+from mvuav_ros.vision.runway.normal_form import NormalForm as Line
 
 
 def test_rms_of_distances_by_hand():

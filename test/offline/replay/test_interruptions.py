@@ -55,8 +55,8 @@ def test_what_was_interrupted_is_done_again(tmp_path: Path) -> None:
     _, err = process.communicate(timeout=120)
     assert process.returncode == 130
     assert err == 'mvuav: interrupted\n'
-    stamps, losses = results(out)
-    assert losses == []
+    stamps, errors = results(out)
+    assert errors == []
     assert len(stamps) < 3000
     # Complete as a file, but not finished.
     again = mvuav_process('replay', flight, '-o', out.parent, *NODE)
@@ -84,13 +84,13 @@ def test_killed_replay_leaves_what_was_handed_to_the_file(flight: Path, tmp_path
     code = f"""
 import os, sys
 from mvuav_ros.cli.app import main
-from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.recordings.output_file import OutputFile
 log = os.open({str(log)!r}, os.O_WRONLY | os.O_CREAT)
-append = RecordingWriter._append
+append = OutputFile.append
 def noted(self, data):
     append(self, data)
-    os.write(log, f'{{self._end}}\\n'.encode())
-RecordingWriter._append = noted
+    os.write(log, f'{{self.size}}\\n'.encode())
+OutputFile.append = noted
 sys.argv = ['mvuav', 'replay', {str(flight)!r}, '-o', {str(out)!r}, '--jobs', '1', *{NODE!r}]
 main()
 """
@@ -104,11 +104,11 @@ main()
     assert process.returncode == -signal.SIGKILL
     written = int(log.read_text().splitlines()[-1])
     assert out.stat().st_size >= written
-    stamps, losses = results(out)
+    stamps, errors = results(out)
     # Half a second of the flight's own time is in each of the chunks after the header.
     assert len(stamps) >= 10 * 14
     assert stamps == [stamp(number) for number in range(len(stamps))]
-    assert losses, 'it must not look complete'
+    assert errors, 'it must not look complete'
 
 
 def limit_file_size() -> None:
@@ -149,7 +149,7 @@ def assert_readable_prefix(run: object, out: Path) -> None:
     assert run.status == 1
     assert 'cannot be written; what it holds so far can be read' in run.error
     assert len(run.err.splitlines()) == 1
-    stamps, losses = results(out / 'flight.mcap' if out.is_dir() else out)
+    stamps, errors = results(out / 'flight.mcap' if out.is_dir() else out)
     assert stamps == [stamp(n) for n in range(len(stamps))]
     assert len(stamps) > 100
-    assert losses, 'it must not look complete'
+    assert errors, 'it must not look complete'

@@ -29,9 +29,3 @@ def test_a_batch_tells_what_became_of_each(tmp_path: Path) -> None:
     again = json.loads((out / 'manifest.json').read_text())['recordings']
     assert [entry['outcome'] for entry in again] == ['finished before', 'failed']
     assert sorted(path.name for path in out.iterdir()) == ['good.mcap', 'manifest.json']
-
-
-def test_an_url_is_no_output_yet(tmp_path: Path) -> None:
-    good = write_flight(tmp_path / 'good.mcap', 3)
-    assert 'not to URLs' in mvuav('replay', good, '-o', 's3://bucket/a.mcap').error
-    assert 'not to URLs' in mvuav('repair', good, '-o', 's3://bucket/a.mcap').error

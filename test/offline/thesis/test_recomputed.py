@@ -6,27 +6,23 @@ import statistics
 import numpy as np
 import pytest
 
+from mvuav_ros.offline.evaluation.marker_runs import fly_markers
 from mvuav_ros.offline.evaluation.runway_runs import fly_runway
 from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import RUNS, ExperimentRunner, Plan
-from mvuav_ros.offline.thesis.roll_cells import fly_cells, roll_tables
-from mvuav_ros.offline.thesis.runway import (
-    APPROACH,
-    approach_table,
-    figure_4_30,
-    flags_table,
-    found_table,
-    runway_tasks,
-)
+from mvuav_ros.offline.thesis.plan import RUNS, Plan
+from mvuav_ros.offline.thesis.roll_cells import cells_of, roll_tables, roll_tasks
+from mvuav_ros.offline.thesis.runway import figure_4_30, flags_table, runway_tasks
 from mvuav_ros.offline.thesis.runway_stages import THESIS_YAML
+from mvuav_ros.offline.thesis.runway_truth import APPROACH, approach_table, found_table
 from mvuav_ros.offline.thesis.stages import time_programs
 from mvuav_ros.offline.thesis.tracking import (
     found_table as places_table,
 )
 from mvuav_ros.offline.thesis.tracking import predicted_table, table_5_3, vibration_table
 from mvuav_ros.offline.thesis.tracking_figures import mean_and_deviation
-from mvuav_ros.offline.thesis.trials import fly_trials
+from mvuav_ros.offline.thesis.trials import tracking_tasks, trials_of
 from mvuav_ros.offline.thesis.vibration import measure, table_5_4
+from mvuav_ros.offline.thesis.videos import trial_images
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 from mvuav_ros.vision.approach.detector import ApproachDetector
@@ -44,15 +40,6 @@ PLAN = Plan(
 )
 
 
-class Recorder(ExperimentRunner):
-    """Keeps what was flown."""
-
-    def all_of(self, work, tasks):
-        flown = super().all_of(work, tasks)
-        object.__setattr__(self, 'flown', flown)
-        return flown
-
-
 def root_mean_square(numbers):
     numbers = [n for n in numbers if not math.isnan(n)]
     return math.sqrt(math.fsum(n * n for n in numbers) / len(numbers))
@@ -64,7 +51,7 @@ def distances(a, b):
 
 @pytest.fixture(scope='module')
 def flown():
-    return fly_trials(Recorder(PLAN))
+    return trials_of([fly_markers(task) for task in tracking_tasks(PLAN)])
 
 
 @pytest.mark.parametrize(
@@ -79,6 +66,14 @@ def test_table_5_3(flown, trial, row, method, marker):
         errors += distances(run.predicted[:, marker], run.found[:, marker])
     cell = table_5_3(trials).rows[6 * (trial - 1) + row][3 + marker]
     assert cell.value == pytest.approx(root_mean_square(errors))
+
+
+def test_every_method_is_judged_by_the_same_frames(flown):
+    trials, shaken = flown
+    for flight in [*(f for trial in trials for f in trial.flights), *shaken]:
+        for method in RUNS:
+            known_at = np.isfinite(flight.runs[method].prediction_error).all(axis=(1, 2))
+            assert not known_at[:3].any() and known_at[3:].all(), method
 
 
 @pytest.mark.parametrize(('row', 'method'), [(1, 'velocity'), (6, 'kalman'), (15, 'none')])
@@ -132,12 +127,12 @@ def test_table_5_4(condition):
 
 
 def test_table_5_5():
-    runner = Recorder(PLAN)
-    swings, errors = roll_tables(fly_cells(runner), PLAN)
+    flown = [fly_markers(task) for task in roll_tasks(PLAN)]
+    swings, errors = roll_tables(cells_of(flown), PLAN)
     for roll, condition in ((0, 0), (1, 2), (2, 3)):
         first = 2 * (4 * roll + condition)
         spread, wrong = [], []
-        for flight in runner.flown[first : first + 2]:
+        for flight in flown[first : first + 2]:
             assert math.isclose(flight.settings.roll_deg, known.ROLLS_DEG[roll])
             measured = [math.degrees(r) for r in flight.runs['as shipped'].roll]
             assert len(measured) == PLAN.measurements
@@ -151,7 +146,7 @@ def test_table_5_5():
 
 
 def test_executions_of_table_5_2():
-    times = time_programs(PLAN)
+    times = time_programs(trial_images(PLAN, 1), PLAN)
     frames, pixels = PLAN.trial_frames, 640 * 480
     assert times['No Estimation'].executions['Image Scanning'] == frames * pixels
     for program in known.ESTIMATIONS:
@@ -196,7 +191,7 @@ def test_figure_4_30_and_flags(runway):
 
 
 def process_again(task, name):
-    parameters = task.pipelines[name]
+    parameters = task.detectors[name]
     detector = (ApproachDetector if parameters.mode == 'approach' else RunwayDetector)(parameters)
     return [detector.process(f.image.bgr(), f.stamp_ns) for f in RunwayFlight(task.flight)]
 

@@ -50,6 +50,8 @@ def small_plan(seed):
         measurements=5,
         runway_seconds=1.2,
         identity_scenes=1,
+        integrity_scenes=2,
+        integrity_repeats=1,
         pose_frames=60,
     )
 

@@ -75,6 +75,7 @@ def test_arrow_keys_move_between_the_tabs(panel):
 def test_the_page_names_its_language_and_can_be_skipped_through(panel):
     page = panel.page
     assert page.locator('html').get_attribute('lang') == 'en-US'
+    panel.part('images')
     page.reload()
     panel.row('mode').wait_for()
     page.keyboard.press('Tab')

@@ -108,6 +108,14 @@ def test_a_refusal_shows_the_nodes_reason_at_the_field(panel):
     assert panel.now('peak_neighborhood_rho') == '11'
     panel.enter('peak_neighborhood_rho', 'ten')
     panel.until(lambda: hint.inner_text() == 'takes a whole number', 'the reason')
+    panel.page.get_by_label('Find a parameter').fill('camera_mount')
+    panel.enter('camera_mount_rpy_deg', '0; -10.5')
+    mount = panel.row('camera_mount_rpy_deg').locator('.hint.refused')
+    panel.until(lambda: 'takes 3 numbers' in mount.inner_text(), 'the reason')
+    panel.enter('camera_mount_rpy_deg', '0; -10.5 3')
+    panel.until(lambda: panel.now('camera_mount_rpy_deg') == '0, -10.5, 3', 'three numbers')
+    panel.enter('camera_mount_rpy_deg', '0 0 0')
+    panel.page.get_by_label('Find a parameter').fill('')
     panel.enter('rho_resolution', '1e30')
     refused = panel.row('rho_resolution').locator('.hint.refused')
     refused.wait_for()
@@ -218,7 +226,7 @@ def test_two_runs_are_made_compared_loaded_and_reported(panel):
     panel.until(lambda: page.evaluate(read)[0] == ['run 1', 'run 2'], 'both runs')
     _, values = page.evaluate(read)
     assert len(values) == 3 and all(len(each) == 2 and None not in each for each in values)
-    runs.get_by_label('Over', exact=True).click()
+    runs.get_by_role('combobox', name='Over').click()
     page.get_by_role('option', name='num_peaks').click()
     panel.until(
         lambda: page.evaluate(read) and page.evaluate(read)[0] == ['num_peaks 2', 'num_peaks 3'],
@@ -260,7 +268,7 @@ def test_what_one_browser_does_reaches_the_other_and_spares_what_is_typed(panel)
     page.get_by_role('button', name='Save', exact=True).click()
     page.get_by_role('dialog').get_by_label('Name').fill('seen')
     page.get_by_role('dialog').get_by_role('button', name='Save').click()
-    other.locator('.sets').get_by_label('Set', exact=True).click()
+    other.locator('.sets').get_by_role('combobox', name='Set').click()
     other.get_by_role('option', name='seen').click()
     other.get_by_text('The live values are those of seen.').wait_for()
     other.context.close()
@@ -327,7 +335,7 @@ def test_a_recording_holds_input_and_results(panel):
     page.get_by_text(re.compile('Recorded [0-9]+ messages')).wait_for()
     (path,) = (panel.folder / 'recordings').iterdir()
     with open_recording(path) as recording:
-        topics = {channel.name for channel in recording.channels if channel.message_count}
+        topics = {topic.name for topic in recording.topics if topic.message_count}
     assert {'/runway/image_raw', f'{DETECTOR}/line_params'} <= topics
 
 

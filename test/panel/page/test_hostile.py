@@ -303,10 +303,11 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
     assert 'mode WWWW' in row.inner_text() and 'script>' in row.inner_text()
     row.get_by_role('checkbox').click()
     page.locator('[data-trend]').wait_for()
-    page.get_by_label('Recording', exact=True).click()
+    page.get_by_role('combobox', name='Recording').click()
     page.get_by_role('option', name='line break.mcap').wait_for()
     page.keyboard.press('Escape')
-    page.locator('.sets').get_by_label('Set', exact=True).click()
+    page.locator('.sets').get_by_role('combobox', name='Set').click()
+    page.get_by_role('option', name='words').wait_for()
     options = page.get_by_role('option').all_inner_texts()
     page.keyboard.press('Escape')
     assert options == ['default', 'thesis', 'words']
@@ -316,9 +317,9 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
 def test_a_page_opened_beside_it_is_whole_and_the_panel_is_calm(panel):
     page = panel.new_page()
     panel.choose(DETECTOR, page)
-    panel.until(
-        lambda: np.isfinite(float(page.locator('.health .number').first.inner_text())), 'its rate'
-    )
+    rate = page.locator('.health .number').first
+    panel.until(lambda: rate.inner_text() != '-', 'its rate')
+    assert np.isfinite(float(rate.inner_text()))
     unharmed(panel, page)
     assert 'Traceback' not in panel.said()
     assert page.goto(panel.url).status == 200

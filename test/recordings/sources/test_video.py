@@ -38,7 +38,7 @@ def test_a_variable_rate_has_its_own_times(tmp_path: Path, suffix: str) -> None:
     source = VideoFile(write_video(tmp_path / f'a{suffix}', TIMES_MS))
     frames = list(source.frames())
     assert [frame.stamp_ns for frame in frames] == [time * 1_000_000 for time in TIMES_MS]
-    assert source.losses == []
+    assert source.errors == []
     assert [number_in(frame.image.pixels) for frame in frames] == list(range(6))
 
 

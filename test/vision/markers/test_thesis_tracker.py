@@ -124,6 +124,7 @@ def test_a_window_that_leaves_the_image_is_clipped():
 def test_windows_are_rounded_and_clipped():
     assert window_around(100.5, 99.49, 10, 640, 480) == (91, 111, 89, 109)
     assert window_around(3, 478, 10, 640, 480) == (0, 13, 468, 479)
+    assert window_around(637, 2, 10, 640, 480) == (627, 639, 0, 12)
     outside = window_around(-50, 20, 10, 640, 480)
     assert outside.x1 < outside.x0
 

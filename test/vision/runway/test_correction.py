@@ -3,11 +3,8 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.association import by_distance
 from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
 from mvuav_ros.vision.runway.detector import correction_limits
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -233,31 +230,3 @@ def test_zero_thresholds_flag_every_change_and_still_assign():
     run(corrector, [LEFT, RIGHT], [LEFT, RIGHT])
     assert flags(corrector.correct([RIGHT, LEFT])) == [(False, False)] * 2
     assert flags(corrector.correct([RIGHT, line(150.5, 16)])) == [(True, False), (False, False)]
-
-
-def test_one_wild_line_does_not_pull_the_good_ones_apart():
-    """The plain sum of changes is smaller with both lines exchanged: 20 + 9 against 1 + 30."""
-    known = [line(0, 0), line(10, 0)]
-    assert by_distance(known, [line(1, 0), line(-20, 0)], 15, 1) == [0, 1]
-
-
-def test_few_flags_go_before_little_change():
-    """A line just beyond the limit of the second row is still within that of the first."""
-    assert by_distance([line(0, 0), line(30, 0)], [line(1000, 0), line(14, 0)], 15, 1) == [1, 0]
-
-
-def test_new_lines_go_to_free_rows_in_their_order():
-    assert by_distance([None, CENTRE, None], [LEFT, RIGHT, CENTRE], 30, 0.04) == [0, 2, 1]
-
-
-@given(
-    st.lists(st.tuples(st.floats(-400, 400), st.floats(-1.5, 1.5)), min_size=1, max_size=6),
-    st.randoms(use_true_random=False),
-)
-def test_any_order_of_the_same_lines_is_assigned_without_a_change(values, random):
-    known = [NormalForm(*value) for value in values]
-    order = list(range(len(known)))
-    random.shuffle(order)
-    assigned = by_distance(known, [known[i] for i in order], 30, 0.04)
-    assert sorted(assigned) == sorted(order)
-    assert [known[order[column]] for column in assigned] == known

@@ -1,0 +1,45 @@
+"""Options that several commands share, and commands that take theirs as one object."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+import typer
+
+OptionsT = TypeVar('OptionsT')
+
+ParamsFile = Annotated[
+    Path | None, typer.Option(help='A ROS 2 parameter file.', show_default=False)
+]
+Param = Annotated[
+    list[str] | None, typer.Option(help='node:name:=value; may be repeated.', show_default=False)
+]
+ImageTopic = Annotated[str | None, typer.Option(help='Image topic of a bag that has several.')]
+Dask = Annotated[
+    str | None,
+    typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
+]
+Json = Annotated[Path | None, typer.Option('--json', help='Also write the figures there.')]
+Force = Annotated[bool, typer.Option('--force', help='Overwrite what is there.')]
+
+
+def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], None]], Callable[..., None]]:
+    """Make a command of a function of one object: each field of its class is an option.
+
+    Args:
+        options: a dataclass whose fields are annotated as typer's parameters are.
+    """
+
+    def command(work: Callable[[OptionsT], None]) -> Callable[..., None]:
+        def run(**given: Any) -> None:
+            work(options(**given))
+
+        run.__name__, run.__doc__ = work.__name__, work.__doc__
+        run.__annotations__ = get_type_hints(options, include_extras=True)
+        run.__signature__ = inspect.signature(options)  # type: ignore[attr-defined]
+        return run
+
+    return command

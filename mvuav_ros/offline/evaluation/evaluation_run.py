@@ -1,0 +1,191 @@
+"""What the nodes said of each frame, and what was true of it: from a bag or a replay."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.replay import frames
+from mvuav_ros.offline.simulate import truth_messages
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.errors import MalformedMessageError
+from mvuav_ros.recordings.images import decode_message
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
+from mvuav_ros.recordings.sources.simulated import FRAME_ID, PREFIX, make_flight
+
+MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
+TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}
+_TYPES = {
+    MARKERS: 'sensor_msgs/msg/PointCloud2',
+    RPY: 'geometry_msgs/msg/Vector3Stamped',
+    LINES: 'sensor_msgs/msg/PointCloud2',
+}
+RESULT_TOPICS = {
+    '/marker_tracker/markers': MARKERS,
+    '/marker_tracker/rpy': RPY,
+    '/runway_detector/line_params': LINES,
+}
+Rows = NDArray[np.void]
+
+
+@dataclass
+class Observations:
+    """By stamp (ns): marker rows, roll (rad), line rows."""
+
+    markers: dict[int, Rows] = field(default_factory=dict)
+    rpy: dict[int, float] = field(default_factory=dict)
+    lines: dict[int, Rows] = field(default_factory=dict)
+
+    def add(self, kind: str, data: bytes | memoryview) -> None:
+        """Take in a message's CDR.
+
+        Raises:
+            MalformedMessageError: it is none of that kind.
+        """
+        message = decode_message(_TYPES[kind], data)
+        stamp_ns = stamp_ns_of(message.header)
+        if kind == RPY:
+            self.rpy[stamp_ns] = float(message.vector.x)
+        else:
+            getattr(self, kind)[stamp_ns] = decode_points(message)
+
+    def __len__(self) -> int:
+        return len(self.markers) + len(self.rpy) + len(self.lines)
+
+
+@dataclass
+class EvaluationRun:
+    """One input's results and truth.
+
+    Attributes:
+        name: of the input.
+        results: of the nodes.
+        truth: empty where the input has none.
+        frames: replayed; 0 for results read from a bag.
+        rejected: frames without a result.
+        milliseconds: median time of all nodes together for a frame; NaN without a replay.
+        errors: what could not be read, in words.
+    """
+
+    name: str
+    results: Observations = field(default_factory=Observations)
+    truth: Observations = field(default_factory=Observations)
+    frames: int = 0
+    rejected: int = 0
+    milliseconds: float = float('nan')
+    errors: list[str] = field(default_factory=list)
+
+
+def read_bag(path: Path) -> EvaluationRun:
+    """The truth and the nodes' results that a bag holds.
+
+    Raises:
+        RecordingError: nothing can be read from there.
+    """
+    run = EvaluationRun(str(path))
+    with open_recording(path) as recording:
+        unreadable = 0
+        for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
+            truth = message.topic in TRUTH_TOPICS
+            kind = TRUTH_TOPICS.get(message.topic) or RESULT_TOPICS[message.topic]
+            target = run.truth if truth else run.results
+            try:
+                target.add(kind, message.data)
+            except (MalformedMessageError, AttributeError, KeyError, ValueError):
+                unreadable += 1
+        run.errors = list(recording.errors)
+    if unreadable:
+        run.errors.append(f'{unreadable} messages of truth or results do not decode')
+    return run
+
+
+def replay(
+    text: str, parameters: Mapping[str, Mapping[str, Any]], topic: str | None = None
+) -> EvaluationRun:
+    """Run nodes over an input; its truth comes from the bag or from the synthetic flight.
+
+    Args:
+        text: a bag, a video, images, or a synthetic flight.
+        parameters: of each node to run, by its name.
+        topic: image topic of a bag that has several.
+
+    Raises:
+        SourceError: the input cannot be read, or none of its frames be used.
+        RecordingError: the bag cannot be read.
+        ParameterError: a parameter is not valid.
+    """
+    run = EvaluationRun(text)
+    reasons: Counter[str] = Counter()
+    seconds: list[float] = []
+    for step in frames.replay(_frames(text, topic, run), frames.make_processors(parameters)):
+        if isinstance(step, frames.FrameResults) and step.is_frame:
+            run.frames += 1
+            run.rejected += bool(step.reasons)
+            reasons.update(step.reasons)
+            seconds += [step.seconds] if step.seconds else []
+            for name, _, data in step.messages:
+                if name in RESULT_TOPICS:
+                    run.results.add(RESULT_TOPICS[name], data)
+    if not len(run.results):
+        raise SourceError(f'{text}: not a single frame could be used')
+    run.errors += [
+        f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')
+    ]
+    run.milliseconds = float(np.median(seconds)) * 1e3
+    return run
+
+
+def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame | BadFrame]:
+    """The input's frames; its truth goes to ``run`` meanwhile."""
+    if text.startswith(PREFIX):
+        yield from _flown(text, run.truth)
+        return
+    path = Path(text).expanduser()
+    if path.exists() and looks_like_bag(path):
+        stored = read_bag(path)
+        run.truth, run.errors = stored.truth, stored.errors
+    with closing(open_source(text, topic=topic, cameras=False)) as source:
+        yield from source.frames()
+        run.errors = list(dict.fromkeys([*run.errors, *source.errors]))
+
+
+def _flown(text: str, truth: Observations) -> Iterator[Frame]:
+    kind, _, query = text.removeprefix(PREFIX).partition('?')
+    flight = make_flight(kind, {name: yaml.safe_load(value) for name, value in parse_qsl(query)})
+    for frame in flight:
+        for topic, _, data in truth_messages(frame, FRAME_ID):
+            if topic in TRUTH_TOPICS:
+                truth.add(TRUTH_TOPICS[topic], data)
+        yield Frame(frame.stamp_ns, FRAME_ID, frame.image)
+
+
+def nodes_for(text: str) -> list[str]:
+    """The nodes whose results an input's truth can judge; all where nothing tells.
+
+    Raises:
+        RecordingError: a bag cannot be read.
+    """
+    if text.startswith(PREFIX):
+        tanker = text.removeprefix(PREFIX).startswith('tanker')
+        return ['marker_tracker'] if tanker else ['runway_detector']
+    path = Path(text).expanduser()
+    if not (path.exists() and looks_like_bag(path)):
+        return list(PROCESSORS)
+    with open_recording(path) as recording:
+        kinds = {TRUTH_TOPICS[t.name] for t in recording.topics if t.name in TRUTH_TOPICS}
+    nodes = ['marker_tracker'] if kinds & {MARKERS, RPY} else []
+    nodes += ['runway_detector'] if LINES in kinds else []
+    return nodes or list(PROCESSORS)

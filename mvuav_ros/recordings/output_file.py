@@ -1,0 +1,69 @@
+"""A new file that only grows, and holds nothing that was written in part."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from mvuav_ros.recordings.errors import RecordingError
+
+
+class OutputFile:
+    """A file that is appended to; ``size`` is what it holds by now, in bytes."""
+
+    def __init__(self, path: Path, overwrite: bool) -> None:
+        """Create the file.
+
+        Raises:
+            RecordingError: it exists or cannot be created.
+        """
+        self.path = path
+        self.size = 0
+        if path.suffix != '.mcap':
+            raise RecordingError(f'{path}: the name of a recording must end in .mcap')
+        if path.is_dir():
+            raise RecordingError(f'{path} is a folder; give the name of a file')
+        try:
+            if overwrite:
+                # Not truncated in place: someone may be reading the old file.
+                path.unlink(missing_ok=True)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            self._file = os.open(path, flags, 0o666)
+        except FileExistsError:
+            raise RecordingError(
+                f'{path} exists; choose another name or allow overwriting'
+            ) from None
+        except OSError as error:
+            raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
+
+    def append(self, data: bytes) -> None:
+        """Write all of ``data``, or nothing if that fails.
+
+        Raises:
+            OSError: it failed.
+        """
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._file, view) :]
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file, self.size)
+            raise
+        self.size += len(data)
+
+    def close(self) -> None:
+        """Let go of the file.
+
+        Raises:
+            OSError: the operating system says only now that it could not write.
+        """
+        os.close(self._file)
+
+    def failure(self, error: Exception) -> RecordingError:
+        """What to tell the user."""
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        return RecordingError(
+            f'{reason}: {self.path} cannot be written; what it holds so far can be read'
+        )

@@ -1,0 +1,76 @@
+"""From received messages to frames, in the order in which they come."""
+
+from __future__ import annotations
+
+import pytest
+from support.coded_videos import (
+    compressed_image,
+    compressed_video,
+    ffmpeg_packet,
+    number_in,
+    packets,
+)
+
+from mvuav_ros.nodes.frame_decoding import FrameDecoder
+from mvuav_ros.nodes.received_image import ReceivedImage
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.vision.approach.attitude import Attitude
+
+START_NS = 1_700_000_000_000_000_000
+LEVEL = Attitude(0.0, 0.0, 0.0, 1.0)
+
+
+def stamp_of(number: int) -> int:
+    return START_NS + number * 50_000_000
+
+
+def received(data: bytes, number: int = 0, *, skipped: bool = False) -> ReceivedImage:
+    attitude = LEVEL if number % 2 else None
+    return ReceivedImage(data, 0.0, 0.0, attitude=attitude, is_skipped=skipped)
+
+
+@pytest.mark.parametrize(
+    ('transport', 'make', 'codec', 'name'),
+    [
+        ('compressed', compressed_image, 'libx264', 'h264'),
+        ('compressed', compressed_image, 'libx265', 'h265'),
+        ('ffmpeg', ffmpeg_packet, 'libx264', 'libx264'),
+        ('foxglove', compressed_video, 'libx265', 'h265'),
+    ],
+)
+def test_each_packet_gives_its_frame_at_once(transport, make, codec, name) -> None:
+    decoder = FrameDecoder(transport)
+    for number, data in enumerate(packets(codec, 8)):
+        (frame,) = decoder.frames(received(make(data, name, stamp_of(number)), number))
+        assert isinstance(frame, Frame)
+        assert (frame.stamp_ns, number_in(frame.image.pixels)) == (stamp_of(number), number)
+        assert frame.attitude == (LEVEL if number % 2 else None)
+
+
+def test_what_is_skipped_is_decoded_only_where_others_need_it() -> None:
+    decoder = FrameDecoder('compressed')
+    coded = [
+        compressed_image(data, 'h264', stamp_of(number))
+        for number, data in enumerate(packets('libx264', 8))
+    ]
+    for number, data in enumerate(coded):
+        frames = list(decoder.frames(received(data, skipped=number % 3 != 0)))
+        assert [number_in(frame.image.pixels) for frame in frames] == [number] * (number % 3 == 0)
+    jpeg = compressed_image(b'nothing that decodes', 'jpeg', START_NS)
+    assert list(decoder.frames(received(jpeg, skipped=True))) == []
+
+
+def test_after_a_lost_start_the_next_key_frame_is_the_first() -> None:
+    decoder = FrameDecoder('compressed')
+    numbers, reasons = [], []
+    for number, data in enumerate(packets('libx264', 12)):
+        if number == 0:
+            continue
+        for frame in decoder.frames(received(compressed_image(data, 'h264', stamp_of(number)))):
+            if isinstance(frame, BadFrame):
+                reasons.append(frame.reason)
+            else:
+                numbers.append(number_in(frame.image.pixels))
+    assert numbers[-1] == 11 and len(numbers) >= 7
+    assert all('does not decode' in reason for reason in reasons)
+    assert len(numbers) + len(reasons) <= 11

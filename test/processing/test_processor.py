@@ -1,0 +1,49 @@
+"""What every processor does with stamps, whatever it computes."""
+
+import pytest
+from support.marker_scenes import image, tanker_at
+
+from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.processing.processor import DuplicateStampError, resolve
+from mvuav_ros.recordings.sources.frame import Frame
+
+STEP_NS = 100_000_000
+
+
+def frame(step):
+    return Frame(step * STEP_NS, 'camera', image(tanker_at(320 + 2 * step)))
+
+
+def results(processor, step):
+    return [(output.topic, output.make()) for output in processor.process(frame(step))]
+
+
+def test_a_stamp_that_comes_twice_is_refused_and_leaves_no_trace():
+    processor, undisturbed = MarkerTrackerProcessor(), MarkerTrackerProcessor()
+    for step in range(5):
+        assert results(processor, step) == results(undisturbed, step)
+        with pytest.raises(DuplicateStampError, match=f'{step * STEP_NS} ns came twice'):
+            processor.process(frame(step))
+    assert processor.resets == 0
+
+
+def test_a_stamp_that_jumps_back_starts_afresh():
+    processor = MarkerTrackerProcessor()
+    first = [results(processor, step) for step in range(5)]
+    again = [results(processor, step) for step in range(5)]
+    assert processor.resets == 1
+    assert again == first
+
+
+def test_a_duplicate_after_a_reset_is_a_first_frame():
+    processor = MarkerTrackerProcessor()
+    first = results(processor, 3)
+    processor.reset()
+    assert results(processor, 3) == first
+    assert processor.resets == 0
+
+
+def test_topics_of_all_nodes_keep_their_full_name():
+    assert resolve('/tf', '/marker_tracker') == '/tf'
+    assert resolve('rpy', '/marker_tracker') == '/marker_tracker/rpy'
+    assert resolve('rpy') == '~/rpy'

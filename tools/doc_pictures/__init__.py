@@ -1,0 +1,1 @@
+"""The documentation's pictures, each drawn by the code that it shows."""

@@ -1,0 +1,146 @@
+"""The page of diagnostics; the keys are asked of the code, and each must be described."""
+
+from __future__ import annotations
+
+from threading import Lock
+from types import SimpleNamespace
+from typing import Any
+
+from mvuav_ros.nodes.detector_status import DetectorStatus, InputState
+from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics
+from mvuav_ros.nodes.image_input import InputEvents
+from mvuav_ros.nodes.input_monitor import StampMonitor
+from mvuav_ros.nodes.source_status import SourceStatus
+
+REJECTIONS = ('bad image', 'duplicate stamp', 'internal error')
+
+DETECTOR = {
+    'state': '`running` or `disabled` (service `~/enable`)',
+    'input_rate_hz': f'images received, over the last {WINDOW:.0f} s',
+    'output_rate_hz': f'images answered, over the last {WINDOW:.0f} s',
+    'latency_p50_ms': 'from the bytes in hand to the last message sent: median',
+    'latency_p95_ms': 'the same, 95th percentile',
+    'latency_p99_ms': 'the same, 99th percentile',
+    'transport_p50_ms': 'from publication to the bytes in hand, as far as the clocks agree',
+    'decode_p50_ms': 'from bytes to an image',
+    'process_p50_ms': 'from the image to messages',
+    'publish_p50_ms': 'from messages to the middleware',
+    'frames_received': 'images that arrived, since the start',
+    'frames_processed': 'images that were answered',
+    'frames_rejected': 'images that could not be used',
+    'rejected_bad_image': 'of these: encoding, size or data cannot be read',
+    'rejected_duplicate_stamp': 'of these: the stamp of the image before',
+    'rejected_internal_error': 'of these: an error in the node itself; please report it',
+    'last_rejection': 'the reason of the newest',
+    'frames_skipped': 'images passed over because a newer one was there',
+    'frames_lost_in_transport': 'images that the middleware reports as lost',
+    'frames_missing': 'images that left the publisher and were overwritten or lost',
+    'frames_left_out_by_stamps': 'gaps in the stamps: the camera or its driver dropped images',
+    'stamp_rate_hz': 'image rate according to the stamps',
+    'stamp_jumps_back': 'stamps earlier than the one before (a looping bag); each resets the state',
+    'stamp_jumps_forward': f'gaps of more than {WINDOW:.0f} s',
+    'image': 'size and encoding of the newest image',
+    'image_topic': 'the resolved input topic',
+    'image_publishers': 'nodes that publish it',
+    'incompatible_publishers': 'publishers whose QoS does not match',
+}
+SOURCE = {
+    'state': '`waiting` for subscribers, `playing`, `paused`, `ended`, `retrying`, or the lifecycle '
+    'state',
+    'source': 'what is played',
+    'rate_hz': f'images published, over the last {WINDOW:.0f} s',
+    'frames_published': 'images published, since the start',
+    'image': 'size and encoding of the newest image',
+    'subscribers': 'of the images',
+    'troubles': 'problems since the start',
+    'last_trouble': 'the newest of them',
+}
+MESSAGES = (
+    ('no images: nothing publishes …', 'wrong topic name or remapping', '`image_publishers`'),
+    (
+        'no images: … with a QoS that does not fit (RELIABILITY)',
+        'publisher and subscriber do not match; set `qos_overrides`',
+        '`incompatible_publishers`',
+    ),
+    (
+        'n images lost on the way here: …',
+        '[Getting images through](../transport.md)',
+        '`frames_lost_in_transport`',
+    ),
+    (
+        'too slow for the camera: n images skipped; …',
+        'lower the rate or the image size',
+        '`frames_skipped`, `frames_missing`',
+    ),
+    (
+        'stamps leave out n images …',
+        'the camera, its driver or the recording dropped them',
+        '`frames_left_out_by_stamps`',
+    ),
+    (
+        'n of m images rejected: …',
+        'bad images, or stamps that repeat',
+        '`rejected_…`, `last_rejection`',
+    ),
+    ('n publishers on …, mixed', 'two cameras publish one topic', '`image_publishers`'),
+    (
+        'no pose: …',
+        'the markers do not fit the rig, or two solutions fit; see '
+        '[Troubleshooting](../concepts/troubleshooting.md#no-pose)',
+        '',
+    ),
+)
+_HEAD = f"""\
+# Diagnostics
+
+<!-- made by tools/make_reference.py (make docs) from mvuav_ros/nodes -->
+
+Each node publishes one status on `/diagnostics` once a second. The message is one line: `running`, or what
+is wrong and what helps. The level is OK, WARN (something was wrong in the last {WINDOW:.0f} s), STALE (a detector
+never got an image) or ERROR (a source cannot be opened and is tried again).
+
+```text
+ros2 topic echo /diagnostics
+```
+
+Values are text. Times are milliseconds; `nan` means that there was nothing to measure.
+"""
+
+
+def diagnostics_page() -> str:
+    """The page."""
+    parts = [_HEAD, '## Messages\n', '| message | meaning or remedy | keys |\n|---|---|---|']
+    parts += [f'| `{message}` | {remedy} | {keys} |' for message, remedy, keys in MESSAGES]
+    parts.append('\n' + _keys('marker_tracker and runway_detector', detector_keys(), DETECTOR))
+    parts.append('\n' + _keys('video_source', source_keys(), SOURCE))
+    parts.append(
+        '\n## Tuning panel\n\nThe panel publishes no diagnostics; it shows those of the others.\n'
+    )
+    return '\n'.join(parts)
+
+
+def detector_keys() -> list[str]:
+    """The keys of a detector's status, with every kind of rejection."""
+    statistics = FrameStatistics()
+    for kind in REJECTIONS:
+        statistics.reject(kind, '')
+    answerer: Any = SimpleNamespace(
+        statistics=statistics, stamps=StampMonitor(), enabled=True, image_format='', lock=Lock()
+    )
+    processor: Any = SimpleNamespace(status='', resets=0)
+    images = InputState('/image_raw', [], InputEvents())
+    status = DetectorStatus(answerer, processor).report('/node', images)
+    return [each.key for each in status.values]
+
+
+def source_keys() -> list[str]:
+    """The keys of a source's status."""
+    status = SourceStatus('').report('/video_source', paused=False, subscribers=0)
+    return [each.key for each in status.values]
+
+
+def _keys(title: str, found: list[str], described: dict[str, str]) -> str:
+    if set(found) != set(described):
+        raise ValueError(f'{title}: {set(found) ^ set(described)} on one side only')
+    rows = [f'## Keys of {title}', '', '| key | meaning |', '|---|---|']
+    return '\n'.join([*rows, *(f'| `{key}` | {described[key]} |' for key in found)])

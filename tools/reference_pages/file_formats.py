@@ -1,0 +1,172 @@
+"""The page of file formats; topics and columns come from the code that writes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
+from mvuav_ros.offline.simulate import simulated_messages
+from mvuav_ros.processing.messages.markers import POINT
+from mvuav_ros.processing.messages.runway import LINE
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.exporting import FORMATS, POSE_COLUMNS
+from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+TRUTH = {
+    '/camera_info': 'calibration',
+    '/image_raw': 'images',
+    '/imu': 'attitude with a constant error and noise, for mode `approach`',
+    '/truth/lines': 'left edge, right edge, centreline, far end, near end, as `~/line_params`',
+    '/truth/markers': 'as `~/markers`; state 2 where the light cannot be seen',
+    '/truth/pose': 'the body in the camera frame, or the camera in the runway frame (m)',
+    '/truth/rpy': 'x: roll between the wings as projected (rad)',
+}
+ROWS: dict[tuple[str, str], np.dtype[np.void]] = {
+    ('marker_tracker', 'markers'): POINT,
+    ('runway_detector', 'line_params'): LINE,
+}
+COLUMNS = {
+    'Vector3Stamped': ('x', 'y', 'z'),
+    'PointStamped': ('x', 'y', 'z'),
+    'PoseWithCovarianceStamped': POSE_COLUMNS,
+}
+_PARAMETERS = """\
+## Parameter files
+
+Ordinary ROS 2 parameter files. `--params-file` of nodes and of `mvuav` read them, `ros2 param dump` writes
+them. `config/default.yaml` holds every default, `config/thesis.yaml` the values of the thesis.
+
+```yaml
+/**/marker_tracker:          # a node's name; wildcards and namespaces as in ROS 2
+  ros__parameters:
+    threshold: 0.6
+```
+
+An unknown name or a value outside of its range is an error.
+"""
+_CALIBRATION = """\
+## Calibration
+
+The YAML file that camera_calibration saves (`camera_info_url` of `video_source`):
+
+| key | content |
+|---|---|
+| `image_width`, `image_height` | px; images of another size are not used with it |
+| `distortion_model` | `plumb_bob` or `rational_polynomial` |
+| `camera_matrix` | `data`: 9 numbers, row by row: fx 0 cx, 0 fy cy, 0 0 1 |
+| `distortion_coefficients` | `data`: k1, k2, p1, p2, k3 … |
+| `rectification_matrix` | `data`: 9 numbers |
+| `projection_matrix` | `data`: 12 numbers |
+"""
+_MANIFEST = """\
+## Output folder of a replay
+
+`mvuav replay INPUT... -o FOLDER` writes one bag for each recording and `manifest.json`: `version`, `started`,
+`ended`, `settings`, and in `recordings` an entry for each input:
+
+| key | content |
+|---|---|
+| `input`, and its size and time of change | what was read |
+| `output`, `output_bytes` | the bag |
+| `outcome` | `finished`, `finished before`, `failed` or `interrupted` |
+| `frames`, `processed`, `rejected` | counts |
+| `errors`, `warnings` | what was lost or unusual |
+| `failure` | the reason, where it failed |
+
+A bag of results says in its metadata which input, version and parameters made it.
+"""
+_SWEEP = """\
+## Folder of a sweep or an evaluation
+
+| file | content |
+|---|---|
+| `index.html` | the report: one page, images included |
+| `report.json` | settings and all numbers |
+| `sweep.csv` | sweep only: a row for each run: parameters, then the numbers |
+| `*.csv`, `*.json` | every table |
+| `*.png` | every figure |
+"""
+
+
+def file_formats_page() -> str:
+    """The page."""
+    parts = [
+        '# File formats\n',
+        '<!-- made by tools/make_reference.py (make docs) from the code -->\n',
+        _PARAMETERS,
+        _rig(),
+        _CALIBRATION,
+    ]
+    parts += [_bags(), _MANIFEST, _exports(), _SWEEP, _corners()]
+    return '\n'.join(parts)
+
+
+def _rig() -> str:
+    text = (ROOT / 'config' / 'tanker_747.yaml').read_text(encoding='utf-8')
+    return (
+        '## Marker rig\n\nParameter `layout` of `marker_tracker` and of `mvuav simulate tanker`; '
+        '`mvuav rig check FILE` examines one.\nThe built-in one is:\n\n```yaml\n' + text + '```\n'
+    )
+
+
+def _bags() -> str:
+    lines = ['## Bags', '', 'A simulated flight (`mvuav simulate`) holds:', '']
+    lines += ['| topic | type | content |', '|---|---|---|']
+    flight = _flight_topics()
+    if flight.keys() != TRUTH.keys():
+        raise ValueError(f'{flight.keys() ^ TRUTH.keys()} on one side only')
+    lines += [f'| `{name}` | {flight[name]} | {TRUTH[name]} |' for name in sorted(flight)]
+    lines += [
+        '',
+        'A bag of results (`mvuav replay`) is mcap with zstd chunks and embedded schemas. It holds '
+        'the topics of\nthe nodes, see [Topics and services](topics.md), and with `--keep-inputs` '
+        'those of the input.',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def _flight_topics() -> dict[str, str]:
+    """Topics and types that one frame of each flight has."""
+    topics: dict[str, str] = {}
+    for kind in ('tanker', 'runway'):
+        flight = make_flight(kind, {'frames': 1, 'width': 64, 'height': 64, 'detail': 0.0})
+        messages = simulated_messages(next(iter(flight)), camera_model(flight.camera), 'camera')
+        topics |= {name: type_name for name, type_name, _ in messages}
+    return topics
+
+
+def _exports() -> str:
+    lines = ['## Exported tables', '']
+    lines += [
+        f'`mvuav export RESULTS -o FOLDER --format {"|".join(FORMATS)}` writes a file for each'
+    ]
+    lines += [
+        'topic. CSV and Parquet have these columns; the stamp is in ns, other units as in the'
+    ]
+    lines += ['messages, missing values are `nan`:', '', '| file | columns |', '|---|---|']
+    for node, processor in PROCESSORS.items():
+        for topic, kind in processor.topics.items():
+            if kind.__name__ in COLUMNS:
+                columns = COLUMNS[kind.__name__]
+            elif kind.__name__ == 'PointCloud2':
+                columns = ROWS[node, topic].names or ()
+            else:
+                continue
+            file = f'{node}_{topic.replace("/", "_")}'
+            lines.append(f'| `{file}` | {", ".join(("stamp_ns", "row", *columns))} |')
+    lines += [
+        '',
+        '`tum` is for poses that are known, for evo: `time x y z qx qy qz qw`, in s and m.',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def _corners() -> str:
+    return (
+        '## Labelled corners\n\n`mvuav evaluate corners FILE` reads a CSV file with these columns '
+        f'(px): {", ".join(CORNER_COLUMNS)}.\nThe images lie beside it. `--horizon` takes another: '
+        'file, row_at_centre (px), slope_deg (right end down\npositive).\n'
+    )
