@@ -78,14 +78,14 @@ class Competition:
             hidden: (2 n,), true for lights out of sight, which the Kalman filter alone predicts.
         """
         if method in METHODS:
-            return self._rows[METHODS.index(method)]
-        weighed = self._mixture.weights.dot(self._rows)
+            return np.asarray(self._rows[METHODS.index(method)])
+        weighed: Array = self._mixture.weights.dot(self._rows)
         if hidden is None:
             return weighed
         # Coefficients from few or disturbed frames may do harm; what they would have saved on
         # the frames seen so far decides.
         best = _VIBRATION if self.vibration.helps else _KALMAN
-        return np.where(hidden, self._rows[best], weighed)
+        return np.asarray(np.where(hidden, self._rows[best], weighed))
 
     def update_all(self, time: float, measured: Array) -> None:
         """The usual frame: every light is in sight, and has been for some time."""

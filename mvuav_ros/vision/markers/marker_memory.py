@@ -120,7 +120,7 @@ class MarkerMemory:
         places = lens.to_ideal(np.where(np.abs(flat) < FAR_OFF, flat, 0.0)).tolist()
         deviations = self.predictor.deviations().tolist()
         return Motion(
-            [Expectation(*place, d) for place, d in zip(places, deviations, strict=True)],
+            [Expectation(x, y, d) for (x, y), d in zip(places, deviations, strict=True)],
             [max(marker.unseen, marker.returning) for marker in self.markers],
         )
 

@@ -129,7 +129,7 @@ class ViewFilter:
         if shape.offsets is not None:
             # As the view changes, so does what lies beside the rig.
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
-        self.rig_error = before.rig_error if before else self._rig_errors[1]
+        self.rig_error: float = before.rig_error if before else self._rig_errors[1]
         self._seen = count
         self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
         self._motion: Array = before._motion if before else np.ones(COUNT)
