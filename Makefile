@@ -63,7 +63,8 @@ bags: .venv/.ros  ## Make the sample bags again.
 		--motion low_pass --start-distance -20 --speed 25 --camera-pitch-deg 20 \
 		--camera-rate 10 --gain-steps 0.1 --noise 0 --detail 0
 
-docs: .venv/.ros  ## config/default.yaml and the reference pages, from the code.
+docs: .venv/.ros  ## config/default.yaml, the SROS2 policies and the reference pages, from the code.
+	$(BIN)/python sros2/make_policies.py
 	$(BIN)/python tools/make_reference.py
 
 docs-pictures: .venv/.ros  ## The documentation's pictures, from the code.

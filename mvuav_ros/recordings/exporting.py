@@ -47,7 +47,7 @@ def export(source: Path, folder: Path, form: str) -> dict[Path, int]:
     Raises:
         RecordingError: there is nothing to export, or a file exists.
     """
-    write = WRITERS[form]
+    write = _WRITERS[form]
     with open_recording(source) as recording:
         tables = _tables(recording, form)
     if not tables:
@@ -156,7 +156,7 @@ def _write_tum(path: Path, table: Table) -> None:
                 stream.write(f'{seconds}.{rest:09d} {numbers}\n')
 
 
-WRITERS: dict[str, Callable[[Path, Table], None]] = {
+_WRITERS: dict[str, Callable[[Path, Table], None]] = {
     'csv': _write_csv,
     'parquet': _write_parquet,
     'tum': _write_tum,

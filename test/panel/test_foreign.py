@@ -64,3 +64,17 @@ def test_statuses_are_bounded_in_number_and_length():
     assert len(found) == 100
     assert all(len(values) == 100 for values in found.values())
     assert all(len(value) <= 200 for values in found.values() for value in values.values())
+
+
+def test_a_few_numbers_stay_numbers_and_other_lists_are_a_line():
+    assert foreign.parameter_value([0.0, -10.5, 3.0]) == (0.0, -10.5, 3.0)
+    for items in ([1, 2], ['a', 'b'], [0.0] * 1000, [True, False]):
+        line = foreign.parameter_value(items)
+        assert isinstance(line, str) and len(line) <= foreign.LONGEST_WORDS
+
+
+def test_values_of_a_file():
+    given = {'a': 1, 'b': 'x', 'c': [1, 2.5], 'd': ['x'], 'e': {'f': 1}, 'g': None, 'h': [True]}
+    taken = {name: foreign.plain_value(value) for name, value in given.items()}
+    nothing = dict.fromkeys('degh')
+    assert taken == {'a': 1, 'b': 'x', 'c': (1.0, 2.5), **nothing}
