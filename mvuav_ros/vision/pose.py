@@ -221,7 +221,7 @@ class PoseEstimator:
             noise = self.noise
             covariance = max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2 * spread
         if spread is None or not _is_known(covariance, tvec):
-            self.reason = 'the markers do not tell the pose well enough'
+            self.reason = 'the pose is too uncertain'
             return None
         seen = cv2.projectPoints(self._points, rvec, tvec, camera.matrix, camera.distortion)[0]
         return Pose(

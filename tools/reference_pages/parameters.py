@@ -41,6 +41,8 @@ def parameter_tables() -> str:
 
 def _row(spec: ParameterSpec) -> str:
     meaning = spec.description + (' Set at the start only.' if spec.read_only else '')
+    # Else `<image topic>` would be a tag.
+    meaning = meaning.replace('<', '&lt;')
     cells = (f'`{spec.name}`', f'`{_yaml(spec.default)}`', spec.unit, spec.constraint, spec.thesis)
     return '| ' + ' | '.join((*cells, meaning)) + ' |'
 
