@@ -43,7 +43,7 @@ def test_a_body_that_is_not_its_rig_is_shown_where_it_is(shape):
     ).view()
     other = shape.with_offsets(fitted, beside)
     np.testing.assert_allclose(other.project(fitted.parameters), beside, atol=1e-6)
-    turned = fitted.parameters + (0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    turned = fitted.parameters + np.array((0.2, *np.zeros(7)))
     moved = other.project(turned) - shape.project(turned)
     lengths = np.hypot(*moved.T), np.hypot(*(beside - shape.project(fitted.parameters)).T)
     np.testing.assert_allclose(*lengths, rtol=1e-6)
