@@ -233,7 +233,8 @@ def test_debug_image_appears_when_asked_for(graph):
     graph.until(lambda: len(images) >= 5, '5 debug images')
     assert images[0].encoding == 'bgr8'
     assert (images[0].width, images[0].height) == (640, 480)
-    assert images[0].header in [message.header for message in markers[5:]]
+    # The fifth answer's image is drawn after the answer, when somebody may be asking already.
+    assert images[0].header in [message.header for message in markers[4:]]
 
 
 def test_compressed_images_in_a_namespace_under_another_name(graph):

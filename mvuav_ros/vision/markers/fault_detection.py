@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -49,7 +50,7 @@ class FaultTuning:
     forgetting: float = 0.9
     doubtful_share: float = 0.1
     contested: float = 50.0
-    protected: float = 2.0
+    protected: float = 4.0
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
@@ -241,10 +242,13 @@ class FaultDetector:
         if not doubtful:
             return set()
         fits = self._fit_all(found)
+        # The marker has taken part a little: what it says of its own place is taken out.
+        own = self.views.doubted_deviation
+        most = own * TUNING.protected / math.hypot(own, TUNING.protected)
         return {
             marker
             for marker in doubtful
-            if self.views.places(fits.view(1 + marker))[1][marker] > TUNING.protected
+            if self.views.places(fits.view(1 + marker))[1][marker] > most
         }
 
     def upset(self) -> None:

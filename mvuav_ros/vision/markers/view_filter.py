@@ -145,6 +145,11 @@ class ViewFilter:
         scale = math.exp(float(self.bank.parameters[MAIN, SCALE]))
         return math.hypot(TUNING.noise, self.rig_error * scale)
 
+    @property
+    def doubted_deviation(self) -> float:
+        """The same of a marker that is doubted."""
+        return max(TUNING.doubted * self.deviation, TUNING.doubted_least)
+
     def deviation_of(self, parameter: int) -> float:
         """How uncertain a parameter is (1 sigma)."""
         return math.sqrt(self.bank.covariance[MAIN, parameter, parameter])
@@ -191,7 +196,7 @@ class ViewFilter:
         measured = np.broadcast_to(np.array(list(found.values())), (m, len(found), 2))
         doubting = (np.arange(m)[:, None] == 1 + markers) | contested
         usual = self.deviation
-        deviation = np.where(doubting, max(TUNING.doubted * usual, TUNING.doubted_least), usual)
+        deviation = np.where(doubting, self.doubted_deviation, usual)
         markers = np.broadcast_to(markers, (m, len(found)))
         prior = self.bank.parameters, self.bank.covariance
         return fit(self.shape, prior, NamedPlaces(markers, measured, deviation, usual))
