@@ -29,14 +29,15 @@ UAV_RUNWAY = range(180, 451)
 """Frames of the UAV clip that may show its runway."""
 NEARBY = 4.0
 """Tolerances: a report that near is of the runway itself."""
-RUNWAY_BOUNDS = ((None, None), (0.0, 1.0), (0.0, 1.0), (0.0, 2.5), (-1.0, 0.0))
+RUNWAY_BOUNDS = ((None, None), (0.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.0, 2.5), (-1.0, 0.0))
 """Of the offset and of the weights of `Report.of_the_runway`: log odds that were themselves fitted
-count at most as such, and five flights cannot tell how much attitude is worth."""
+count at most as such, few flights cannot tell how much attitude is worth, and
+the weight of frames followed is `MARGIN`."""
 PLACE_BOUNDS = ((None, None), (0.0, 2.0))
 PENALTY = 1.0
 MARGIN = 0.35
-"""By how much the offset is lowered: the log odds were fitted to the same stills and flights, and
-are too sure on them."""
+"""By how much the offset is lowered, as the log odds were fitted to the same stills and are too
+sure of them; not where many different frames have spoken."""
 BINS = np.linspace(0.0, 1.0, 9)
 
 
@@ -78,6 +79,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, list[float]]:
     ones = np.full(len(right), 100.0 * len(rows) / max(len(right), 1))
     place = logistic(np.array(places), np.array(right, float), ones, PLACE_BOUNDS)
     runway[0] -= MARGIN
+    runway[3] += MARGIN
     return {'runway': np.round(runway, 3).tolist(), 'place': np.round(place, 3).tolist()}
 
 

@@ -17,8 +17,9 @@ from mvuav_ros.vision.approach.appearance import FEATURES
 _FILE = 'probability.json'
 _FARTHEST = 4.0
 """Standard deviations: features beyond say no more."""
-_STEADY, _LEAST_AGREEMENT = 2.0, 0.05
-"""Log odds above which more counts apart, and agreement that counts as none."""
+_STEADY, _LEAST_AGREEMENT, _LONG = 2.0, 0.05, 50.0
+"""Log odds above which more counts apart, agreement that counts as none, and frames for which a
+track that was followed so long is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,21 +56,24 @@ class Report(NamedTuple):
     Attributes:
         log_odds: of the track, averaged over its frames.
         agreement: probability of the strips that are where the track's mean is.
+        moved: frames for which it was followed and that differed from the one before.
         attitude: the horizon is known from a sensor.
         rivals: the other tracks' odds over the track's.
     """
 
     log_odds: float
     agreement: float
+    moved: int
     attitude: bool
     rivals: float
 
     def of_the_runway(self) -> NDArray[np.float64]:
-        """(4,) what speaks for its being the runway."""
+        """(5,) what speaks for its being the runway."""
         return np.array(
             [
                 min(max(self.log_odds, -6.0), _STEADY),
                 min(max(self.log_odds - _STEADY, 0.0), 6.0),
+                min(self.moved / _LONG, 1.0),
                 float(self.attitude),
                 math.log1p(min(self.rivals, 20.0)),
             ]
@@ -85,7 +89,7 @@ class ConfidenceWeights:
     """Two logistic functions, whose product is the confidence.
 
     Attributes:
-        runway: (5,) offset and weights of `Report.of_the_runway`.
+        runway: (6,) offset and weights of `Report.of_the_runway`.
         place: (2,) offset and weights of `Report.of_the_place`.
     """
 
@@ -96,8 +100,8 @@ class ConfidenceWeights:
         """Probability that both edges are where they were reported.
 
         Example:
-            >>> weights = ConfidenceWeights(np.zeros(5), np.array([20.0, 0.0]))
-            >>> round(weights.confidence(Report(1.0, 0.5, True, 0.0)), 6)
+            >>> weights = ConfidenceWeights(np.zeros(6), np.array([20.0, 0.0]))
+            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0)), 6)
             0.5
         """
         return _logistic(self.runway, report.of_the_runway()) * _logistic(

@@ -25,6 +25,8 @@ class Registration:
     def __init__(self) -> None:
         self._last: NDArray[Any] | None = None
         self._now: NDArray[Any] | None = None
+        self.moving = False
+        """The newest image differs from the last one; a still says nothing new."""
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
@@ -32,6 +34,7 @@ class Registration:
         if gray.dtype != np.uint8:
             gray = gray.astype(np.float32)
         self._last, self._now = self._now, np.asarray(gray)
+        self.moving = self._last is not None and not np.array_equal(self._last, self._now)
 
     def shift(self, strip: NDArray[np.float64], level: Derotation) -> tuple[float, float]:
         """By how much the surroundings of a strip have moved.

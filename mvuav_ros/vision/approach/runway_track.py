@@ -31,8 +31,8 @@ from mvuav_ros.vision.approach.view import View
 
 _MOST_STRIPS = 8
 """Tried around the mean each time."""
-_MEMORY = 0.15
-_END_MEMORY = 0.6
+_MEMORY, _MISS_MEMORY, _END_MEMORY = 0.06, 0.15, 0.6
+"""Share of a frame in what a track remembers: of being weighed, of not being seen, of its ends."""
 _MOST_MISSES = 4
 """Weighings in a row in which nothing was seen."""
 _MISSED = -4.0
@@ -72,6 +72,7 @@ class RunwayTrack:
         near_seen: the same in the newest frame alone.
         open_end: its near end is out of sight.
         age: frames.
+        moved: frames that differed from the one before.
         locked: it is followed by its edges alone.
         misses: weighings in a row in which it was not seen.
         agreement: probability of the strips that are where the mean is.
@@ -86,6 +87,7 @@ class RunwayTrack:
         self.open_end = False
         self.log_odds = log_odds
         self.age = 0
+        self.moved = 0
         self.misses = 0
         self.agreement = 1.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
@@ -124,10 +126,16 @@ class RunwayTrack:
 
     def step(self, view: View, period: int) -> None:
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
+        self._follow(view, period)
+        if not self._plausible(view):
+            self.misses = _MOST_MISSES + 1
+
+    def _follow(self, view: View, period: int) -> None:
         if self.age:
             self.shape.grow(self._growth)
             self.shape.predict(*view.registration.shift(self.strip(), view.level))
         self.age += 1
+        self.moved += view.registration.moving
         self._rested += 1
         if self._rested < period and self.age > _YOUNG:
             self._rest(view)
@@ -141,11 +149,9 @@ class RunwayTrack:
         if not seen:
             self.misses += 1
             self.points = None
-            self.log_odds += (1.0 - (1.0 - _MEMORY) ** share) * (_MISSED - self.log_odds)
+            self.log_odds += (1.0 - (1.0 - _MISS_MEMORY) ** share) * (_MISSED - self.log_odds)
             return
         self.misses = 0
-        if not self._plausible(view):
-            self.misses = _MOST_MISSES + 1
 
     def _rest(self, view: View) -> None:
         """Follow without weighing; wide edges are measured in every frame."""
@@ -159,7 +165,7 @@ class RunwayTrack:
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
         wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
-        if self._clear and wide and self._rested % 2 == 0:
+        if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
             exact = self._look.find(
                 view.image, view.level, strip[:4], (self.far, self.near), self._lead, wide=True
             )

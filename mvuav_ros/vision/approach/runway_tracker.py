@@ -135,7 +135,7 @@ class RunwayTracker:
             for track in self.tracks
             if track is not best
         )
-        return Report(best.log_odds, best.agreement, self._attitude, rivals)
+        return Report(best.log_odds, best.agreement, best.moved, self._attitude, rivals)
 
     @property
     def confidence(self) -> float:
@@ -180,6 +180,7 @@ class RunwayTracker:
             self._take(found.strips[index], float(odds[index]), fresh)
         for track in fresh:
             track.step(view, 1)
+        self.tracks = [track for track in self.tracks if not track.lost]
 
     def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
         for track in self.tracks:

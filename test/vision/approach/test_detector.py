@@ -224,3 +224,16 @@ def test_bench_cases_find_the_runway():
     for case in cases:
         results = [case.run() for _ in range(40)]
         assert results[-1].corners is not None
+
+
+@pytest.mark.parametrize('frames', [3, 9])
+def test_a_shape_that_became_impossible_is_let_go(images, frames):
+    """Young tracks are weighed in every frame, older ones not; neither may report NaN."""
+    pipeline = ApproachDetector(APPROACH)
+    run(pipeline, images[:frames])
+    tracker = pipeline._finder._tracker
+    broken = tracker.best
+    broken.shape.state[:] = math.nan
+    result = pipeline.process(images[frames], frames)
+    assert broken not in tracker.tracks
+    assert result.corners is None or np.isfinite(result.corners).all()
