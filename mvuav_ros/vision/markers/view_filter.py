@@ -15,6 +15,7 @@ from mvuav_ros.vision.markers.view import (
     COUNT,
     FOCAL,
     PITCH,
+    ROLL,
     SCALE,
     YAW,
     Array,
@@ -86,6 +87,8 @@ _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
 """Averages over parameters whose motions are alike."""
+_NOTHING_KNOWN = 6.0, 3000.0
+"""rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
 _FEWEST_TELLING, _FEWEST_HOLDING = 4, 3
 """Markers by which a frame tells how the view moves, and with which that is not forgotten."""
 
@@ -207,6 +210,8 @@ class ViewFilter:
 
     def upset(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
+        if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
+            return
         self.bank = self.bank.less_certain(factor)
 
     def commit(self, fits: Fits) -> None:

@@ -128,7 +128,10 @@ def inverse(matrices: Array) -> Array:
     """Inverses of positive matrices (m, n, n) whose rows are of very different sizes."""
     size = 1.0 / np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 1e-300))
     sizes = size[:, :, None] * size[:, None, :]
-    inverses = np.linalg.inv(matrices * sizes) * sizes
+    try:
+        inverses = np.linalg.inv(matrices * sizes) * sizes
+    except np.linalg.LinAlgError:
+        inverses = np.linalg.pinv(matrices * sizes, hermitian=True) * sizes
     return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)))
 
 

@@ -68,3 +68,14 @@ def test_what_the_others_do_not_tell_is_not_verified():
     assert detector.unverified(three, {2}) == {2}
     assert detector.unverified(three, set()) == set()
     assert detector.unverified(every, {2}) == set()
+
+
+def test_nothing_is_ever_too_uncertain_to_be_computed():
+    detector, frames = follow(20)
+    for frame in range(400):
+        detector.views.predict((frames + frame) / 30)
+        detector.upset()
+        found = {0: (100.0, 100.0), 4: (300.0, 120.0)}
+        detector.weigh(found)
+    assert np.isfinite(detector.views.look(found).parameters).all()
+    assert np.isfinite(detector.views.bank.covariance).all()
