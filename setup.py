@@ -68,7 +68,12 @@ setup(
             'playwright',
             'moto[server]',
         ],
-        'docs': ['mkdocs>=1.6,<2', 'mkdocs-material>=9.6,<10', 'mkdocstrings[python]>=0.29'],
+        'docs': [
+            'mkdocs>=1.6,<2',
+            'mkdocs-material>=9.6,<10',
+            'mkdocstrings[python]>=0.29',
+            'pandas',
+        ],
         'dev': [
             'codespell',
             'ruff',

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -84,9 +84,9 @@ def _plain(text: str) -> str:
     return _CODE.sub('CODE', _LINK.sub(r'\1', text))
 
 
-def main() -> int:
+def main(names: Sequence[str] = ()) -> int:
     """Check the files named, or all pages."""
-    given = [Path(name).resolve() for name in sys.argv[1:]]
+    given = [Path(name).resolve() for name in names]
     files = given or sorted(path for pattern in PAGES for path in ROOT.glob(pattern))
     count = 0
     for path in files:
@@ -99,4 +99,4 @@ def main() -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

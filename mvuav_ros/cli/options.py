@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
 OptionsT = TypeVar('OptionsT')
+
+
+class Storage(StrEnum):
+    """The form of a recording."""
+
+    MCAP = 'mcap'
+    ROSBAG2 = 'rosbag2'
+
+    def split_bytes(self, split_mb: int) -> int | None:
+        """None for a single file; of a folder the size at which its next part begins."""
+        return split_mb * 1_000_000 if self is Storage.ROSBAG2 else None
+
 
 ParamsFile = Annotated[
     Path | None, typer.Option(help='A ROS 2 parameter file.', show_default=False)
@@ -23,6 +36,12 @@ Dask = Annotated[
     typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
 ]
 Json = Annotated[Path | None, typer.Option('--json', help='Also write the figures there.')]
+Format = Annotated[
+    Storage, typer.Option('--format', help='mcap files, or rosbag2 folders with metadata.yaml.')
+]
+SplitMb = Annotated[
+    int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
+]
 Force = Annotated[bool, typer.Option('--force', help='Overwrite what is there.')]
 
 

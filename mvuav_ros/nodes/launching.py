@@ -78,7 +78,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
     names = [name.strip() for name in given['detectors'].split(',') if name.strip()]
     for name in names:
         if name not in DETECTORS:
-            raise RuntimeError(f'detectors: {name!r} is none of {", ".join(DETECTORS)}')
+            raise RuntimeError(f'detectors: {name!r} is not one of {", ".join(DETECTORS)}')
     shared = {name: name in switches for name in ('use_sim_time', 'autostart')}
     seeing = {**shared, 'image_transport': given['transport']}
     playing = {

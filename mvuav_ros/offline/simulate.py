@@ -13,12 +13,10 @@ from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
-from mvuav_ros.processing.messages.camera_info_encoding import encode_camera_info
-from mvuav_ros.processing.messages.header import make_header
-from mvuav_ros.processing.messages.imu_encoding import encode_imu
 from mvuav_ros.processing.messages.markers import POINT
 from mvuav_ros.processing.messages.points import PointLayout
 from mvuav_ros.processing.messages.runway import LINE
+from mvuav_ros.processing.messages.sensors import encode_camera_info, encode_imu, make_header
 from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.serialization.type_name import type_name

@@ -22,8 +22,9 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.drawing import draw_markers
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.pose import FEWEST, Pose, PoseEstimator
+from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
+from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 from mvuav_ros.vision.rig_examination import examine
 

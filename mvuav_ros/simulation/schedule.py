@@ -51,7 +51,7 @@ def refuse_unknown(schedule: tuple[Interval, ...], markers: Collection[str]) -> 
     """
     for interval in schedule:
         if interval.marker not in markers:
-            raise ScheduleError(f'{interval.marker!r} is none of {", ".join(markers)}')
+            raise ScheduleError(f'{interval.marker!r} is not one of {", ".join(markers)}')
 
 
 def refuse_overlap(schedule: tuple[Interval, ...]) -> None:

@@ -70,6 +70,6 @@ class CameraModel:
             )
         if self.distortion_model not in DISTORTION_MODELS:
             raise CalibrationError(
-                f'distortion model {self.distortion_model!r} is none of '
+                f'distortion model {self.distortion_model!r} is not one of '
                 f'{", ".join(filter(None, DISTORTION_MODELS))}'
             )

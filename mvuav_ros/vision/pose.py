@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
+from mvuav_ros.vision.pose_ambiguity import choose, meets_another
 from mvuav_ros.vision.reprojection import (
     FEWEST,
     Reprojection,
     Solution,
     inverse,
-    likeness,
     rotation_of,
 )
+from mvuav_ros.vision.residual_noise import ResidualNoise
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -38,20 +39,6 @@ class PoseTuning:
             be wrong, in any frame.
         most_relative_misfit: the same over the image's span of the markers, for large images.
         unusual: times the usual noise: a misfit from there on is looked into.
-        alike: of two solutions' squared residuals, up to where both fit.
-        same: of two rotations, 1 + 2 cos of the angle up to which they are one solution.
-        decisive: difference of two solutions' squared residuals, over the noise's variance, from
-            which on the less one is right.
-        nearer: rad, by which a solution must be nearer to the last pose than the next one.
-        first_noise: px, assumed before residuals tell.
-        first_weight: degrees of freedom that this assumption is worth.
-        first_memory: of that, per frame.
-        memory: of the residuals, per frame.
-        recent_memory: of those that tell of an upset: back to normal in 15 frames.
-        upset: ratio of the recent noise to the usual one from which on it counts.
-        longest_upset: frames after which it is the usual noise that has changed.
-        steady_error: px, of a centroid, the same from frame to frame: the residuals do not show
-            all of it.
         most_distance_error: of the distance (1 sigma), above which a pose is kept back.
         most_turn_error: rad (1 sigma), likewise.
     """
@@ -60,23 +47,10 @@ class PoseTuning:
     most_misfit: float = 1.0
     most_relative_misfit: float = 0.004
     unusual: float = 4.0
-    alike: float = 4.0
-    same: float = 1.0 + 2.0 * math.cos(math.radians(5.0))
-    decisive: float = 12.0
-    nearer: float = math.radians(3.0)
-    first_noise: float = 0.3
-    first_weight: float = 4.0
-    first_memory: float = 0.9
-    memory: float = 0.999
-    recent_memory: float = 0.6
-    upset: float = 2.5
-    longest_upset: int = 60
-    steady_error: float = 0.015
     most_distance_error: float = 0.015
     most_turn_error: float = math.radians(1.5)
 
 
-__all__ = ['FEWEST', 'Pose', 'PoseEstimator', 'PoseTuning']
 TUNING = PoseTuning()
 
 
@@ -155,22 +129,12 @@ class PoseEstimator:
         self.reason = ''
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
-        self._squares = self._freedom = self._recent = 0.0
-        self._doubt = TUNING.first_weight
-        self._upset_for = 0
+        self._residuals = ResidualNoise()
 
     @property
     def noise(self) -> float:
         """Deviation of a marker's place per axis, as the residuals show it, px."""
-        variance = self._usual**2
-        if self._recent > TUNING.upset**2 * variance:
-            variance = self._recent
-        return math.hypot(math.sqrt(variance), TUNING.steady_error)
-
-    @property
-    def _usual(self) -> float:
-        squares = self._squares + self._doubt * TUNING.first_noise**2
-        return math.sqrt(squares / (self._freedom + self._doubt))
+        return self._residuals.noise
 
     def estimate(
         self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
@@ -202,6 +166,9 @@ class PoseEstimator:
         pose = self._pose(camera, view, solution)
         if pose is not None:
             self._last, self._last_time = solution[:2], time
+        elif len(chosen) == FEWEST:
+            # Where two solutions of three lights meet, nothing tells which one goes on.
+            self._last = None
         return pose
 
     def _solve(
@@ -212,14 +179,14 @@ class PoseEstimator:
         everything = np.arange(len(markers))
         view = Reprojection(camera, self._points[markers], image)
         solution = self._follow(view, time) or self._find(view, time)
-        usual = (TUNING.unusual * math.hypot(self._usual, TUNING.steady_error)) ** 2
+        usual = (TUNING.unusual * self._residuals.usual) ** 2
         if solution is None or solution[2] > 2 * len(markers) * usual:
             rest = self._without_one(camera, markers, image, time, usual)
             if rest is not None:
                 self.reason = ''
                 return rest
         if solution is not None:
-            self._learn(solution[2], 2 * len(markers) - 6)
+            self._residuals.learn(solution[2], 2 * len(markers) - 6)
         return everything, solution
 
     def _without_one(
@@ -243,21 +210,6 @@ class PoseEstimator:
                 fitting.append((rest, solution))
         return fitting[0] if len(fitting) == 1 else None
 
-    def _learn(self, squares: float, freedom: int) -> None:
-        """Follow the noise; an upset counts while it lasts, and is soon forgotten."""
-        if freedom <= 0:
-            return
-        shown = squares / freedom
-        self._recent += (1 - TUNING.recent_memory) * (shown - self._recent)
-        upset = self._recent > TUNING.upset**2 * self._usual**2
-        self._upset_for = self._upset_for + 1 if upset else 0
-        most = math.inf
-        if 0 < self._upset_for < TUNING.longest_upset:
-            most = self._usual**2 * freedom
-        self._squares = TUNING.memory * self._squares + min(squares, most)
-        self._freedom = TUNING.memory * self._freedom + freedom
-        self._doubt *= TUNING.first_memory
-
     def _pose(self, camera: CameraModel, view: Reprojection, solution: Solution) -> Pose | None:
         """What is told of a solution, if it is known well enough."""
         rvec, tvec, squares = solution
@@ -269,7 +221,7 @@ class PoseEstimator:
             noise = self.noise
             covariance = max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2 * spread
         if spread is None or not _is_known(covariance, tvec):
-            self.reason = 'the markers do not tell the pose well enough'
+            self.reason = 'the pose is too uncertain'
             return None
         seen = cv2.projectPoints(self._points, rvec, tvec, camera.matrix, camera.distortion)[0]
         return Pose(
@@ -289,6 +241,9 @@ class PoseEstimator:
         count = 2 * len(view.image)
         if solution is None or solution[2] > count * min(usual, _most_misfit(view)) ** 2:
             return None
+        if count == 2 * FEWEST and meets_another(solution, view.closed_forms()):
+            self._last = None
+            return None
         return solution
 
     def _find(self, view: Reprojection, time: float) -> Solution | None:
@@ -303,30 +258,13 @@ class PoseEstimator:
         if least > count * _most_misfit(view) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        limit = TUNING.alike * least + count * self.noise**2
-        fitting = [solution for solution in solutions if solution[2] <= limit]
-        if fresh and self._last is not None:
-            return self._nearest(rotation_of(self._last[0]), fitting)
-        best = min(fitting, key=lambda solution: solution[2])
-        decisive = best[2] + TUNING.decisive * self.noise**2
-        others = [s for s in fitting if s[2] < decisive and not _alike(best, s)]
-        if others:
-            self._learn(best[2], count - 6)
+        last = rotation_of(self._last[0]) if fresh and self._last is not None else None
+        chosen = choose(solutions, self.noise, len(view.image), last)
+        if chosen is None:
             self.reason = 'more than one pose fits the markers'
-            return None
-        return best
-
-    def _nearest(self, last: Array, fitting: Sequence[Solution]) -> Solution | None:
-        """The solution that goes on from the last pose."""
-        angles = [_angle(last, solution[0]) for solution in fitting]
-        chosen = fitting[int(np.argmin(angles))]
-        same = [solution for solution in fitting if _alike(chosen, solution)]
-        others = [a for a, s in zip(angles, fitting, strict=True) if not _alike(chosen, s)]
-        if min(others, default=math.inf) < min(angles) + TUNING.nearer:
-            self.reason = 'more than one pose fits the markers'
-            return None
-        # Some starts come to a halt before the minimum that they share with others.
-        return min(same, key=lambda solution: solution[2])
+            if last is None and count > 2 * FEWEST:
+                self._residuals.learn(least, count - 6)
+        return chosen
 
 
 def _most_misfit(view: Reprojection) -> float:
@@ -342,11 +280,3 @@ def _is_known(covariance: Array, tvec: Array) -> bool:
     turned = math.sqrt(max(float(variances[3:].max()), 0.0))
     known = moved <= TUNING.most_distance_error * distance and turned <= TUNING.most_turn_error
     return bool(known and np.isfinite(variances).all())
-
-
-def _alike(a: Solution, b: Solution) -> bool:
-    return likeness(rotation_of(a[0]), b[0]) > TUNING.same
-
-
-def _angle(rotation: Array, rvec: Array) -> float:
-    return math.acos(min(1.0, max(-1.0, 0.5 * (likeness(rotation, rvec) - 1.0))))

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 FEWEST = 3
 """Markers for a pose: with three there may be four solutions, all of which fit."""
-_TILTS = tuple(math.radians(angle) for angle in (-40.0, 0.0, 40.0))
+_TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
 
 Solution = tuple[Array, Array, float]
@@ -57,21 +57,29 @@ class Reprojection:
 
     def solve(self) -> list[Solution]:
         """All solutions that OpenCV's solvers and a few tilted starts lead to."""
-        starts = self._closed_forms()
+        starts = self.closed_forms()
         middle = self._points.mean(axis=0)
         for rvec, tvec in starts[:1]:
             centre = rotation_of(rvec) @ middle + tvec.reshape(3)
+            roll = rotation_of(np.array((0.0, 0.0, self._roll())))
             for pitch, yaw in product(_TILTS, _TILTS):
-                rotation = rotation_of(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
+                rotation = roll @ rotation_of(np.array((pitch, yaw, 0.0))) @ OPTICAL_FROM_BODY
                 turned = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
                 starts.append((turned, (centre - rotation @ middle).reshape(3, 1)))
         refined = [self.refine(rvec, tvec) for rvec, tvec in starts]
         return [solution for solution in refined if solution is not None]
 
-    def _closed_forms(self) -> list[tuple[Array, Array]]:
+    def _roll(self) -> float:
+        """In the image, rad, as if the markers were seen from straight behind."""
+        _, y, z = (self._points - self._points.mean(axis=0)).T
+        u, v = (self.image - self.image.mean(axis=0)).T
+        return float(np.angle(((z * 1j - y) * (u + 1j * v)).sum()))
+
+    def closed_forms(self) -> list[tuple[Array, Array]]:
+        """Rotation vectors and translations by OpenCV's solvers, all that there are of three."""
         methods = [cv2.SOLVEPNP_SQPNP]
         if len(self._points) == FEWEST:
-            methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_SQPNP]
+            methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P, cv2.SOLVEPNP_SQPNP]
         found: list[tuple[Array, Array]] = []
         for method in methods:
             try:

@@ -127,7 +127,7 @@ def test_detectors_alone_for_another_image_topic(launch, source):
     ('given', 'words'),
     [
         ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml does not exist'),
-        ({'detectors': 'markers,lights'}, "'lights' is none of markers, runway"),
+        ({'detectors': 'markers,lights'}, "'lights' is not one of markers, runway"),
     ],
 )
 def test_mistakes_are_named(launch, given, words):

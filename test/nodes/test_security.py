@@ -94,7 +94,8 @@ def check_graph(graph, name):
     graph.spin(0.5)
     assert seen(graph.probe.get_publisher_names_and_types_by_node) == publishes
     assert seen(graph.probe.get_service_names_and_types_by_node) == services
-    optional = {'/clock', '/image_raw', '/image_raw/compressed', '/camera_info'}
+    # Images, calibration and attitude are handed over within the one process.
+    optional = {'/clock', '/image_raw', '/image_raw/compressed', '/camera_info', '/imu'}
     subscribes = seen(graph.probe.get_subscriber_names_and_types_by_node)
     written = full(allowed(profile, 'topics', 'subscribe'))
     assert subscribes <= written <= subscribes | optional

@@ -111,15 +111,11 @@ def test_topics_rows_and_pose_follow_the_layout(layout):
     rows = decode_points(outputs['markers'])
     assert list(rows['label']) == list(range(len(names)))
     position = outputs['pose'].pose.pose.position
-    if len(names) == 3:
-        # Several poses fit three lights, and nothing tells them apart: none is published.
-        assert np.isnan(position.x) and 'pose' in processor.status
-    else:
-        distance = np.linalg.norm(frame.truth.translation)
-        error = np.subtract((position.x, position.y, position.z), frame.truth.translation)
-        assert np.linalg.norm(error) < 0.01 * distance
-        roll = outputs['rpy'].vector.x
-        assert roll == pytest.approx(0.0, abs=0.02)
+    distance = np.linalg.norm(frame.truth.translation)
+    error = np.subtract((position.x, position.y, position.z), frame.truth.translation)
+    assert np.linalg.norm(error) < 0.01 * distance
+    roll = outputs['rpy'].vector.x
+    assert roll == pytest.approx(0.0, abs=0.02)
 
 
 @pytest.mark.parametrize(

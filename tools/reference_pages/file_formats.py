@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from mvuav_ros.cli.commands.export import Form
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulate import simulated_messages
 from mvuav_ros.processing.messages.markers import POINT
 from mvuav_ros.processing.messages.runway import LINE
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.exporting import FORMATS, POSE_COLUMNS
+from mvuav_ros.recordings.exporting import POSE_COLUMNS
 from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -140,9 +141,7 @@ def _flight_topics() -> dict[str, str]:
 
 def _exports() -> str:
     lines = ['## Exported tables', '']
-    lines += [
-        f'`mvuav export RESULTS -o FOLDER --format {"|".join(FORMATS)}` writes a file for each'
-    ]
+    lines += [f'`mvuav export RESULTS -o FOLDER --format {"|".join(Form)}` writes a file for each']
     lines += [
         'topic. CSV and Parquet have these columns; the stamp is in ns, other units as in the'
     ]

@@ -30,10 +30,21 @@ def default_yaml() -> str:
 
 def parameter_tables() -> str:
     """One table per node, in Markdown."""
-    lines = ['# Parameters', '', f'<!-- {GENERATED} -->', '', _INTRODUCTION, '']
+    lines = [
+        '---',
+        'hide: [toc]',
+        '---',
+        '',
+        '# Parameters',
+        '',
+        f'<!-- {GENERATED} -->',
+        '',
+        _INTRODUCTION,
+        '',
+    ]
     for node, parameters in NODES.items():
         lines += [f'## {node}', '', (parameters.__doc__ or '').splitlines()[0], '']
-        lines += ['| parameter | default | unit | values | thesis | meaning |', '|---' * 6 + '|']
+        lines += ['| parameter | default | values | meaning | thesis |', '|---' * 5 + '|']
         lines += [_row(spec) for spec in parameters.specs()]
         lines.append('')
     return '\n'.join(lines)
@@ -41,8 +52,11 @@ def parameter_tables() -> str:
 
 def _row(spec: ParameterSpec) -> str:
     meaning = spec.description + (' Set at the start only.' if spec.read_only else '')
-    cells = (f'`{spec.name}`', f'`{_yaml(spec.default)}`', spec.unit, spec.constraint, spec.thesis)
-    return '| ' + ' | '.join((*cells, meaning)) + ' |'
+    # Else `<image topic>` would be a tag.
+    meaning = meaning.replace('<', '&lt;')
+    values = ' '.join(text for text in (spec.constraint, spec.unit) if text)
+    cells = (f'`{spec.name}`', f'`{_yaml(spec.default)}`', values, meaning, spec.thesis)
+    return '| ' + ' | '.join(cells) + ' |'
 
 
 def _yaml(value: Value) -> str:

@@ -15,7 +15,7 @@ from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerState, Window
+from mvuav_ros.vision.markers.results import MarkerResult, MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
@@ -114,13 +114,14 @@ def _scattered(count: int) -> NDArray[np.float64]:
 
 def _stream(places: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
     """Lights on a small circle; the last frame joins the first."""
-    angles = np.arange(FRAMES) * 2 * np.pi / FRAMES
-    circle = 6 * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-    return [_lights(640, 480, places + offset, 3) for offset in circle]
+    return [_lights(640, 480, places + offset, 3) for offset in _circle(6)]
 
 
-def _followed(mode: str, frames: list[NDArray[np.uint8]]) -> Callable[[], object]:
-    tracker = MarkerTracker(MarkerTrackerParameters(mode=mode))
+def _followed(
+    mode: str, frames: list[NDArray[np.uint8]], prediction: str = 'kalman'
+) -> Callable[[], MarkerResult]:
+    """A call that processes the next frame, again and again."""
+    tracker = MarkerTracker(MarkerTrackerParameters(mode=mode, prediction=prediction))
     endless, stamps = itertools.cycle(frames), itertools.count(0, 33_333_333)
     return lambda: tracker.process(Image(next(endless), 'mono8'), next(stamps))
 
@@ -131,11 +132,14 @@ def _specks(bright: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 def _flight(width: int, height: int) -> list[NDArray[np.uint8]]:
     """A tanker on a small circle; the last frame joins the first."""
-    frames = []
-    for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
-        centre = (width / 2 + 20 * np.cos(angle), height / 2 + 20 * np.sin(angle))
-        frames.append(_lights(width, height, PLACES + centre))
-    return frames
+    centre = (width / 2, height / 2)
+    return [_lights(width, height, PLACES + centre + offset) for offset in _circle(20)]
+
+
+def _circle(radius: float) -> NDArray[np.float64]:
+    """(`FRAMES`, 2) px."""
+    angles = np.arange(FRAMES) * 2 * np.pi / FRAMES
+    return np.asarray(radius * np.stack((np.cos(angles), np.sin(angles)), axis=-1))
 
 
 def _lights(
@@ -149,27 +153,17 @@ def _lights(
 
 def _whole_frame(mode: str, image: NDArray[np.uint8]) -> Callable[[], object]:
     parameters = MarkerTrackerParameters(mode=mode)
-
-    def run() -> object:
-        return MarkerTracker(parameters).process(Image(image, 'mono8'), 0)
-
-    return run
+    return lambda: MarkerTracker(parameters).process(Image(image, 'mono8'), 0)
 
 
 def _tracked_frame(
     width: int, height: int, prediction: str = 'acceleration'
 ) -> tuple[Callable[[], object], tuple[Window, ...]]:
     """A call that tracks the next frame, and the windows of the one that came first."""
-    tracker = MarkerTracker(MarkerTrackerParameters(mode='track', prediction=prediction))
-    frames = itertools.cycle(_flight(width, height))
-    stamps = itertools.count(0, 33_333_333)
-
-    def run() -> object:
-        return tracker.process(Image(next(frames), 'mono8'), next(stamps))
-
+    run = _followed('track', _flight(width, height), prediction)
     for _ in range(4):
         run()
-    result = tracker.process(Image(next(frames), 'mono8'), next(stamps))
+    result = run()
     assert all(marker.state is MarkerState.DETECTED for marker in result.markers)
     return run, result.windows
 
@@ -180,8 +174,8 @@ def _posed_frame() -> Callable[[], object]:
     tracker, poses = MarkerTracker(), PoseEstimator(TANKER_747)
     behind = TANKER_747.positions @ OPTICAL_FROM_BODY.T + (0.0, 5.0, 100.0)
     frames = []
-    for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
-        points = np.add(behind, (4.0 * np.cos(angle), 4.0 * np.sin(angle), 0.0))
+    for x, y in _circle(4.0):
+        points = np.add(behind, (x, y, 0.0))
         places = (points @ camera.matrix.T)[:, :2] / points[:, 2:]
         frames.append(Image(_lights(640, 480, places), 'mono8'))
     endless = itertools.cycle(frames)

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from mvuav_ros.cli.options import Force, Format, SplitMb, Storage
 from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.cli.storage import Storage
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.remote import is_url, local_copy, local_output, size_at
 
@@ -20,14 +20,9 @@ def repair(
             '--output', '-o', help='OUT.mcap, or a new folder; or an URL.', show_default=False
         ),
     ],
-    storage: Annotated[
-        Storage,
-        typer.Option('--format', help='One mcap file, or a rosbag2 folder with metadata.yaml.'),
-    ] = Storage.MCAP,
-    split_mb: Annotated[
-        int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
-    ] = 0,
-    force: Annotated[bool, typer.Option('--force', help='Overwrite what is there.')] = False,
+    storage: Format = Storage.MCAP,
+    split_mb: SplitMb = 0,
+    force: Force = False,
 ) -> None:
     """Write every message that can be read, of all topics, and say what could not."""
     from mvuav_ros.recordings.repairing import repair as write

@@ -8,8 +8,17 @@ from typing import Annotated
 
 import typer
 
-from mvuav_ros.cli.options import Dask, Force, ImageTopic, Param, ParamsFile, takes
-from mvuav_ros.cli.storage import Storage
+from mvuav_ros.cli.options import (
+    Dask,
+    Force,
+    Format,
+    ImageTopic,
+    Param,
+    ParamsFile,
+    SplitMb,
+    Storage,
+    takes,
+)
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.sources.selection import Selection
@@ -71,13 +80,8 @@ class ReplayOptions:
             max=100.0,
         ),
     ] = 1.0
-    storage: Annotated[
-        Storage,
-        typer.Option('--format', help='mcap files, or rosbag2 folders with metadata.yaml.'),
-    ] = Storage.MCAP
-    split_mb: Annotated[
-        int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
-    ] = 0
+    storage: Format = Storage.MCAP
+    split_mb: SplitMb = 0
     jobs: Annotated[
         int | None,
         typer.Option(

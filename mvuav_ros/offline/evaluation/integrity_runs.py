@@ -19,7 +19,8 @@ from mvuav_ros.simulation.light_flights import (
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.pose import FEWEST, PoseEstimator
+from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import TANKER_747
 
 TOLD_APART = 4.0

@@ -49,7 +49,7 @@ def plan(
     is_folder = settings.split_bytes is not None
     if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
         return Plan([ReplayJob(sources[0], output, settings, overwrite)], None)
-    if Path(output).suffix and not Path(output).is_dir():
+    if not output.endswith('/') and Path(output).suffix and not Path(output).is_dir():
         raise RecordingError(
             f'{output}: the name of a recording must end in .mcap'
             if len(sources) == 1

@@ -196,8 +196,10 @@ def encode_corrections(result: Result, header: bytes) -> bytes:
 def _correction(index: int, line: RunwayLine) -> _Status:
     if not line.found:
         message = 'not found'
-    elif line.corrected:
+    elif line.corrected and line.role is LineRole.UNKNOWN:
         message = 'corrected: the old values are kept'
+    elif line.corrected:
+        message = 'moved by more than the threshold'
     else:
         message = 'ok'
     return _Status(

@@ -9,121 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap
+from mvuav_ros.vision.approach.profile import (
+    MOST_GAIN,
+    ROWS,
+    WEIGHTS,
+    Numbers,
+    Profile,
+    profile,
+)
 from mvuav_ros.vision.approach.strip_search import Strips
 from mvuav_ros.vision.approach.tuning import TUNING
 
-_WEIGHTS = np.array(TUNING.weights, np.float32)
-_ROWS = 44
-"""Below the vanishing point: near ends of up to 28 px and half as much again."""
-_MOST_GAIN = 5.0
-_FIRST_DEPTH, _LEAST_WIDTH = 1.5, 2.0
 _MIRROR = np.array([-1, -1, -1, 1], np.float32)
 _SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
 """Widths of strips around and within a strip that are compared with it, of its width."""
 _SIDE = np.array([1.0, 2.0])
 """Of half its width: how much wider on one side."""
-Numbers = NDArray[np.floating[Any]]
-
-
-@dataclass(frozen=True, eq=False)
-class Profile:
-    """Strips row by row; arrays are (n, rows) unless said.
-
-    Attributes:
-        strips: (n, 6), with the ends that were found.
-        rows: of the map.
-        depth: rows below the vanishing point.
-        left: column of the left edge.
-        right: column of the right edge.
-        visible: both edges are in the image.
-        parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
-        total: their weighted sum, limited.
-        inside: rows from the far to the near end.
-        run: (n,) sum of `total` above the bias over the logarithm of depth.
-        last: (n,) index of the near end's row.
-        apart: (n,) logarithm of the near end's depth by the left edge over that by the right.
-        balance: (n,) fainter over stronger edge.
-    """
-
-    strips: Strips
-    rows: NDArray[np.intp]
-    depth: Numbers
-    left: Numbers
-    right: Numbers
-    visible: NDArray[np.bool_]
-    parts: Numbers
-    total: Numbers
-    inside: NDArray[np.bool_]
-    run: Numbers
-    last: NDArray[np.intp]
-    apart: Numbers
-    balance: Numbers
-
-    def mean(self, values: Any) -> Numbers:
-        """(n,) mean over the strip's rows."""
-        count = np.maximum(self.inside.sum(axis=1), 1)
-        result: Numbers = (values * self.inside).sum(axis=1) / count
-        return result
-
-
-def profile(image: EvidenceMap, strips: Strips) -> Profile:
-    """Measure strips row by row and find their ends.
-
-    Args:
-        image: the map of the level on which the near ends are 10 to 40 px deep.
-        strips: (n, 6); their near ends say which rows the strips are known by.
-    """
-    x, y, left_slope, right_slope, _, expected = strips.T
-    rows = np.rint(y[:, None] + np.arange(1, _ROWS + 1)).astype(np.intp)
-    depth = rows - y[:, None]
-    left, right = (
-        x[:, None] + left_slope[:, None] * depth,
-        x[:, None] + right_slope[:, None] * depth,
-    )
-    lefts, in_left = image.at(rows, left)
-    rights, in_right = image.at(rows, right)
-    visible = in_left & in_right
-    one, other = lefts.astype(np.float32) / UNIT, rights.astype(np.float32) / UNIT
-    other[..., :3] *= -1
-    common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
-    known = (depth > TUNING.first_row * expected[:, None]) & (depth <= expected[:, None])
-    sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
-    parts = common * sign
-    total = np.minimum(parts @ _WEIGHTS, _MOST_GAIN)
-    used = visible & (depth >= _FIRST_DEPTH) & (right - left >= _LEAST_WIDTH)
-    used &= depth <= 1.9 * expected[:, None]
-    worth = used / np.maximum(depth, 2.0)
-    run, first, last = _best_run((total - TUNING.row_bias) * worth)
-    number = np.arange(len(strips))
-    last = np.maximum(last - 1, first)
-    found = strips.copy()
-    found[:, 4], found[:, 5] = depth[number, first], depth[number, last] + 0.5
-    index = np.arange(_ROWS)
-    inside = used & (index >= first[:, None]) & (index <= last[:, None])
-    single = [np.minimum((each * sign) @ _WEIGHTS, _MOST_GAIN) for each in (one, other)]
-    ends = [_best_run((each - TUNING.row_bias) * worth)[2] for each in single]
-    near = [depth[number, np.maximum(end - 1, 0)] for end in ends]
-    apart = np.log(np.maximum(near[0], 1.0) / np.maximum(near[1], 1.0))
-    means = [(each * inside).sum(axis=1) for each in single]
-    balance = np.minimum(*means) / np.maximum(np.maximum(*means), 1e-6)
-    return Profile(
-        found, rows, depth, left, right, visible, parts, total, inside, run, last, apart, balance
-    )
-
-
-def _best_run(gain: Numbers) -> tuple[Numbers, NDArray[np.intp], NDArray[np.intp]]:
-    """The run of columns with the largest sum in each row: sum, first, after last."""
-    total = np.zeros((gain.shape[0], gain.shape[1] + 1))
-    np.cumsum(gain, axis=1, out=total[:, 1:])
-    lowest = np.minimum.accumulate(total, axis=1)
-    rise = total - lowest
-    last = rise.argmax(axis=1)
-    number = np.arange(gain.shape[0])
-    columns = np.arange(total.shape[1])
-    # The last place before the end at which the total was that low.
-    at_lowest = (total <= lowest[number, last][:, None] + 1e-9) & (columns <= last[:, None])
-    first = total.shape[1] - 1 - at_lowest[:, ::-1].argmax(axis=1)
-    return rise[number, last], np.minimum(first, gain.shape[1] - 1), last
 
 
 FEATURES = (
@@ -225,7 +126,7 @@ def _sampled(
     left, right = values[:, :count], values[:, count:] * _MIRROR
     common = np.maximum(np.minimum(left, right), 0) + np.minimum(np.maximum(left, right), 0)
     known = inside[:, :count] & inside[:, count:]
-    return np.minimum(np.abs(common) @ _WEIGHTS, _MOST_GAIN), known
+    return np.minimum(np.abs(common) @ WEIGHTS, MOST_GAIN), known
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
@@ -269,10 +170,10 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     one, in_one = image.at(rows, x[:, None] + left[:, None] * up)
     other, in_other = image.at(rows, x[:, None] + right[:, None] * up)
     strength = np.maximum(
-        np.abs(one.astype(np.float32)) @ _WEIGHTS, np.abs(other.astype(np.float32)) @ _WEIGHTS
+        np.abs(one.astype(np.float32)) @ WEIGHTS, np.abs(other.astype(np.float32)) @ WEIGHTS
     )
     counted = (-up <= np.maximum(0.5 * near, 4)[:, None]) & in_one & in_other
-    strength = np.minimum(strength / UNIT, _MOST_GAIN) * counted
+    strength = np.minimum(strength / UNIT, MOST_GAIN) * counted
     result: Numbers = strength.sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
     return result
 
@@ -282,7 +183,7 @@ def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
     ratio = np.maximum(right - left, 0.05)
     width = ratio * near
     number = np.arange(len(near))
-    beyond = np.minimum(of.last + 1, _ROWS - 1)
+    beyond = np.minimum(of.last + 1, ROWS - 1)
     return {
         'open_end': (~of.visible[number, beyond]).astype(float),
         'width_ratio': np.log(ratio),
@@ -299,7 +200,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     count = of.inside.sum(axis=1)
     first = of.last - np.maximum(count - 1, 0)
     share = np.linspace(0, 1, 8) * (of.last - first)[:, None] + first[:, None]
-    row = np.clip(np.rint(share).astype(np.intp), 0, _ROWS - 1)
+    row = np.clip(np.rint(share).astype(np.intp), 0, ROWS - 1)
     rows, left, right = of.rows[number, row], of.left[number, row], of.right[number, row]
     width = np.maximum(right - left, 1)
     inside, _ = image.means(rows, left + 0.15 * width, right - 0.15 * width)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,9 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.alignment import align
+from mvuav_ros.vision.approach.alignment import align, around
 from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe
+from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.evidence import EvidenceMap, gather_evidence, halved
+from mvuav_ros.vision.approach.profile import profile
+from mvuav_ros.vision.approach.strip_geometry import surrounding_box
 from mvuav_ros.vision.approach.strip_search import Strips, distinct, fan, fan_jobs
 from mvuav_ros.vision.approach.tuning import TUNING
 
@@ -21,6 +25,8 @@ LEVELS = 3
 _SKY_STEP = 5
 _SKY_SMOOTHING = 31
 _LEAST_PART = 12
+_DEEPEST = 28.0
+"""Px of a pyramid level: a near end below that is measured on the next one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +74,19 @@ def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
 class LevelledImage:
     """A levelled working image and what is known of it, each part computed when it is asked for."""
 
-    def __init__(self, pixels: NDArray[Any], scene: Scene | None = None) -> None:
+    def __init__(
+        self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
+    ) -> None:
         """Begin with nothing computed.
 
         Args:
             pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
+            level: of the pixels, which are turned by it; None if they are level.
             scene: what a frame just before was like, to be taken for this one's.
         """
-        self._pixels = [pixels]
+        self._given = pixels
+        self._level = level
+        self._pixels: list[NDArray[Any]] = []
         self._given_scene = scene
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
@@ -83,11 +94,19 @@ class LevelledImage:
     @property
     def size(self) -> tuple[int, int]:
         """Height and width, px."""
-        height, width = self._pixels[0].shape[:2]
+        height, width = self._given.shape[:2]
         return height, width
+
+    @property
+    def used(self) -> bool:
+        """Whether anything was asked of it."""
+        return bool(self._pixels)
 
     def pixels(self, level: int) -> NDArray[Any]:
         """The image of a level of the pyramid."""
+        if not self._pixels:
+            given = self._given
+            self._pixels.append(given if self._level is None else self._level.turned(given))
         while len(self._pixels) <= level:
             self._pixels.append(halved(self._pixels[-1]))
         return self._pixels[level]
@@ -103,7 +122,7 @@ class LevelledImage:
         """What the image is like, at full scale."""
         if self._given_scene is not None:
             return self._given_scene
-        pixels = self._pixels[0]
+        pixels = self.pixels(0)
         gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
         levels = gray[::4, ::4]
         darkest, brightest = (float(value) for value in np.percentile(levels, (10, 95)))
@@ -170,6 +189,57 @@ def describe_part(image: EvidenceMap, strips: Strips, level: int, scene: Scene) 
         return NO_CANDIDATES
     features, measured = describe(image, aligned[valid], scene, level)
     return Candidates(to_finest(measured, level), features)
+
+
+def describe_around(
+    working: LevelledImage, strip: NDArray[np.float64], expected: Strips, most: int
+) -> tuple[Strips, NDArray[np.float64], NDArray[np.bool_]] | None:
+    """Align and describe strips on the part of an image around one of them.
+
+    Args:
+        working: the image.
+        strip: (6,) around which others are tried as well.
+        expected: (n, 6) strips.
+        most: of the others.
+
+    Returns:
+        (m, 6) the strips as they are in the image, the expected ones first, (m, features), and
+        (m,) which of them are strips; None where none is in the image.
+    """
+    pyramid = _level_of(strip)
+    known = to_level(np.concatenate([strip[None], expected]), pyramid)
+    part, place = working.cut(pyramid, surrounding_box(known))
+    if part is None:
+        return None
+    known[:, :2] -= place
+    strips = np.concatenate([known[1:], around(part, known[0], most)])
+    measured, valid = align(part, strips)
+    if not valid.any():
+        return None
+    measured[~valid] = strips[~valid]
+    features = np.zeros((len(strips), len(FEATURES)))
+    scene = working.scene_of_part(pyramid, *place)
+    features[valid], measured[valid] = describe(part, measured[valid], scene, pyramid)
+    measured = to_finest(measured, pyramid)
+    measured[:, :2] += np.array(place) * 2**pyramid
+    return measured, features, valid
+
+
+def ends_of(working: LevelledImage, strip: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """(2,) rows from a strip's vanishing point to its far and its near end, if it is in sight."""
+    pyramid = _level_of(strip)
+    known = to_level(strip[None], pyramid)
+    part, place = working.cut(pyramid, surrounding_box(known))
+    if part is None:
+        return None
+    known[:, :2] -= place
+    ends: NDArray[np.float64] = to_finest(profile(part, known).strips, pyramid)[0, 4:6]
+    return ends
+
+
+def _level_of(strip: NDArray[np.float64]) -> int:
+    """Of the pyramid, on which a strip's near end is neither too deep nor too shallow."""
+    return max(0, math.ceil(math.log2(max(float(strip[5]), 1.0) / _DEEPEST)))
 
 
 def to_finest(strips: Strips, level: int) -> Strips:

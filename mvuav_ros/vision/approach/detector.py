@@ -16,7 +16,7 @@ from mvuav_ros.vision.approach.attitude import (
 from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.finders import Finder, FollowedTrack, Found, make_finder
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.lines import LineCorrection, Segment
+from mvuav_ros.vision.approach.lines import LineFlags, Segment
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.approach.targets import TARGETS
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -52,7 +52,7 @@ class ApproachDetector:
         self._parameters = parameters or RunwayDetectorParameters()
         self._mount = mount_matrix(self._parameters.camera_mount_rpy_deg)
         self.attitude_problem = ''
-        self._correction = LineCorrection(self._parameters)
+        self._lines = LineFlags(self._parameters)
         self._statistics = RunwayStatistics()
         self._camera: CameraModel | None = None
         self.reset()
@@ -63,7 +63,7 @@ class ApproachDetector:
             self.reset()
         self._parameters = parameters
         self._mount = mount_matrix(parameters.camera_mount_rpy_deg)
-        self._correction.configure(parameters)
+        self._lines.configure(parameters)
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use a calibration from the next frame on; it may be an unusable one."""
@@ -75,7 +75,7 @@ class ApproachDetector:
         self._finder: Finder | None = None
         self._had_attitude = False
         self._shown: FollowedTrack | None = None
-        self._correction.reset()
+        self._lines.reset()
 
     def reset_statistics(self) -> None:
         """Begin the statistics at zero."""
@@ -113,7 +113,7 @@ class ApproachDetector:
         found = self._finder.step(image, self._horizon_of(attitude))
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
-            self._correction.reset()
+            self._lines.reset()
             self._shown = found.track
         if found.track is None or self._doubtful(found):
             return self._absent(image, stamp_ns, found, self._why_absent(found))
@@ -160,7 +160,7 @@ class ApproachDetector:
         height, width = image.shape[:2]
         horizon = None if found is None else _across(found)
         confidence = 0.0 if found is None else found.confidence
-        lines = self._correction.rows({}, {}, 0.0, (width, height))
+        lines = self._lines.rows({}, {}, 0.0, (width, height))
         self._statistics.add(lines)
         guidance = None if self._usable_camera() is None else Guidance()
         return ApproachResult(
@@ -213,7 +213,7 @@ class ApproachDetector:
             votes[LineRole.LEFT_EDGE] = float(np.count_nonzero(left_points.weights))
             votes[LineRole.RIGHT_EDGE] = float(np.count_nonzero(right_points.weights))
         confidence = found.confidence
-        lines = self._correction.rows(segments, votes, confidence, (width, height))
+        lines = self._lines.rows(segments, votes, confidence, (width, height))
         self._statistics.add(lines)
         return ApproachResult(
             stamp_ns,

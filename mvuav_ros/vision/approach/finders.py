@@ -16,6 +16,7 @@ from mvuav_ros.vision.approach.edges import EdgePoints
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.features import shrink
 from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
+from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.runway_tracker import RunwayTracker, SearchRange
 from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.targets import TARGETS
@@ -117,6 +118,11 @@ class RunwayFinder:
             image, pixels, level, ranges, known, attitude=attitude is not None
         )
         return Found(track, self._tracker.confidence, level, row)
+
+    @property
+    def report(self) -> Report | None:
+        """What the newest confidence was made of; None without a track."""
+        return self._tracker.report
 
     def _from_image(
         self, pixels: NDArray[Any], factor: int

@@ -23,7 +23,7 @@ Matrix = NDArray[np.float64]
 # Px of the frame: what is wrong with all points of an edge alike, at either end of it: by itself,
 # and on both edges inwards or outwards alike (side stripes, defocus); and px of the working
 # image: of the near end's row.
-_EDGE_BIAS, _WIDTH_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.12, 0.25, 0.05, 1.0
+_EDGE_BIAS, _WIDTH_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.12, 0.16, 0.05, 1.0
 # m: markings and overruns blur where the pavement begins.
 _BEGINNING_SIGMA = 10.0
 _CORRELATED_ROWS = 3.0

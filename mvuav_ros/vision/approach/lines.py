@@ -1,36 +1,37 @@
-"""From a shape to the rows of the result, each with the thesis's correction."""
+"""From a shape to the rows of the result, each with the thesis's flags."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.derotation import line_through
 from mvuav_ros.vision.approach.results import ROLES, Point
-from mvuav_ros.vision.runway.correction import CorrectionLimits, RhoThetaCorrection
-from mvuav_ros.vision.runway.detector import correction_limits
 from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 Segment = tuple[Point, Point]
 
 
-class LineCorrection:
-    """The rho/theta correction of each role's line."""
+class LineFlags:
+    """Compares each role's line with the one before, as the thesis does (section 4.3.2.4).
+
+    A flagged line is reported as it is: the shape was followed as a whole, and an older line would
+    no longer be one of its edges.
+    """
 
     def __init__(self, parameters: RunwayDetectorParameters) -> None:
-        self._corrections = {role: RhoThetaCorrection(_for_one_line(parameters)) for role in ROLES}
+        self.configure(parameters)
+        self.reset()
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
-        """Use other parameters; the lines stay known."""
-        for correction in self._corrections.values():
-            correction.configure(_for_one_line(parameters))
+        """Use other thresholds; the lines stay known."""
+        self._most_rho = parameters.rho_error_threshold
+        self._most_theta = math.radians(parameters.theta_error_threshold_deg)
 
     def reset(self) -> None:
         """Forget the lines."""
-        for correction in self._corrections.values():
-            correction.reset()
+        self._last: dict[LineRole, NormalForm] = {}
 
     def rows(
         self,
@@ -60,20 +61,27 @@ class LineCorrection:
         confidence: float,
         size: tuple[int, int],
     ) -> RunwayLine:
-        measured = None if segment is None else line_through(*segment[0], *segment[1])
-        (row,) = self._corrections[role].correct([] if measured is None else [measured])
-        if segment is None or measured is None or row.line is None:
+        if segment is None:
+            self._last.pop(role, None)
             return RunwayLine(role=role)
-        x, y, x2, y2 = _confine(row.line, segment, size)
+        line = line_through(*segment[0], *segment[1])
+        last = self._last.get(role)
+        self._last[role] = line
+        rho_flag = theta_flag = False
+        if last is not None:
+            facing = line.facing(last.theta)
+            rho_flag = abs(facing.rho - last.rho) > self._most_rho
+            theta_flag = abs(facing.theta - last.theta) > self._most_theta
+        x, y, x2, y2 = _confine(line, segment, size)
         return RunwayLine(
             peak=ROLES.index(role),
-            rho=row.line.rho,
-            theta=row.line.theta,
+            rho=line.rho,
+            theta=line.theta,
             votes=votes,
-            rho_raw=measured.rho,
-            theta_raw=measured.theta,
-            rho_flag=row.rho_flag,
-            theta_flag=row.theta_flag,
+            rho_raw=line.rho,
+            theta_raw=line.theta,
+            rho_flag=rho_flag,
+            theta_flag=theta_flag,
             x=x,
             y=y,
             x2=x2,
@@ -81,10 +89,6 @@ class LineCorrection:
             role=role,
             confidence=confidence,
         )
-
-
-def _for_one_line(parameters: RunwayDetectorParameters) -> CorrectionLimits:
-    return replace(correction_limits(parameters), rows=1, by_index=True)
 
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:

@@ -16,6 +16,8 @@ _LEAST_CONTRAST = 1.5
 _PAINT_BEFORE_STEPS = 1.0
 """Paint must be that much more evident than steps, in textures, before edges are looked for in it:
 a runway's edge is the pavement's, where that can be seen."""
+_CLEAR_CONTRAST = 12.0
+"""Grey levels of contrast that are plain to see."""
 _MEMORY = 0.2
 _REGION = 5
 """Share of the samples across an edge, at either end, that are its outside and its inside."""
@@ -28,6 +30,11 @@ class EdgeLook:
         self._contrast = np.zeros(3)
         self._paint = 0.0
         self._known = False
+
+    @property
+    def clear(self) -> bool:
+        """Pavement and land differ so much that every frame shows the edges."""
+        return float(np.linalg.norm(self._contrast)) > _CLEAR_CONTRAST
 
     def find(
         self,
@@ -59,8 +66,13 @@ class EdgeLook:
             size = max(self._paint, _LEAST_CONTRAST)
             lines = np.clip(ridge, 0.0, size)
             return samples.fit(lines, lines, size)
-        size = float(np.linalg.norm(self._contrast[: len(channels)]))
-        direction = self._contrast[: len(channels)] / max(size, 1e-6)
+        contrast = self._contrast[: len(channels)].copy()
+        colour = float(np.linalg.norm(contrast[1:]))
+        if wide and contrast[0] < 0 and colour > max(_CLEAR_CONTRAST, -float(contrast[0])):
+            # White stripes along the edge of dark pavement would count as land.
+            contrast[0] = 0.0
+        size = float(np.linalg.norm(contrast))
+        direction = contrast / max(size, 1e-6)
         along = np.tensordot(direction, steps, axes=1)
         size = max(size, _LEAST_CONTRAST)
         along = np.clip(along, 0.0, size)

@@ -1,60 +1,61 @@
 """One possible runway followed from frame to frame, as several strips that may be it.
 
-A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom tells. So all are weighed anew in every frame, and what is
-followed and reported is their mean, weighted by probability.
+All of them are weighed anew in every few frames, and what is followed and reported is their mean,
+weighted by what many frames together say of each.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.alignment import around
 from mvuav_ros.vision.approach.appearance import FEATURES
-from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, describe_part, to_level
+from mvuav_ros.vision.approach.candidates import describe_around, ends_of
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_edges import EdgeLook
 from mvuav_ros.vision.approach.shape import Shape
-from mvuav_ros.vision.approach.strip_search import Strips
+from mvuav_ros.vision.approach.strip_geometry import (
+    agrees,
+    apart,
+    columns_at,
+    overlapping,
+    points_along,
+    shape_through,
+)
+from mvuav_ros.vision.approach.view import View
 
-_DEEPEST = 28.0
-"""Px of a pyramid level: a near end below that is measured on the next one."""
-_MOST_STRIPS = 12
-_MEMORY = 0.15
-_END_MEMORY = 0.6
-_MOST_MISSES = 10
+_MOST_STRIPS = 8
+"""Tried around the mean each time."""
+_MEMORY, _MISS_MEMORY, _END_MEMORY = 0.06, 0.15, 0.6
+"""Share of a frame in what a track remembers: of being weighed, of not being seen, of its ends."""
+_MOST_MISSES = 4
+"""Weighings in a row in which nothing was seen."""
 _MISSED = -4.0
-"""Log odds of a frame in which nothing is there."""
-_WORST = -9.0
-"""Log odds under the best strip's below which a strip is given up."""
-_TEMPERATURE, _WIDER = 2.5, 1.0
-"""Of the mean's weights: log odds are divided by the one, as frames err alike, and widths taken to
-the power of the other, as paint and rubber within a runway are seen more often than it. Runs 3, 5
-in single frames."""
+"""Log odds of a weighing in which nothing is there."""
 _LEAST_TOLERANCE, _TOLERANCE_SHARE = 3.0, 0.05
 """Px of the working image, and widths: strips whose corners are that near the mean agree with it.
 So far from the labels a report still counts as right."""
-_SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
-_SAME = 0.08
-"""Widths, and px, between edges of strips that are the same."""
 _CLEAR_PX, _CLEAR_SHARE = 1.0, 0.03
 """Standard deviation of the near end's corners, px or widths, below which the edges are measured on
 the frame itself."""
-_AGREE = 2.0
-"""Px between such a measurement and the mean, at most."""
 _WIDE, _LEAST_SUPPORT = 18.0, 0.25
 """Px of the near end from which a runway's lines are so far apart that its edges are those with the
 clearest steps, and their support, 0 to 1, from which that holds. The simulator's flights."""
-_SHARP_SUPPORT, _SHARP_AGREEMENT = 0.75, 0.3
-"""Support of wide edges from which they count as agreed on, and that agreement at least."""
-_POINTS = 12
-_SURE_AGE = 10
+_LOCK_WIDTH, _LOCK_AGE, _LOCK_ODDS = 30.0, 20, 0.5
+_LOCK_AGREEMENT, _LOCK_SUPPORT = 0.4, 0.7
+"""Px, frames, log odds, and agreement or support from which a runway is followed by its edges
+alone: near the ground everything around it has straight edges too."""
+_GROWTH_MEMORY, _MOST_GROWTH = 0.1, 0.04
+_MOST_UNSEEN = 3
+_NARROWEST = 5.0
+"""Px of the near end: what is narrower shows too little to be told from specks in clouds."""
+_YOUNG = 5
+"""Frames in which a track is weighed every time."""
 _PAINT = FEATURES.index('paint')
 _STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
@@ -71,8 +72,9 @@ class RunwayTrack:
         near_seen: the same in the newest frame alone.
         open_end: its near end is out of sight.
         age: frames.
-        misses: frames in a row in which it was not seen.
         moved: frames that differed from the one before.
+        locked: it is followed by its edges alone.
+        misses: weighings in a row in which it was not seen.
         agreement: probability of the strips that are where the mean is.
         points: of the left and the right edge in the newest frame, if seen.
     """
@@ -85,13 +87,19 @@ class RunwayTrack:
         self.open_end = False
         self.log_odds = log_odds
         self.age = 0
-        self.misses = 0
         self.moved = 0
+        self.misses = 0
         self.agreement = 1.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._found: list[NDArray[np.float64]] = [strip]
         self._look = EdgeLook()
+        self._hypotheses = Hypotheses()
+        self._spread = np.zeros((2, 2))
         self._clear, self._lead = False, 0.0
+        self._rested = 0
+        self.locked = False
+        self._sharp, self._growth = 0.0, 0.0
+        self._unseen = 0
 
     @property
     def lost(self) -> bool:
@@ -104,7 +112,7 @@ class RunwayTrack:
 
     def covers(self, strip: NDArray[np.float64]) -> bool:
         """Whether a strip may be the same runway: around, within or beside the mean."""
-        return bool(_overlap(self.strip(), strip[None])[0])
+        return bool(overlapping(self.strip(), strip[None])[0])
 
     def add(self, strip: NDArray[np.float64]) -> None:
         """Take in what a search has found, in the next frame."""
@@ -116,138 +124,165 @@ class RunwayTrack:
             self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
             self.shape.turn(old, new)
 
-    def step(
-        self,
-        image: NDArray[Any],
-        working: LevelledImage,
-        level: Derotation,
-        horizon: tuple[float, float] | None,
-    ) -> None:
-        """Follow it into the next frame.
-
-        Args:
-            image: the frame.
-            working: its levelled working image.
-            level: of the frame.
-            horizon: row of the vanishing point and its standard deviation, if known, px.
-        """
-        if self.age:
-            self.shape.predict()
-        self.age += 1
-        if self._rests():
-            self._glance(image, level)
-            return
-        found = self._describe(working) if self._plausible(working) else None
-        self._found = []
-        if found is None:
-            self.misses += 1
-            self.points = None
-            self.log_odds += _MEMORY * (_MISSED - self.log_odds)
-            return
-        self.misses = 0
-        self._measure(image, level, *found, horizon)
-        if not self._plausible(working):
+    def step(self, view: View, period: int) -> None:
+        """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
+        self._follow(view, period)
+        if not self._plausible(view):
             self.misses = _MOST_MISSES + 1
 
-    def _rests(self) -> bool:
-        """Whether a frame is left out: a sure track is weighed in every second one."""
-        sure = self.age > _SURE_AGE and self.log_odds > 0 and not self._found
-        return sure and self.misses == 0 and self.age % 2 == 0
+    def _follow(self, view: View, period: int) -> None:
+        if self.age:
+            self.shape.grow(self._growth)
+            self.shape.predict(*view.registration.shift(self.strip(), view.level))
+        self.age += 1
+        self.moved += view.registration.moving
+        self._rested += 1
+        if self._rested < period and self.age > _YOUNG:
+            self._rest(view)
+            return
+        share, self._rested = float(self._rested), 0
+        if self.locked and self._hold(view):
+            self._found = []
+            return
+        seen = self._plausible(view) and self._weigh(view, share)
+        self._found = []
+        if not seen:
+            self.misses += 1
+            self.points = None
+            self.log_odds += (1.0 - (1.0 - _MISS_MEMORY) ** share) * (_MISSED - self.log_odds)
+            return
+        self.misses = 0
 
-    def _glance(self, image: NDArray[Any], level: Derotation) -> None:
-        """Measure the edges near where they are expected, without weighing anything."""
+    def _rest(self, view: View) -> None:
+        """Follow without weighing; wide edges are measured in every frame."""
+        if self.locked:
+            self._edges_alone(view)
+            return
+        if self.points is None:
+            return
         strip = self.strip()
         rows = strip[1] + strip[4:6]
-        mean = _columns(strip[None], rows)[0]
-        points = _points_along(mean, rows, np.zeros((2, 2)))
-        if self._clear:
-            span = self.far, self.near
-            wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
-            exact = self._look.find(image, level, strip[:4], span, self._lead, wide=wide)
-            if all(map(_agrees, exact, points)):
-                points = exact
+        mean = columns_at(strip[None], rows)[0]
+        self.points = points_along(mean, rows, self._spread)
+        wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
+        if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
+            exact = self._look.find(
+                view.image, view.level, strip[:4], (self.far, self.near), self._lead, wide=True
+            )
+            if all(map(agrees, exact, self.points)):
+                self.points = exact
                 self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
-                self.shape.update(*points, None, 1.0)
-        self.points = points
+                self.shape.update(*exact, None, 1.0)
 
-    def _plausible(self, working: LevelledImage) -> bool:
+    def _hold(self, view: View) -> bool:
+        """Follow a wide runway by its edges alone, and see where it ends; whether it goes on."""
+        if not self._plausible(view) or not self._edges_alone(view):
+            self._unseen += 1
+            self.locked = self._unseen <= _MOST_UNSEEN
+            return self.locked
+        self._unseen = 0
+        frame = self.strip()
+        found = ends_of(view.working, frame)
+        if found is None:
+            return True
+        if found[1] > 0.5 * self.near:
+            self._follow_ends(frame[1] + found)
+        middle = frame[0] + 0.5 * (frame[2] + frame[3]) * self.near
+        _, last = view.level.to_frame(middle, frame[1] + self.near)
+        self.open_end = bool(last > view.image.shape[0] - 2 * view.level.factor)
+        return True
+
+    def _edges_alone(self, view: View) -> bool:
+        strip = self.strip()
+        exact = self._look.find(
+            view.image, view.level, strip[:4], (self.far, self.near), self._lead, wide=True
+        )
+        if min(edge.support for edge in exact) < _LEAST_SUPPORT:
+            self.points = None
+            return False
+        self.points = exact
+        self.shape.move_reference(float(strip[1] + 0.3 * self.far + 0.7 * self.near))
+        self.shape.update(*exact, None, 1.0)
+        left, right = self.shape.slopes
+        change = (right - left) / (strip[3] - strip[2]) - 1.0
+        growth = self._growth + _GROWTH_MEMORY * change
+        self._growth = min(max(growth, -_MOST_GROWTH), _MOST_GROWTH)
+        return True
+
+    def _plausible(self, view: View) -> bool:
         array = self.shape.as_array()
         if not np.isfinite(array).all():
             return False
-        height, columns = working.size
+        height, columns = view.working.size
         width = array[3] - array[2]
         return bool(
             0.05 < width < 8.0
+            and width * self.near > _NARROWEST
             and abs(array[2] + array[3]) / 2 < 2.0 * width
             and -0.5 * columns < array[0] < 1.5 * columns
             and -0.3 * height < array[1] < height - 6
             and self.near > self.far
         )
 
-    def _describe(self, working: LevelledImage) -> tuple[Candidates, NDArray[np.float64]] | None:
-        """The strips that may be the runway in this frame, best first, and their log odds."""
-        strip = self.strip()
-        level = max(0, math.ceil(math.log2(max(float(strip[5]), 1.0) / _DEEPEST)))
-        known = to_level(np.stack([strip, *self._found]), level)
-        part, place = working.cut(level, _box(known))
-        if part is None:
-            return None
-        known[:, :2] -= place
-        strips = np.concatenate([around(part, known[0], _MOST_STRIPS), known[1:]])
-        found = describe_part(part, strips, level, working.scene_of_part(level, *place))
-        if not len(found.strips):
-            return None
-        found.strips[:, :2] += np.array(place) * 2**level
-        odds = evidence_weights().log_odds(found.features)
-        order = _distinct(found.strips, odds)
-        odds = odds[order]
-        now = float(odds[0]) + math.log(float(np.exp(odds - odds[0]).sum()))
-        self.log_odds += max(_MEMORY, 1.0 / self.age) * (now - self.log_odds)
-        return Candidates(found.strips[order], found.features[order]), odds
-
-    def _measure(
-        self,
-        image: NDArray[Any],
-        level: Derotation,
-        seen: Candidates,
-        odds: NDArray[np.float64],
-        horizon: tuple[float, float] | None,
-    ) -> None:
-        best, features = seen.strips[0], seen.features[0]
-        rows = best[1] + best[4:6]
-        corners = _columns(seen.strips, rows)
-        widths = np.maximum(corners[:, 1, 1] - corners[:, 0, 1], 1.0)
-        weight = np.exp((odds - odds[0]) / _TEMPERATURE) * widths**_WIDER
-        weight /= weight.sum()
-        mean = np.tensordot(weight, corners, axes=1)
-        spread = np.sqrt(np.tensordot(weight, (corners - mean) ** 2, axes=1))
-        points = _points_along(mean, rows, spread)
-        width = float(mean[1, 1] - mean[0, 1])
-        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < max(
-            _LEAST_TOLERANCE, _TOLERANCE_SHARE * width
+    def _weigh(self, view: View, share: float) -> bool:
+        """Weigh all strips that may be the runway; whether there are any."""
+        frame = self.strip()
+        expected = np.concatenate([self._hypotheses.strips(frame), *(s[None] for s in self._found)])
+        seen = describe_around(view.working, frame, expected, _MOST_STRIPS)
+        if seen is None:
+            return False
+        measured, features, valid = seen
+        odds = np.where(valid, evidence_weights().log_odds(features), -np.inf)
+        best = int(odds.argmax())
+        now = float(odds[best]) + math.log(
+            float(np.exp(odds[apart(measured, odds)] - odds[best]).sum())
         )
-        agreement = float(weight[near_mean].sum())
-        self.agreement += max(_MEMORY, 1.0 / self.age) * (agreement - self.agreement)
+        memory = max(1.0 - (1.0 - _MEMORY) ** share, 1.0 / self.age)
+        self.log_odds += memory * (now - self.log_odds)
+        weighed = self._hypotheses.weigh(measured, odds, valid, share, frame)
+        self._lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
+        self._measure(view, weighed, memory)
+        self.open_end = bool(features[best, _OPEN] > 0.5)
+        self._hypotheses.settle(weighed.strips, self.strip())
+        return True
+
+    def _measure(self, view: View, weighed: Weighed, memory: float) -> None:
+        strips, shares = weighed.strips, weighed.shares
+        best = strips[int(shares.argmax())]
+        rows = best[1] + best[4:6]
+        corners = columns_at(strips, rows)
+        mean = np.tensordot(shares, corners, axes=1)
+        self._spread = spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
+        points = points_along(mean, rows, spread)
+        width = float(mean[1, 1] - mean[0, 1])
+        tolerance = max(_LEAST_TOLERANCE, _TOLERANCE_SHARE * width)
+        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < tolerance
+        self.agreement += memory * (float(shares[near_mean].sum()) - self.agreement)
         self._clear = bool(spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width))
-        self._lead = float(features[_PAINT] - features[_STEPS[0]] - features[_STEPS[1]])
         wide = width >= _WIDE
         if self._clear or wide:
             span = float(best[4]), float(best[5])
-            through = _shape_through(mean, rows)
-            exact = self._look.find(image, level, through, span, self._lead, wide=wide)
-            agree = all(map(_agrees, exact, points))
+            through = shape_through(mean, rows)
+            exact = self._look.find(view.image, view.level, through, span, self._lead, wide=wide)
+            agree = all(map(agrees, exact, points))
             if agree or (wide and min(edge.support for edge in exact) > _LEAST_SUPPORT):
                 points, self._clear = exact, True
-                if min(edge.support for edge in exact) > _SHARP_SUPPORT:
-                    self.agreement = max(self.agreement, _SHARP_AGREEMENT)
+                support = min(edge.support for edge in exact)
+                self._sharp += memory * (support - self._sharp)
+                self.locked = (
+                    width > _LOCK_WIDTH
+                    and self.age > _LOCK_AGE
+                    and self.log_odds > _LOCK_ODDS
+                    and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
+                )
         shape = self.shape
         shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
-        row, sigma = horizon if horizon is not None else (None, 1.0)
+        row, sigma = view.horizon or (None, 1.0)
         shape.update(*points, row, sigma)
         self.points = points
-        self._follow_ends(rows, bool(features[_OPEN] > 0.5))
+        self._follow_ends(rows)
 
-    def _follow_ends(self, rows: NDArray[np.float64], open_end: bool) -> None:
+    def _follow_ends(self, rows: NDArray[np.float64]) -> None:
         share = max(_END_MEMORY, 1.0 / self.age)
         _, y = self.shape.vanishing_point
         if not math.isfinite(y):
@@ -256,96 +291,3 @@ class RunwayTrack:
         self.near += share * (self.near_seen - self.near)
         self.far += share * (max(float(rows[0]) - y, 1.0) - self.far)
         self.near = max(self.near, self.far + 3.0)
-        self.open_end = open_end
-
-
-def _box(strips: Strips) -> tuple[float, float, float, float]:
-    """The part of an image that is needed to describe strips."""
-    x, y, left, right, _, near = strips.T
-    first, last = x + left * near, x + right * near
-    margin = max(_SIDE_MARGIN * float((last - first).max()), _LEAST_MARGIN)
-    return (
-        float(np.minimum(first, x).min()) - margin,
-        float(y.min()) - _ABOVE,
-        float(np.maximum(last, x).max()) + margin,
-        float((y + _BELOW * near).max()) + 4,
-    )
-
-
-def _columns(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2, 2) columns of the left and the right edge at the far and the near row."""
-    depth = rows - strips[:, 1:2]
-    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
-    return np.stack(edges, axis=1)
-
-
-def _same(strip: NDArray[np.float64], strips: Strips) -> NDArray[np.bool_]:
-    """Which strips have the same edges and nearly the same near end."""
-    rows = strip[1] + np.array([0.4 * strip[5], strip[5]])
-    own = _columns(strip[None], rows)
-    width = float(own[0, 1, 1] - own[0, 0, 1])
-    apart = np.abs(_columns(strips, rows) - own).max(axis=(1, 2))
-    end = np.abs(strips[:, 1] + strips[:, 5] - strip[1] - strip[5])
-    result: NDArray[np.bool_] = (apart < _SAME * width + 0.5) & (end < 0.3 * strip[5] + 2)
-    return result
-
-
-def _distinct(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Numbers of the strips that differ, best first, without hopeless ones."""
-    kept: list[int] = []
-    for index in np.argsort(-odds, kind='stable'):
-        if odds[index] < odds.max() + _WORST:
-            break
-        if not kept or not _same(strips[index], strips[kept]).any():
-            kept.append(int(index))
-    return np.array(kept, np.intp)
-
-
-def _overlap(strip: NDArray[np.float64], strips: Strips) -> NDArray[np.bool_]:
-    """Which strips share half of the narrower one, and meet at about the same place."""
-    row = np.array([strip[1] + strip[5]])
-    own, others = _columns(strip[None], row)[0, :, 0], _columns(strips, row)[:, :, 0]
-    width, widths = own[1] - own[0], np.maximum(others[:, 1] - others[:, 0], 1e-6)
-    shared = np.minimum(others[:, 1], own[1]) - np.maximum(others[:, 0], own[0])
-    apart = np.abs(strips[:, 1] - strip[1])
-    result: NDArray[np.bool_] = (
-        (shared > 0.5 * np.minimum(width, widths))
-        & (apart < 0.6 * strip[5])
-        & (widths < 3 * width)
-        & (widths > width / 3)
-    )
-    return result
-
-
-def _points_along(
-    mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
-) -> tuple[EdgePoints, EdgePoints]:
-    """The mean's edges as points, the fewer the less they are known."""
-    share = (np.arange(_POINTS) + 0.5) / _POINTS
-    at = rows[0] + share * (rows[1] - rows[0])
-    edges = []
-    for side in (0, 1):
-        columns = mean[side, 0] + share * (mean[side, 1] - mean[side, 0])
-        weight = 1.0 / (1.0 + float(spread[side].max()) ** 2)
-        edges.append(EdgePoints(at, columns, np.full(_POINTS, weight), 1.0))
-    left, right = edges
-    return left, right
-
-
-def _shape_through(corners: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,) vanishing point and slopes of edges through corners."""
-    left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
-    depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
-    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right])
-
-
-def _agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
-    """Whether points measured on the frame lie along the mean."""
-    used = exact.weights > 0
-    if np.count_nonzero(used) < 4:
-        return False
-    expected = np.interp(exact.rows[used], mean.rows, mean.columns)
-    slope = (mean.columns[-1] - mean.columns[0]) / (mean.rows[-1] - mean.rows[0])
-    beyond = exact.rows[used] - np.clip(exact.rows[used], mean.rows[0], mean.rows[-1])
-    apart = np.abs(exact.columns[used] - expected - slope * beyond)
-    return float(np.median(apart)) < _AGREE

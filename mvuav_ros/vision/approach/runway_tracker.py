@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +18,24 @@ from mvuav_ros.vision.approach.candidates import (
     find_candidates,
 )
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
-from mvuav_ros.vision.approach.probability import evidence_weights
+from mvuav_ros.vision.approach.probability import (
+    Report,
+    confidence_weights,
+    evidence_weights,
+)
+from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway_track import RunwayTrack
 from mvuav_ros.vision.approach.strip_search import fan_jobs
-from mvuav_ros.vision.approach.tuning import TUNING
+from mvuav_ros.vision.approach.view import View
 
 _MOST_TRACKS = 3
 _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
-_OFTEN, _SELDOM = 2, 8
+_OFTEN, _SELDOM = 2, 24
 """Frames from one share of the search to the next without and with a runway."""
-_HALF_AGREEMENT = 0.15
-"""Agreement of the strips at which the mean of the right runway is within tolerance in every second
-frame: runs 3 and 5."""
-_SPARSE, _LEAST_CHANGE = 8, 0.5
-"""Px between those compared, and grey levels of their mean change, in an image that moves."""
-_SCENE_FRAMES = 8
+_BEST_PERIOD, _OTHERS_PERIOD = 6, 12
+"""Frames from one weighing of the best track, and of others, to the next."""
+_SCENE_FRAMES = 24
 """For which the image as a whole is taken to stay alike."""
 _HOPELESS = -5.0
 _LEAST_START = -3.0
@@ -59,16 +61,6 @@ class SearchRange:
     last: float
 
 
-class _View(NamedTuple):
-    """A frame as the tracks see it; see `RunwayTracker.step`."""
-
-    image: NDArray[Any]
-    pixels: NDArray[Any]
-    working: LevelledImage
-    level: Derotation
-    horizon: tuple[float, float] | None
-
-
 class RunwayTracker:
     """Finds and follows the runway on the levelled working images of one size."""
 
@@ -78,7 +70,7 @@ class RunwayTracker:
         self._level: Derotation | None = None
         self._attitude = False
         self._scene: Scene | None = None
-        self._last: NDArray[np.float32] | None = None
+        self._registration = Registration()
         self._frame = 0
         self._job = 0
 
@@ -107,14 +99,14 @@ class RunwayTracker:
         """
         if self._frame % _SCENE_FRAMES == 0:
             self._scene = None
-        working = LevelledImage(level.turned(pixels), self._scene)
-        view = _View(image, pixels, working, level, horizon)
-        moved = self._has_moved(pixels)
+        self._registration.take(pixels)
+        working = LevelledImage(pixels, level, self._scene)
+        view = View(image, pixels, working, level, horizon, self._registration)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
-            track.step(image, view.working, level, horizon)
-            track.moved += moved
+            period = _BEST_PERIOD if track is self.best else _OTHERS_PERIOD
+            track.step(view, period)
         self._level, self._attitude = level, attitude
         self.tracks = [
             track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
@@ -122,46 +114,40 @@ class RunwayTracker:
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
         if self._frame == 0:
-            for each in ranges:
-                self._start(self._everywhere(view, each), view)
+            # The likeliest range at once, the others by turns.
+            self._start(self._everywhere(view, ranges[0]), view)
         elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
             self._start(self._share(view, ranges), view)
         self._frame += 1
-        self._scene = working.whole_scene
+        if working.used:
+            self._scene = working.whole_scene
         self._choose()
         return self.best
 
     @property
-    def confidence(self) -> float:
-        """Probability that the best track is a runway, rather than another track or none."""
+    def report(self) -> Report | None:
+        """What tells whether the best track is right."""
         best = self.best
         if best is None:
-            return 0.0
-        others = [track for track in self.tracks if track is not best]
-        against = sum(self._odds(track) for track in others)
-        for_it = self._odds(best)
-        sure = best.agreement / (best.agreement + _HALF_AGREEMENT)
-        return sure * for_it / (1.0 + for_it + against)
+            return None
+        rivals = sum(
+            math.exp(min(track.log_odds - best.log_odds, 5.0))
+            for track in self.tracks
+            if track is not best
+        )
+        return Report(best.log_odds, best.agreement, best.moved, self._attitude, rivals)
 
-    def _has_moved(self, pixels: NDArray[Any]) -> bool:
-        """Whether the image differs from the last one; a still says nothing new."""
-        some = pixels[::_SPARSE, ::_SPARSE].astype(np.float32)
-        last, self._last = self._last, some
-        if last is None or last.shape != some.shape:
-            return False
-        return float(np.abs(some - last).mean()) > _LEAST_CHANGE
+    @property
+    def confidence(self) -> float:
+        """Probability that the best track is the runway, and where it is reported."""
+        report = self.report
+        return 0.0 if report is None else confidence_weights().confidence(report)
 
-    def _odds(self, track: RunwayTrack) -> float:
-        """That a track is a runway, with what the frames together and attitude say."""
-        bonus = TUNING.attitude_log_odds if self._attitude else 0.0
-        bonus += TUNING.followed_log_odds * min(track.moved / TUNING.followed_frames, 1.0)
-        return math.exp(min(track.log_odds + bonus, 50.0))
-
-    def _everywhere(self, view: _View, where: SearchRange) -> Candidates:
+    def _everywhere(self, view: View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)
         return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
 
-    def _share(self, view: _View, ranges: list[SearchRange]) -> Candidates:
+    def _share(self, view: View, ranges: list[SearchRange]) -> Candidates:
         """The next few rows of vanishing points, on one level and at one depth."""
         chunks = [
             (where, pyramid, depth, rows)
@@ -175,14 +161,14 @@ class RunwayTracker:
         found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
         return _turned(searched.weigh(found, pyramid), turned, view.level)
 
-    def _levelled(self, view: _View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
+    def _levelled(self, view: View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
         level = view.level
         if where.slope == level.slope:
             return view.working, level
         other = Derotation(level.width, level.height, level.factor, where.slope)
-        return LevelledImage(other.turned(view.pixels)), other
+        return LevelledImage(view.pixels, other), other
 
-    def _start(self, found: Candidates, view: _View) -> None:
+    def _start(self, found: Candidates, view: View) -> None:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
         if not len(found.strips):
             return
@@ -193,7 +179,8 @@ class RunwayTracker:
                 break
             self._take(found.strips[index], float(odds[index]), fresh)
         for track in fresh:
-            track.step(view.image, view.working, view.level, view.horizon)
+            track.step(view, 1)
+        self.tracks = [track for track in self.tracks if not track.lost]
 
     def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
         for track in self.tracks:

@@ -54,9 +54,11 @@ class Shape:
         """(4,) as in `strip`."""
         return np.array([*self.vanishing_point, *self.slopes])
 
-    def predict(self) -> None:
-        """One frame passes."""
+    def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:
+        """One frame passes, in which the image was seen to move, px."""
         left, right = self.slopes
+        self.state[[0, 2]] += rightwards
+        self.reference += downwards
         sideways = np.array([1.0, 0.0, 1.0, 0.0])
         upwards = np.array([left, 0.0, right, 0.0])
         change = (_SLOPE_FLOOR + _SLOPE_SHARE * abs(right - left)) ** 2
@@ -66,6 +68,13 @@ class Shape:
             + _UPWARDS**2 * np.outer(upwards, upwards)
             + np.diag([0.04, change, 0.04, change])
         )
+
+    def grow(self, rate: float) -> None:
+        """The camera comes lower: both slopes become larger by a share of themselves."""
+        x, y = self.vanishing_point
+        if np.isfinite(y):
+            self.state[[1, 3]] *= 1.0 + rate
+            self.state[[0, 2]] = x + self.state[[1, 3]] * (self.reference - y)
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Describe the same edges on another derotation."""

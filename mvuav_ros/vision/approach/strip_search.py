@@ -38,7 +38,8 @@ class Fan:
         step = max(1.25, depth / 16) / depth
         count = int(TUNING.steepest / step)
         self.slopes = (np.arange(-count, count + 1) * step).astype(np.float32)
-        self.points = np.arange(-int(0.1 * width), int(1.1 * width), 2)
+        apart = max(2, round(0.14 * depth))
+        self.points = np.arange(-int(0.1 * width), int(1.1 * width), apart)
         columns = np.rint(self.points[:, None, None] + self.slopes[:, None] * self.rows)
         self.inside = ((columns >= 1) & (columns < width - 1)).all(axis=2)
         columns = np.clip(columns, 0, width - 1).astype(int).transpose(2, 0, 1)

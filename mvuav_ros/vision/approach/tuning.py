@@ -41,12 +41,6 @@ class TuningParameters:
         attitude_reach: px of the working image over which the vanishing point is searched about a
             horizon known from attitude; 6 px and 1 degree are expected of it.
         attitude_sigma: px, standard deviation of that horizon.
-        attitude_log_odds: what a vanishing point within ``attitude_reach`` of that horizon says for
-            a runway: logarithm of the rows searched without attitude (0.62 of 240) over those
-            searched with it.
-        followed_log_odds: what it says for a runway that it was followed for ``followed_frames``
-            frames of a moving image.
-        followed_frames: see there; below the 25 frames after which a runway must be reported.
         image_horizon_sigma: px, standard deviation of a horizon seen in the image about the
             vanishing point: the far land's edge is not at infinity, and lenses bend it.
         horizon_reach: px above and below a horizon seen in the image.
@@ -65,15 +59,12 @@ class TuningParameters:
     samples: int = 8
     edges_kept: int = 7
     steepest: float = 1.8
-    narrowest: float = 4.0
+    narrowest: float = 6.0
     widest: float = 1.5
     farthest_aside: float = 1.2
     candidates: int = 60
     attitude_reach: float = 10.0
     attitude_sigma: float = 6.0
-    attitude_log_odds: float = 1.9
-    followed_log_odds: float = 0.5
-    followed_frames: int = 20
     image_horizon_sigma: float = 8.0
     horizon_reach: tuple[float, float] = (20.0, 60.0)
 

@@ -22,13 +22,12 @@ from mvuav_ros.vision.markers.view import (
     SCALE,
     YAW,
     Array,
-    Fits,
     ViewState,
     WeakPerspective,
     X,
     Y,
-    fit,
 )
+from mvuav_ros.vision.markers.view_fit import Fits, NamedPlaces, fit
 
 ANY_ROLL = 1.6
 """rad, 1 sigma: at the start an upright body is likelier than one upside down."""
@@ -41,6 +40,9 @@ MODEL_ERROR = 0.004
 DOUBT = 6.0
 """Two ways of naming the lights whose costs differ by less than this are both possible."""
 MAX_CANDIDATES = 12
+WELL_FITTED = (0.3, 0.003)
+"""px, and units of the body's size: a larger misfit may be that of another minimum of the cost."""
+_TILTS = np.array([tilts for tilts in product((-0.6, 0.0, 0.6), repeat=2) if any(tilts)])
 _USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
 across), and how far its logarithm may be off (1 sigma)."""
@@ -97,12 +99,25 @@ def guess_start(
     guesses: dict[tuple[int, ...], Guess] = {}
     fitted = [(way, fits.view(index)) for index, (way, _) in enumerate(starts)]
     best = min(fitted, key=lambda guess: guess[1].cost)
+    if best[1].misfit > WELL_FITTED[0] + WELL_FITTED[1] * best[1].scale:
+        fitted += _tilted(shape, flat, *best)
+        best = min(fitted, key=lambda guess: guess[1].cost)
     for way, view in fitted + _variants(shape, flat, *best):
         away = math.remainder(view.roll - roll, 2 * math.pi) / roll_deviation
         guess = Guess(way, view, view.cost + away**2)
         if way not in guesses or guess.cost < guesses[way].cost:
             guesses[way] = guess
     return sorted(guesses.values(), key=lambda guess: guess.cost)
+
+
+def _tilted(
+    shape: WeakPerspective, flat: Array, way: tuple[int, ...], view: ViewState
+) -> list[tuple[tuple[int, ...], ViewState]]:
+    """One way of naming the lights from directions all round, as the fit has several minima."""
+    starts = np.repeat(view.parameters[None], len(_TILTS), axis=0)
+    starts[:, [PITCH, YAW]] = _TILTS
+    fits = _fit(shape, np.repeat(flat[None, list(way)], len(_TILTS), axis=0), starts)
+    return [(way, fits.view(index)) for index in range(len(_TILTS))]
 
 
 def _variants(
@@ -138,7 +153,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
     m, n = measured.shape[:2]
     seen = np.broadcast_to(np.arange(n), (m, n))
-    return fit(shape, prior, seen, measured, deviation, starts=starts, iterations=8)
+    return fit(shape, prior, NamedPlaces(seen, measured, deviation), starts, iterations=8)
 
 
 Start = tuple[tuple[int, ...], Array]

@@ -2,135 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-import numpy as np
+from mvuav_ros.vision.markers.acquisition import DOUBT
+from mvuav_ros.vision.markers.centroid import Detection
 
-from mvuav_ros.vision.markers.acquisition import (
-    ANY_ROLL,
-    DOUBT,
-    MAX_CANDIDATES,
-    Guess,
-    guess_start,
-)
-from mvuav_ros.vision.markers.blobs import Blob, Blobs, may_be_light
-from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
-from mvuav_ros.vision.markers.labelling import label_five
-from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
-from mvuav_ros.vision.markers.view import (
-    Lens,
-    ViewState,
-    WeakPerspective,
-    X,
-    Y,
-    fit,
-)
-
-ROUND = 1.4
-"""Spread of a spot that may be a light."""
-LEAST_SHARE = 0.2
-"""Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
-MOST_RATIO = 8.0
-"""Areas of a body's largest and smallest marker, one over the other."""
-CLEAR_MISFIT = (1.0, 0.008)
-"""px, and units of the body's size: what a body among other lights may differ by."""
-LONE_MISFIT = 0.06
-"""The same, in units of its size, for a body that is alone in the frame."""
-OTHER_BODY_MISFIT = 0.15
-"""The same for five lights that the thesis's assumption alone must name."""
-NEARBY_ROLL = 0.5
-"""rad (1 sigma), of the roll from the last frame to this one, or over a loss."""
 GATE = 16.0
 """Squared distance over variance at which a light is too far from a marker's place."""
 NOTHING = GATE + DOUBT
 """What it costs to leave a marker without a light."""
 MOST_WAYS = 1000
-MOST_MEASURED = 24
-STRANGE = 3
-"""Frames without a name after which a light is a stranger."""
-STRANGER_STEP = 8.0
-"""px that a stranger may move in a frame, as the camera shakes."""
-
-
-class Lights:
-    """The spots of a frame that may be lights, measured.
-
-    Attributes:
-        spots: their places in px without distortion.
-        measured: where the image shows them.
-    """
-
-    def __init__(
-        self,
-        blobs: Blobs,
-        cut: Cut,
-        meter: CentroidMeter,
-        lens: Lens,
-        around: Sequence[float] = (),
-    ) -> None:
-        """Measure the lights of a frame.
-
-        Args:
-            blobs: of the frame.
-            cut: gives its intensity.
-            meter: how they are measured.
-            lens: of the camera.
-            around: x and y of places in turn, px: of very many lights the nearest to them are
-                measured; the largest, which tell what is small, if there are none.
-        """
-        boxes = [box for box in blobs.boxes if may_be_light(box)]
-        if len(boxes) > MOST_MEASURED:
-            boxes = _most_useful(boxes, around)
-        measured = [blobs.measure(box, cut, meter) for box in boxes]
-        self.spots = straightened(lens, measured)
-        self.measured = dict(zip(self.spots, measured, strict=True))
-        self._boxes = dict(zip(self.spots, boxes, strict=True))
-        self._blobs = blobs
-        self._lens = lens
-
-    def __len__(self) -> int:
-        return len(self.spots)
-
-    def in_image(self, spot: Detection) -> Detection:
-        """A spot where the image shows it."""
-        return self.measured[spot]
-
-    def split(
-        self, spot: Detection, dx: float, dy: float, variance: float
-    ) -> tuple[Detection, Detection]:
-        """A spot that is two lights (see `Blobs.split`)."""
-        pair = self._blobs.split(self._boxes[spot], dx, dy, variance)
-        first, second = straightened(self._lens, pair)
-        self.measured[first], self.measured[second] = pair
-        return first, second
-
-    def candidates(self, count: int) -> list[Detection]:
-        """The round ones that could be among a body's ``count`` markers."""
-        spots = [spot for spot in self.spots if spot.spread <= ROUND]
-        if len(spots) < count:
-            return spots
-        least = LEAST_SHARE * spots[count - 1].area
-        return [spot for spot in spots if spot.area >= least]
-
-
-def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
-    if not len(around):
-        return sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
-    middles = np.array([(box.x0 + box.x1, box.y0 + box.y1) for box in boxes]) / 2
-    apart = middles[:, None] - np.reshape(around, (-1, 2))
-    nearest = np.abs(apart).max(axis=2).min(axis=1)
-    return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MOST_MEASURED]]
-
-
-def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
-    """Detections where a lens without distortion would show them."""
-    if lens.focal is None or not spots:
-        return list(spots)
-    ideal = lens.to_ideal(np.array([(spot.x, spot.y) for spot in spots])).tolist()
-    return [spot._replace(x=x, y=y) for spot, (x, y) in zip(spots, ideal, strict=True)]
 
 
 class Expectation(NamedTuple):
@@ -139,139 +22,6 @@ class Expectation(NamedTuple):
     x: float
     y: float
     deviation: float
-
-
-class Clutter:
-    """Lights that have stayed without a name for some frames: glares, not returning markers."""
-
-    def __init__(self) -> None:
-        self._seen: list[tuple[float, float, int]] = []
-
-    def include(self, spot: Detection) -> bool:
-        """Whether a light has stood there, or close by, for long."""
-        return any(
-            age >= STRANGE and abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-            for x, y, age in self._seen
-        )
-
-    def update(
-        self, spots: Sequence[Detection], expected: Mapping[int, Expectation] | None
-    ) -> None:
-        """Take the lights of a frame that got no name.
-
-        Args:
-            spots: those lights.
-            expected: where the markers without a light should be; what lies far from all of them
-                is none. None where the body is out of sight: then only what was clutter before
-                is followed.
-        """
-        seen = []
-        for spot in spots:
-            ages = [
-                age
-                for x, y, age in self._seen
-                if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-            ]
-            if expected is not None:
-                near = any(_may_be_at(spot, place) for place in expected.values())
-                ages.append(max(ages, default=0) + (1 if near else STRANGE))
-            if ages:
-                seen.append((spot.x, spot.y, max(ages)))
-        self._seen = seen
-
-
-def _may_be_at(spot: Detection, place: Expectation) -> bool:
-    reach = STRANGER_STEP + 4.0 * place.deviation
-    return math.hypot(spot.x - place.x, spot.y - place.y) < reach
-
-
-class Named(NamedTuple):
-    """All markers of a body, by name.
-
-    Attributes:
-        spots: in the rig's order, px without distortion; empty if they cannot be named.
-        view: fitted to them.
-        certain: whether one frame is enough to believe it.
-        fits: whether the body is what its rig says.
-        remark: why they cannot be named, or what was left out.
-    """
-
-    spots: tuple[Detection, ...] = ()
-    view: ViewState | None = None
-    certain: bool = False
-    fits: bool = True
-    remark: str = ''
-
-
-def initialize(
-    shape: WeakPerspective,
-    lights: Lights,
-    names: Sequence[str],
-    before: tuple[float, float] | None = None,
-) -> Named:
-    """Name a whole body of which no marker is known.
-
-    Args:
-        shape: the body.
-        lights: of the frame.
-        names: the markers'.
-        before: the roll before a loss and how far it may have changed (1 sigma, rad); None at
-            the start, when an upright body is likelier than one upside down, and how exact the
-            rig is must be seen.
-    """
-    count = len(names)
-    spots = lights.candidates(count)
-    if len(spots) < count:
-        return Named(remark=f'{len(spots)} of {count} markers in view')
-    unclear = f'{len(spots)} lights in view, {count} do not stand out'
-    if len(spots) > MAX_CANDIDATES:
-        return Named(remark=unclear)
-    guesses = [
-        g for g in guess_start(shape, spots, *(before or (0.0, ANY_ROLL))) if _alike(g, spots)
-    ]
-    alone = len(spots) == count
-    if guesses:
-        best = guesses[0]
-        clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
-        exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
-        free = alone and before is None and shape.lens.focal is None
-        limit = LONE_MISFIT * best.view.scale if free else exact
-        if best.view.misfit <= max(limit, exact) and clear:
-            chosen = tuple(spots[index] for index in best.chosen)
-            remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
-            fits = best.view.misfit <= exact
-            return Named(chosen, best.view, alone, fits, remark)
-    if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
-        return _as_the_thesis(shape, spots) or Named(remark=unclear)
-    return Named(remark=unclear)
-
-
-def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
-    areas = [spots[index].area for index in guess.chosen]
-    return max(areas) <= MOST_RATIO * min(areas)
-
-
-def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named | None:
-    """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
-    spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
-    order = label_five([Cluster(spot.x, spot.y, spot.area) for spot in spots])
-    chosen = tuple(spots[index] for index in order)
-    areas = [spot.area for spot in chosen]
-    left, right = chosen[0], chosen[-1]
-    span = math.hypot(right.x - left.x, right.y - left.y)
-    if span == 0.0 or max(areas) > MOST_RATIO * min(areas):
-        return None
-    roll = math.atan2(right.y - left.y, right.x - left.x)
-    scale = math.log(0.56 * span)
-    start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
-    start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
-    deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
-    places = np.array([[(spot.x, spot.y) for spot in chosen]])
-    prior = start[None], np.diag(deviations**2)[None]
-    view = fit(shape, prior, np.arange(5)[None], places, np.array(0.02 * span)).view()
-    if view.misfit > OTHER_BODY_MISFIT * view.scale:
-        return None
-    return Named(chosen, view, True, False)
 
 
 Fits = Callable[[int, Detection], bool]
@@ -329,8 +79,3 @@ def _ways(
         if number not in taken:
             for cost, way in _ways(rest, taken | {number}):
                 yield cost + own, {marker: number, **way}
-
-
-def places_of(found: Mapping[int, Detection]) -> dict[int, tuple[float, float]]:
-    """Where named spots are, px."""
-    return {marker: (spot.x, spot.y) for marker, spot in found.items()}

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mvuav_ros.vision.markers.assignment import Named
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.search import are_close
+from mvuav_ros.vision.markers.initialization import Named
+from mvuav_ros.vision.markers.lights import are_close
 
 LONGEST_REST = 15
 """Frames between two attempts to name lights that could not be named, at most."""
+
+
+CONFIRMED = 3
+"""Frames in which a body must be named alike where one frame does not make it certain."""
+CONFIRMED_ODD = 10
+"""The same where one of the lights may well be another one, which by then has gone elsewhere."""
 
 
 @dataclass
@@ -46,6 +52,10 @@ class Attempts:
         self.agreed, self.last = 0, ()
         self._rest = min(self._failures, LONGEST_REST)
         self._failures = 2 * self._failures + 1 if self._failures < LONGEST_REST else LONGEST_REST
+
+    def confirmed(self, named: Named) -> bool:
+        """Whether enough frames in a row have named the body alike."""
+        return named.certain or self.agreed >= (CONFIRMED_ODD if named.odd else CONFIRMED)
 
     def succeed(self, named: Named) -> bool:
         """Take a way of naming them; whether it is that of the last attempt."""

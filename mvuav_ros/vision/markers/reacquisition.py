@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations, product
 
@@ -19,6 +19,8 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 MOST_COST = 24.0
 """Squared residuals and distance from the prior over their variances, of a way that may be."""
 MOST_REFITTED = 24
+MOST_EXTENDED = 3
+"""Lights without a name that are weighed together."""
 MOST_PERMUTED = 7
 """Markers of a rig, and lights, up to which all threes are tried."""
 MOST_OF_THREE = 24
@@ -46,6 +48,54 @@ def reacquire(
     ways = list(
         {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
     )
+    agreed = _agreed(views, ways, spots)
+    return agreed if len(agreed) >= fewest else {}
+
+
+def extend(
+    views: ViewFilter,
+    found: Mapping[int, Detection],
+    spots: Sequence[Detection],
+    fits: Fits,
+) -> dict[int, Detection]:
+    """Name more markers where some are known, which do not tell the others' places well.
+
+    All ways of giving the spots to the missing markers are weighed, each by the view that
+    follows; a marker is named where every way that is about as probable as the best does so.
+
+    Args:
+        views: of the frame.
+        found: markers known, px without distortion.
+        spots: that have no name, likewise.
+        fits: leaves out what cannot be.
+
+    Returns:
+        The markers known, and those that were named.
+    """
+    known = tuple(zip(found, range(len(found)), strict=True))
+    places, deviations = views.places(views.look({m: (s.x, s.y) for m, s in found.items()}))
+    near: dict[int, list[int]] = {}
+    for number, spot in enumerate(spots[:MOST_EXTENDED], len(found)):
+        apart = np.hypot(spot.x - places[:, 0], spot.y - places[:, 1])
+        inside = apart < 4.0 * np.hypot(deviations, views.deviation)
+        near[number] = [m for m in np.flatnonzero(inside).tolist() if m not in found]
+        near[number] = [m for m in near[number] if fits(m, spot)]
+    ways: list[Way] = [known]
+    for number, markers in near.items():
+        ways += [
+            (*way, (marker, number))
+            for way in ways
+            for marker in markers
+            if marker not in dict(way)
+        ]
+    every = [*found.values(), *spots]
+    return _agreed(views, [tuple(sorted(way)) for way in ways], every)
+
+
+def _agreed(
+    views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
+) -> dict[int, Detection]:
+    """What all ways of naming the spots have in common that are about as probable as the best."""
     everything = len(views.shape.points)
     weighed = [
         (view.cost + NOTHING * (everything - len(way)), dict(way))
@@ -58,7 +108,7 @@ def reacquire(
     probable = [way for cost, way in weighed if cost < least + DOUBT]
     first = min(weighed, key=lambda pair: pair[0])[1]
     agreed = {m: i for m, i in first.items() if all(way.get(m) == i for way in probable)}
-    return {m: spots[i] for m, i in agreed.items()} if len(agreed) >= fewest else {}
+    return {m: spots[i] for m, i in agreed.items()}
 
 
 Way = tuple[tuple[int, int], ...]

@@ -5,28 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
 from mvuav_ros.vision.markers.appearance import AppearanceModel
-from mvuav_ros.vision.markers.assignment import (
-    GATE,
-    Clutter,
-    Expectation,
-    Lights,
-    Named,
-    assign,
-    places_of,
-)
+from mvuav_ros.vision.markers.assignment import GATE, Expectation, assign
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.clutter import Clutter
+from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
+from mvuav_ros.vision.markers.initialization import Named
 from mvuav_ros.vision.markers.joining import offset_in
-from mvuav_ros.vision.markers.reacquisition import reacquire
+from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
+from mvuav_ros.vision.markers.marker_memory import FORGOTTEN, Motion
+from mvuav_ros.vision.markers.reacquisition import extend, reacquire
 from mvuav_ros.vision.markers.view import COUNT
-from mvuav_ros.vision.markers.view_filter import Consensus, ViewFilter
 
-FORGOTTEN = 10
-"""Frames unseen after which a light's own motion tells nothing any more."""
 KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
 CERTAIN = 15.0
@@ -35,30 +28,21 @@ MOST_RETURNED = 10
 """Lights among which a body that was out of sight is looked for."""
 
 
-class Motion(NamedTuple):
-    """What the markers' own motion says of a frame.
-
-    Attributes:
-        expected: where every marker should be, px without distortion.
-        unseen: frames since each marker was seen; 0 where its motion is known.
-    """
-
-    expected: Sequence[Expectation]
-    unseen: Sequence[int]
-
-
 class Search:
     """Names the lights of a frame by the body's geometry, some markers being known already.
 
     Attributes:
         found: the markers named, by their place in the rig, px without distortion.
+        faults: what speaks against each marker.
         views: at this frame's time.
         suspects: those of them of which one or some must be another light.
+        unexplained: lights that may be markers and have no name.
+        reacquired: markers found again together, after hardly any was in sight.
     """
 
     def __init__(
         self,
-        views: ViewFilter,
+        faults: FaultDetector,
         looks: Sequence[AppearanceModel],
         motion: Motion,
         consensus: Consensus,
@@ -67,7 +51,7 @@ class Search:
         """Prepare for a frame.
 
         Args:
-            views: at this frame's time.
+            faults: with the view at this frame's time.
             looks: of every marker.
             motion: of every marker.
             consensus: which of the markers known already agree.
@@ -75,13 +59,16 @@ class Search:
         """
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self._known = tuple(self.found)
-        self.views = views
+        self.faults = faults
+        self.views = faults.views
         self.suspects = set(consensus.suspects)
+        self.reacquired: set[int] = set()
+        self.unexplained = 0
         self._looks = looks
         self._motion = motion
         self._distrusted = set(consensus.dropped)
         self._view = consensus.view
-        self._was_certain = float(views.places()[1].max()) < CERTAIN
+        self._was_certain = float(self.views.places()[1].max()) < CERTAIN
 
     @property
     def missing(self) -> list[int]:
@@ -107,44 +94,76 @@ class Search:
         if not self.suspects:
             self._name_clear(free, clutter)
             self._name_joined(free, lights)
-        if not self.found:
-            new = [spot for spot in free if not clutter.include(spot)][:MOST_RETURNED]
-            self.found.update(reacquire(self.views, new, self._is_likely, fewest))
-            self._look()
-            if len(self.found) > 1:
-                named = list(self.found.values())
-                free = [spot for spot in free if spot not in named]
-                self._name_clear(free, clutter)
+        if len(self.found) >= 2 and not self.suspects:
+            self._name_together(free, clutter)
+        if len(self.found) < 2:
+            free = self._find_again(free, clutter, fewest)
         self._check()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
         known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
         clutter.update(nameless, self._expectations() if known else None)
+        self.unexplained = sum(not clutter.include(spot) for spot in nameless)
         return len(nameless)
+
+    def _name_together(self, free: list[Detection], clutter: Clutter) -> None:
+        """Name lights where the markers in sight hardly tell where the others are."""
+        unsure = [e for e in self._expectations().values() if e.deviation > KNOWN_PLACE]
+        new = [spot for spot in free if not clutter.include(spot)]
+        if not unsure or not new:
+            return
+        self.found.update(extend(self.views, self.found, new, self._is_likely))
+        self._look()
+        named = list(self.found.values())
+        free[:] = [spot for spot in free if spot not in named]
+        self._name_clear(free, clutter)
+
+    def _find_again(self, free: list[Detection], clutter: Clutter, fewest: int) -> list[Detection]:
+        """Name a body of which at most one marker is where it was expected; the lights left."""
+        alone = dict(self.found)
+        spots = [*alone.values(), *free]
+        new = [spot for spot in spots if not clutter.include(spot)][:MOST_RETURNED]
+        ways = reacquire(self.views, new, self._is_likely, max(fewest, 3) if alone else fewest)
+        if not ways:
+            return free
+        self.found = ways
+        self.suspects.clear()
+        self.reacquired = set(ways)
+        self._look()
+        named = list(ways.values())
+        free = [spot for spot in spots if spot not in named]
+        self._name_clear(free, clutter)
+        return free
+
+    def start_over(self) -> None:
+        """Doubt everything: it has not become clear for long which marker is another light."""
+        self.found, self.suspects, self._known = {}, set(), ()
+        self.faults.upset()
+        self._view = self.views.view
 
     def _check(self) -> None:
         """Take back names that the others contradict, those given in this frame first."""
         newcomers = [marker for marker in self.found if marker not in self._known]
         while newcomers and len(self._known) >= 2:
-            surprise = self.views.surprise_of(places_of(self.found))
+            surprise = self.faults.surprise_of(places_of(self.found))
             if max(surprise.values()) <= GATE:
                 break
             worst = max(newcomers, key=lambda marker: surprise[marker])
             newcomers.remove(worst)
             self._distrusted.add(worst)
             del self.found[worst]
-        consensus = self.views.weigh(places_of(self.found))
+        consensus = self.faults.weigh(places_of(self.found))
         for marker in consensus.dropped:
             self._distrusted.add(marker)
             del self.found[marker]
         self.suspects = set(consensus.suspects)
         self._view = consensus.view
         if self.suspects and not consensus.kept:
-            self.views.upset()
+            self.faults.upset()
 
-    def replace(self, views: ViewFilter, named: Named) -> None:
+    def replace(self, faults: FaultDetector, named: Named) -> None:
         """Take the names of a body that was named afresh."""
-        self.views, self._view = views, views.view
+        self.faults, self.views, self._view = faults, faults.views, faults.views.view
         self.found = dict(enumerate(named.spots))
         self.suspects = set()
 
@@ -155,7 +174,7 @@ class Search:
             Where the markers should be that were not found, px without distortion.
         """
         expected = self._expectations()
-        self.views.commit(places_of(self.found))
+        self.faults.commit(places_of(self.found))
         return expected
 
     def _look(self) -> None:
@@ -246,7 +265,9 @@ class Search:
         flat, by_view = (part[[a, b]] for part in self.views.places(self._view))
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
             # Not as they moved, or their motions do not tell the sides; the others' places may.
-            jacobian = self.views.linearized(self._view)[1][[a, b]].reshape(4, COUNT)
+            jacobian = self.views.shape.linearize(self._view.parameters)[1][[a, b]].reshape(
+                4, COUNT
+            )
             spread = jacobian @ self._view.covariance @ jacobian.T
             offset = offset_in(spot, areas, flat, spread)
         if offset is None or math.hypot(*offset) > _touching(*areas):
@@ -271,8 +292,3 @@ class Search:
 def _touching(first: float, second: float) -> float:
     """The distance of two centres, px, up to which lights of such areas (px) may run together."""
     return math.sqrt(first / math.pi) + math.sqrt(second / math.pi) + 3.0
-
-
-def are_close(a: Detection, b: Detection, distance: float) -> bool:
-    """Whether two spots lie less than a distance (px) apart."""
-    return (a.x - b.x) ** 2 + (a.y - b.y) ** 2 < distance * distance

@@ -9,7 +9,7 @@ from support.flights import write_bag
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.processing.messages.header import make_header
+from mvuav_ros.processing.messages.sensors import make_header
 from mvuav_ros.recordings.sources.frame import SourceError
 
 TANKER = 'sim:tanker?frames=12&motion=roll&fps=15&noise=0'

@@ -222,8 +222,8 @@ def test_names_of_outputs(tmp_path: Path) -> None:
     assert out == str(tmp_path / 'out')
     (single,), out = plan(['a.bag'], str(tmp_path / 'b.mcap'), settings)
     assert (single.output, out) == (str(tmp_path / 'b.mcap'), None)
-    jobs, out = plan(['s3://day/a.bag?x=1', 'b.mcap'], 's3://results/day/', settings, absolute=True)
-    assert [job.output for job in jobs] == ['s3://results/day/a.mcap', 's3://results/day/b.mcap']
+    jobs, out = plan(['s3://day/a.bag?x=1', 'b.mcap'], 's3://results/1.5/', settings, absolute=True)
+    assert [job.output for job in jobs] == ['s3://results/1.5/a.mcap', 's3://results/1.5/b.mcap']
     assert jobs[1].source == str(Path('b.mcap').absolute())
     folders = ReplaySettings({}, split_bytes=0)
     assert plan(['a.bag'], 'flight', folders)[1] is None

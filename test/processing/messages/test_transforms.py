@@ -18,9 +18,8 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
 from mvuav_ros.processing.messages import transforms
-from mvuav_ros.processing.messages.camera_info_encoding import encode_camera_info
-from mvuav_ros.processing.messages.header import make_header
 from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.recordings.sources.simulated import camera_model

@@ -12,7 +12,7 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 from support.node_outputs import image_of
 
-from mvuav_ros.processing.messages.header import make_header
+from mvuav_ros.processing.messages.sensors import make_header
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 

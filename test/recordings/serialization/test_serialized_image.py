@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.processing.messages.header import make_header
+from mvuav_ros.processing.messages.sensors import make_header
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.image_decoding import decode_image
 from mvuav_ros.recordings.serialization.serialized_image import (

@@ -202,16 +202,15 @@ def test_a_pipeline_is_followed():
 
 
 def test_flags_are_raised_line_by_line(images):
-    """With thresholds of nothing every move is a jump, and the old values are kept."""
+    """With thresholds of nothing every move is a jump; the line is reported as it is."""
     strict = RunwayDetectorParameters(
-        mode='approach', rho_error_threshold=0.0, theta_error_threshold_deg=0.0, max_hold=0
+        mode='approach', rho_error_threshold=0.0, theta_error_threshold_deg=0.0
     )
     pipeline = ApproachDetector(strict)
     results = run(pipeline, images)
     left = [result.lines[0] for result in results if result.lines[0].found]
     assert left[-1].rho_flag and left[-1].corrected
-    assert left[-1].rho == left[-2].rho
-    assert left[-1].rho != left[-1].rho_raw
+    assert left[-1].rho == left[-1].rho_raw != left[-2].rho
     assert pipeline.statistics().lines[0].corrected > 5
     calm = ApproachDetector(APPROACH)
     run(calm, images)
@@ -225,3 +224,16 @@ def test_bench_cases_find_the_runway():
     for case in cases:
         results = [case.run() for _ in range(40)]
         assert results[-1].corners is not None
+
+
+@pytest.mark.parametrize('frames', [3, 9])
+def test_a_shape_that_became_impossible_is_let_go(images, frames):
+    """Young tracks are weighed in every frame, older ones not; neither may report NaN."""
+    pipeline = ApproachDetector(APPROACH)
+    run(pipeline, images[:frames])
+    tracker = pipeline._finder._tracker
+    broken = tracker.best
+    broken.shape.state[:] = math.nan
+    result = pipeline.process(images[frames], frames)
+    assert broken not in tracker.tracks
+    assert result.corners is None or np.isfinite(result.corners).all()

@@ -14,10 +14,6 @@ from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.runway.results import LineRole
 
-pytestmark = pytest.mark.xfail(
-    reason='near the ground the runway is no longer reported: 75 to 82 % of the frames are right',
-    strict=False,
-)
 WARM_UP = 25
 FLIGHTS = {
     'approach': {},

@@ -1,0 +1,49 @@
+"""What sensors say as messages: headers, sensor_msgs/CameraInfo and sensor_msgs/Imu."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import CameraInfo, Imu
+from std_msgs.msg import Header
+
+from mvuav_ros.vision.camera import CameraModel
+
+_UNKNOWN = [-1.0, *[0.0] * 8]
+
+
+def make_header(stamp_ns: int, frame_id: str) -> Header:
+    """The header of a message from its stamp (ns) and frame."""
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
+    """A calibration as a message, without rectification."""
+    fx, _, cx, _, fy, cy, *_ = camera.k
+    return CameraInfo(
+        header=header,
+        width=camera.width,
+        height=camera.height,
+        distortion_model=camera.distortion_model,
+        d=list(camera.d),
+        k=list(camera.k),
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
+    """An orientation as a message without rates and accelerations (REP 145).
+
+    Args:
+        orientation: x, y, z, w of the body in a level world.
+        header: of the message.
+    """
+    message = Imu(
+        header=header,
+        angular_velocity_covariance=list(_UNKNOWN),
+        linear_acceleration_covariance=list(_UNKNOWN),
+    )
+    given = message.orientation
+    given.x, given.y, given.z, given.w = orientation
+    return message

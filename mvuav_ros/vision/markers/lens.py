@@ -1,0 +1,68 @@
+"""From an image's pixels to those of a camera without distortion, and back."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+
+Array = NDArray[np.float64]
+
+
+class Lens:
+    """From the pixels of an image to those of a camera without distortion, and back.
+
+    Attributes:
+        focal: px, of that camera; None where the camera is not calibrated, whose pixels are taken
+            as they are.
+        centre: (2,), its principal point, px.
+    """
+
+    def __init__(self, size: tuple[int, int], camera: CameraModel | None = None) -> None:
+        """Prepare for images of a size.
+
+        Args:
+            size: width and height, px.
+            camera: of images of that size; not used where it is not calibrated for them.
+        """
+        if camera is not None:
+            try:
+                camera.check(*size)
+            except CalibrationError:
+                camera = None
+        self._camera = camera
+        self.focal: float | None = None
+        self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))
+        self.half_diagonal = math.hypot(*size) / 2
+        if camera is not None:
+            matrix = camera.matrix
+            self.focal = math.sqrt(matrix[0, 0] * matrix[1, 1])
+            self.centre = matrix[:2, 2].copy()
+            self._ideal: Array = np.array(
+                [(self.focal, 0.0, self.centre[0]), (0.0, self.focal, self.centre[1]), (0, 0, 1.0)]
+            )
+
+    def to_ideal(self, pixels: Array) -> Array:
+        """(n, 2) px of the image as px without distortion."""
+        camera = self._camera
+        if camera is None or not len(pixels):
+            return pixels
+        points = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
+        ideal = cv2.undistortPoints(points, camera.matrix, camera.distortion, P=self._ideal)
+        return np.asarray(ideal, np.float64).reshape(-1, 2)
+
+    def to_image(self, ideal: Array) -> Array:
+        """(n, 2) px without distortion as px of the image."""
+        camera = self._camera
+        if camera is None or not len(ideal):
+            return ideal
+        rays = np.column_stack(((ideal - self.centre) / self._ideal[0, 0], np.ones(len(ideal))))
+        # Far outside of the frame a lens model turns back: nothing is seen there anyway.
+        np.clip(rays[:, :2], -1.5, 1.5, out=rays[:, :2])
+        zero = np.zeros(3)
+        image = cv2.projectPoints(rays, zero, zero, camera.matrix, camera.distortion)[0]
+        return np.asarray(image, np.float64).reshape(-1, 2)

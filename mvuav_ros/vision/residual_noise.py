@@ -1,0 +1,82 @@
+"""How exactly markers are seen, as the residuals of earlier frames tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class NoiseTuning:
+    """How fast the noise follows the residuals.
+
+    Chosen with `mvuav_ros.vision.pose.PoseTuning`.
+
+    Attributes:
+        first_noise: px, assumed before residuals tell.
+        first_weight: degrees of freedom that this assumption is worth.
+        first_memory: of that, per frame.
+        memory: of the residuals, per frame.
+        recent_memory: of those that tell of an upset: back to normal in 15 frames.
+        upset: ratio of the recent noise to the usual one from which on it counts.
+        longest_upset: frames after which it is the usual noise that has changed.
+        steady_error: px, of a centroid, the same from frame to frame: the residuals do not show
+            all of it.
+    """
+
+    first_noise: float = 0.3
+    first_weight: float = 4.0
+    first_memory: float = 0.9
+    memory: float = 0.999
+    recent_memory: float = 0.6
+    upset: float = 2.5
+    longest_upset: int = 60
+    steady_error: float = 0.015
+
+
+TUNING = NoiseTuning()
+
+
+class ResidualNoise:
+    """Deviation of a marker's place per axis, px, from the residuals of poses that fit.
+
+    An upset counts while it lasts, and is soon forgotten.
+    """
+
+    def __init__(self) -> None:
+        self._squares = self._freedom = self._recent = 0.0
+        self._doubt = TUNING.first_weight
+        self._upset_for = 0
+
+    @property
+    def noise(self) -> float:
+        """In the newest frame, px."""
+        variance = self._variance
+        if self._recent > TUNING.upset**2 * variance:
+            variance = self._recent
+        return math.hypot(math.sqrt(variance), TUNING.steady_error)
+
+    @property
+    def usual(self) -> float:
+        """Where there is no upset, px."""
+        return math.hypot(math.sqrt(self._variance), TUNING.steady_error)
+
+    @property
+    def _variance(self) -> float:
+        squares = self._squares + self._doubt * TUNING.first_noise**2
+        return squares / (self._freedom + self._doubt)
+
+    def learn(self, squares: float, freedom: int) -> None:
+        """Take a frame's squared residuals, px², and their degrees of freedom."""
+        if freedom <= 0:
+            return
+        variance = self._variance
+        self._recent += (1 - TUNING.recent_memory) * (squares / freedom - self._recent)
+        upset = self._recent > TUNING.upset**2 * variance
+        self._upset_for = self._upset_for + 1 if upset else 0
+        most = math.inf
+        if 0 < self._upset_for < TUNING.longest_upset:
+            most = variance * freedom
+        self._squares = TUNING.memory * self._squares + min(squares, most)
+        self._freedom = TUNING.memory * self._freedom + freedom
+        self._doubt *= TUNING.first_memory

@@ -1,0 +1,87 @@
+"""The documentation as a site: built strictly, whole, and without anything from elsewhere."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from support.places import ROOT
+
+ASSET = re.compile(r'<(?:script|img|iframe|source|link)\b[^>]*?\b(?:src|href)="([^"]+)"')
+LINK = re.compile(r'<a\b[^>]*?\bhref="([^"#?][^"]*)"')
+MARKDOWN_LINK = re.compile(r'\]\(([^)#\s]+)')
+
+
+def external(page: str) -> list[str]:
+    """What a browser would fetch from another host."""
+    return [url for url in ASSET.findall(page) if re.match(r'(https?:)?//', url)]
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('site')
+    command = [str(Path(sys.executable).parent / 'mkdocs'), 'build', '--strict', '-d', folder]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500)
+    assert run.returncode == 0, run.stderr
+    assert 'WARNING -' not in run.stderr
+    return folder
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning(site):
+    assert len(list(site.rglob('*.html'))) > 40
+
+
+@pytest.mark.long
+def test_nothing_is_loaded_from_elsewhere(site):
+    for page in site.rglob('*.html'):
+        assert external(page.read_text()) == [], page
+    for sheet in site.rglob('*.css'):
+        assert not re.search(r'url\(\s*["\']?https?:', sheet.read_text()), sheet
+
+
+@pytest.mark.long
+def test_every_local_link_and_image_is_there(site):
+    for page in site.rglob('*.html'):
+        text = page.read_text()
+        for url in (*LINK.findall(text), *ASSET.findall(text)):
+            if re.match(r'[a-z]+:|//', url) or page.name == '404.html':
+                continue
+            target = page.parent / unquote(url.split('#')[0].split('?')[0])
+            assert target.exists(), f'{page.relative_to(site)}: {url}'
+
+
+def test_an_asset_from_elsewhere_is_found():
+    assert external('<script src="https://unpkg.com/x.js"></script><a href="https://ros.org">')
+    assert external('<img alt="" src="//cdn/x.png">')
+    assert not external('<img src="pictures/x.png"><a href="https://ros.org">')
+
+
+@pytest.mark.parametrize('name', ['README.md', 'CONTRIBUTING.md'])
+def test_links_of_the_repository_lead_somewhere(name):
+    for target in MARKDOWN_LINK.findall((ROOT / name).read_text()):
+        if not target.startswith('http'):
+            assert (ROOT / target).exists(), target
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
+
+
+def test_pictures_are_small_and_all_are_used():
+    pages = ''.join(path.read_text() for path in (ROOT / 'docs').rglob('*.md'))
+    pages += (ROOT / 'README.md').read_text()
+    pictures = [*(ROOT / 'docs/pictures').iterdir(), *(ROOT / 'docs/images').iterdir()]
+    assert sum(path.stat().st_size for path in pictures) < 3e6
+    assert [path.name for path in pictures if path.name not in pages] == []
+
+
+@pytest.mark.long
+def test_the_pictures_can_be_drawn_again(tmp_path):
+    command = [sys.executable, 'tools/make_doc_pictures.py', str(tmp_path)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900)
+    assert run.returncode == 0, run.stderr
+    drawn = {path.name for path in tmp_path.iterdir()}
+    assert drawn == {path.name for path in (ROOT / 'docs/pictures').iterdir()}

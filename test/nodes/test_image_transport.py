@@ -1,0 +1,41 @@
+"""Topics and types of images by the names of image_transport."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+
+import pytest
+from sensor_msgs.msg import CompressedImage, Image
+
+from mvuav_ros.nodes.image_transport import image_topic
+from mvuav_ros.parameters.declaration import ParameterError
+
+
+def test_topics_beside_the_image_topic() -> None:
+    # rclpy resolves and remaps the image topic itself.
+    assert image_topic('raw', '/nose/image') == ('image_raw', Image, 'raw')
+    assert not image_topic('raw', '/nose/image').may_be_video
+    compressed = image_topic('compressed', '/nose/image')
+    assert compressed == ('/nose/image/compressed', CompressedImage, 'compressed')
+    assert compressed.may_be_video
+
+
+@pytest.mark.parametrize(
+    ('transport', 'package', 'name'),
+    [
+        ('ffmpeg', 'ffmpeg_image_transport_msgs', 'FFMPEGPacket'),
+        ('foxglove', 'foxglove_msgs', 'CompressedVideo'),
+    ],
+)
+def test_messages_of_packages_that_may_be_missing(
+    monkeypatch: pytest.MonkeyPatch, transport: str, package: str, name: str
+) -> None:
+    monkeypatch.setitem(sys.modules, f'{package}.msg', None)
+    with pytest.raises(ParameterError, match=f'apt install ros-jazzy-{package}'.replace('_', '-')):
+        image_topic(transport, '/image_raw')
+    module = ModuleType(f'{package}.msg')
+    setattr(module, name, str)
+    monkeypatch.setitem(sys.modules, package, ModuleType(package))
+    monkeypatch.setitem(sys.modules, f'{package}.msg', module)
+    assert image_topic(transport, '/image_raw') == (f'/image_raw/{transport}', str, transport)

@@ -1,0 +1,43 @@
+"""The prose rules find what they are for, and nothing in code."""
+
+import importlib.util
+
+import pytest
+from support.places import ROOT
+
+
+@pytest.fixture(scope='module')
+def prose():
+    spec = importlib.util.spec_from_file_location('check_prose', ROOT / 'tools' / 'check_prose.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+LONG = 'one word ' * 20 + 'end.'
+
+
+@pytest.mark.parametrize(
+    ('text', 'lines'),
+    [
+        ('All is well.\n', []),
+        ('First.\n\nWhat is lost is said as NaN.\n', [3]),
+        (f'- one\n- {LONG}\n', [2]),
+        ('A sentence\nwith the the word.\n', [1]),
+        (f'```text\n{LONG} simply the the\n```\nGood.\n', []),
+        ('Use `simply the the` here.\n', []),
+        (f'| {LONG} |\n', []),
+        ('| this is simply wrong |\n', [1]),
+        (f'{"one word " * 10}. {"one word " * 10}.\n', []),
+    ],
+)
+def test_what_is_found(prose, text, lines):
+    assert [line for line, _ in prose.problems(text)] == lines
+
+
+def test_measurements_may_have_longer_sentences(prose):
+    assert list(prose.problems(LONG, 60)) == []
+
+
+def test_all_pages_are_looked_at(prose, capsys):
+    assert prose.main() == 0, capsys.readouterr().out
