@@ -43,8 +43,8 @@ class Outcome(NamedTuple):
 
 
 def pytest(*arguments: str, python: Path = BIN / 'python') -> list[str]:
-    """A run of pytest; ``-rs`` tells every skip with its reason."""
-    return [str(python), '-m', 'pytest', '-q', '-rfEs', *arguments]
+    """A run of pytest; every skip is told with its reason, and the slowest tests."""
+    return [str(python), '-m', 'pytest', '-q', '-rfEs', '--durations=25', *arguments]
 
 
 def parallel(*arguments: str, python: Path = BIN / 'python') -> list[str]:

@@ -76,11 +76,13 @@ def _options(
 
 def main() -> NoReturn:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
+    # Until all is imported the handlers of `mvuav_ros.__main__` stay.
+    app = _application()
     # Commands that leave files behind take the signals themselves, see `stop_on_signals`.
     for number in SIGNALS:
         signal.signal(number, _interrupt)
     try:
-        status = _application()(prog_name='mvuav', standalone_mode=False)
+        status = app(prog_name='mvuav', standalone_mode=False)
         if status == 128 + signal.SIGINT:
             # What typer makes of a KeyboardInterrupt.
             _fail('interrupted', status)

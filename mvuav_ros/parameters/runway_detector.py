@@ -192,7 +192,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     rho_error_threshold: float = _correction(
         30.0,
-        'A line whose rho changes by more than this is flagged and keeps its old values.',
+        'A line whose rho changes by more than this is flagged; in mode thesis it keeps its old '
+        'values.',
         limits=(0.0, 100_000.0),
         unit='px',
         thesis='Rho Error Flag Threshold; 30',
@@ -200,7 +201,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     theta_error_threshold_deg: float = _correction(
         2.0,
-        'A line whose theta changes by more than this is flagged and keeps its old values.',
+        'A line whose theta changes by more than this is flagged; in mode thesis it keeps its old '
+        'values.',
         limits=(0.0, 90.0),
         unit='°',
         thesis='Theta Error Flag Threshold; 2',

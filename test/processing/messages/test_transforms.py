@@ -33,9 +33,9 @@ from mvuav_ros.vision.pose import Pose
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 CAMERA_FRAME = 'camera_optical_frame'
-WIDTH = 45.0
+WIDTH = 30.0
 RUNWAY = RunwayFlight(RunwaySettings(frames=40, runway_width=WIDTH))
-TANKER = TankerFlight(TankerSettings(motion='docking', frames=8, seed=3))
+TANKER = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3, failures='all@1-9'))
 
 
 @pytest.fixture(autouse=True)

@@ -150,13 +150,13 @@ def test_the_deviation_follows_the_motion():
         for lights, jitter in ((quiet, 0.01), (shaken, 1.0)):
             lights.predict(index / 30)
             lights.update((100.0 + index + rng.normal(0, jitter, 2)).tolist())
-    assert quiet.deviation(0) < 0.5
-    assert 0.8 < shaken.deviation(0) < 3.0
-    before = shaken.deviation(0)
+    assert quiet.deviations()[0] < 0.5
+    assert 0.8 < shaken.deviations()[0] < 3.0
+    before = shaken.deviations()[0]
     for index in range(100, 103):
         shaken.predict(index / 30)
         shaken.update([None, None])
-    assert shaken.deviation(0) > 3 * before
+    assert shaken.deviations()[0] > 3 * before
 
 
 def test_velocity_and_acceleration():
