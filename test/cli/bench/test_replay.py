@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 
+import pytest
+
 from mvuav_ros.cli.bench import replay
 from mvuav_ros.cli.bench.case import measure
 
 
+@pytest.mark.long
 def test_cases_run() -> None:
     cases = replay.replay_cases(frames=45)
     for case in cases:

@@ -56,7 +56,7 @@ def small_plan(seed):
     )
 
 
-@pytest.fixture(scope='module', params=[5, 77])
+@pytest.fixture(scope='module', params=[5, pytest.param(77, marks=pytest.mark.long)])
 def written(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp('thesis')
     steps = []

@@ -22,6 +22,14 @@ FLIGHTS = {
     'from afar': {'seed': 9, 'start_distance': 900.0, 'camera_pitch_deg': 5.0},
 }
 FRAMES = 275
+EACH = pytest.mark.parametrize(
+    'name',
+    [
+        'approach',
+        'from the right',
+        *(pytest.param(name, marks=pytest.mark.long) for name in ('low pass', 'from afar')),
+    ],
+)
 
 
 @lru_cache
@@ -44,7 +52,7 @@ def later(name):
     return fly(name)[WARM_UP:]
 
 
-@pytest.mark.parametrize('name', FLIGHTS)
+@EACH
 def test_both_edges_are_found(name):
     """As for the real approaches: within 3 px of both ends of the visible edge."""
     found = 0
@@ -59,7 +67,7 @@ def test_both_edges_are_found(name):
     assert found >= 0.98 * len(later(name))
 
 
-@pytest.mark.parametrize('name', FLIGHTS)
+@EACH
 def test_heading_error_and_offset_within_500_m(name):
     errors = []
     for result, truth in later(name):
@@ -75,7 +83,7 @@ def test_heading_error_and_offset_within_500_m(name):
     assert offset <= 1.0
 
 
-@pytest.mark.parametrize('name', FLIGHTS)
+@EACH
 def test_height_roll_pitch_and_vanishing_point(name):
     errors = []
     for result, truth in later(name):
@@ -96,6 +104,7 @@ def test_height_roll_pitch_and_vanishing_point(name):
     assert place < 3.0
 
 
+@pytest.mark.long
 def test_the_covariance_is_consistent_over_1000_frames():
     """Squared errors in units of the covariance: 5 on average for y, z, roll, pitch and yaw."""
     squares = []
@@ -121,7 +130,7 @@ def test_the_covariance_is_consistent_over_1000_frames():
     assert np.mean(np.array(squares) > 20.5) < 0.03
 
 
-@pytest.mark.parametrize('name', FLIGHTS)
+@EACH
 def test_the_distance_is_known_while_the_near_end_is_in_sight(name):
     errors = [
         (result.guidance.x - truth.pose.position[0], result.guidance.covariance[0, 0])
