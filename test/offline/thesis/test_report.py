@@ -313,3 +313,9 @@ def test_times_add_up(tables):
         assert sum(times[:-1]) == pytest.approx(times[-1])
     shares = [row[7] for row in tables['table_5_7'].rows]
     assert sum(shares[:-1]) == pytest.approx(100.0) == shares[-1]
+    here = [getattr(row[2], 'value', row[2]) for row in tables['table_5_7'].rows]
+    assert shares == pytest.approx([100.0 * seconds / sum(here[:-1]) for seconds in here])
+    printed = [float(row[1]) for row in tables['table_5_7'].rows]
+    assert [row[6] for row in tables['table_5_7'].rows] == pytest.approx(
+        [100.0 * seconds / printed[-1] for seconds in printed]
+    )
