@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.best_run import best_run
 from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.strip_search import Strips
 from mvuav_ros.vision.approach.tuning import TUNING
@@ -17,6 +18,8 @@ ROWS = 44
 """Below the vanishing point: near ends of up to 28 px and half as much again."""
 MOST_GAIN = 5.0
 _FIRST_DEPTH, _LEAST_WIDTH = 1.5, 2.0
+_SLACK = 1e-9
+"""Of sums of evidence, which are rounded."""
 Numbers = NDArray[np.floating[Any]]
 
 
@@ -88,7 +91,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     used = visible & (depth >= _FIRST_DEPTH) & (right - left >= _LEAST_WIDTH)
     used &= depth <= 1.9 * expected[:, None]
     worth = used / np.maximum(depth, 2.0)
-    run, first, last = _best_run((total - TUNING.row_bias) * worth)
+    run, first, last = best_run((total - TUNING.row_bias) * worth, _SLACK)
     number = np.arange(len(strips))
     last = np.maximum(last - 1, first)
     found = strips.copy()
@@ -96,7 +99,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     index = np.arange(ROWS)
     inside = used & (index >= first[:, None]) & (index <= last[:, None])
     single = [np.minimum((each * sign) @ WEIGHTS, MOST_GAIN) for each in (one, other)]
-    ends = [_best_run((each - TUNING.row_bias) * worth)[2] for each in single]
+    ends = [best_run((each - TUNING.row_bias) * worth, _SLACK)[2] for each in single]
     near = [depth[number, np.maximum(end - 1, 0)] for end in ends]
     apart = np.log(np.maximum(near[0], 1.0) / np.maximum(near[1], 1.0))
     means = [(each * inside).sum(axis=1) for each in single]
@@ -104,18 +107,3 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     return Profile(
         found, rows, depth, left, right, visible, parts, total, inside, run, last, apart, balance
     )
-
-
-def _best_run(gain: Numbers) -> tuple[Numbers, NDArray[np.intp], NDArray[np.intp]]:
-    """The run of columns with the largest sum in each row: sum, first, after last."""
-    total = np.zeros((gain.shape[0], gain.shape[1] + 1))
-    np.cumsum(gain, axis=1, out=total[:, 1:])
-    lowest = np.minimum.accumulate(total, axis=1)
-    rise = total - lowest
-    last = rise.argmax(axis=1)
-    number = np.arange(gain.shape[0])
-    columns = np.arange(total.shape[1])
-    # The last place before the end at which the total was that low.
-    at_lowest = (total <= lowest[number, last][:, None] + 1e-9) & (columns <= last[:, None])
-    first = total.shape[1] - 1 - at_lowest[:, ::-1].argmax(axis=1)
-    return rise[number, last], np.minimum(first, gain.shape[1] - 1), last

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.best_run import best_run
 from mvuav_ros.vision.approach.features import CHANNELS, Table
 from mvuav_ros.vision.approach.targets import EdgeProfile
 
@@ -137,13 +138,13 @@ def score_strips(table: Table, shapes: Shapes, look: EdgeProfile) -> StripScores
     depth = np.maximum(depth, 1.0)
     worth = visible / depth
     gain = (np.minimum(size / look.floor, CEILING) - 1.0) * worth
-    _, first, last = _best_run(gain)
+    _, first, last = best_run(gain)
     weight = _within(first, last, rows.size)
     # What is fainter by far than the rest is no longer the strip.
     limited = np.minimum(size, 2 * CEILING * look.floor)
     typical = (limited * weight).sum(axis=1, keepdims=True)
     floor = np.maximum(look.floor, _FADED * typical)
-    _, first, last = _best_run((limited - floor) * worth)
+    _, first, last = best_run((limited - floor) * worth)
     weight = _within(first, last, rows.size)
     score = np.maximum((gain * (weight > 0)).sum(axis=1), 0.0)
     contrast = np.einsum('cnr,nr->nc', common, weight)
@@ -197,21 +198,3 @@ def _within(first: NDArray[Any], last: NDArray[Any], columns: int) -> NDArray[An
     within = (index >= first[:, None]) & (index < last[:, None])
     share: NDArray[Any] = within / np.maximum(within.sum(axis=1, keepdims=True), 1)
     return share
-
-
-def _best_run(
-    gain: NDArray[Any],
-) -> tuple[NDArray[Any], NDArray[np.intp], NDArray[np.intp]]:
-    """The run of columns with the largest sum in each row of ``gain``: sum, first, after last."""
-    total = np.zeros((gain.shape[0], gain.shape[1] + 1))
-    np.cumsum(gain, axis=1, out=total[:, 1:])
-    lowest = np.minimum.accumulate(total, axis=1)
-    rise = total - lowest
-    last = rise.argmax(axis=1)
-    number = np.arange(gain.shape[0])
-    score = rise[number, last]
-    # The last place before the end at which the total was that low.
-    columns = np.arange(total.shape[1])
-    at_lowest = (total <= lowest[number, last][:, None]) & (columns <= last[:, None])
-    first = total.shape[1] - 1 - at_lowest[:, ::-1].argmax(axis=1)
-    return score, np.minimum(first, gain.shape[1] - 1), last
