@@ -76,12 +76,13 @@ def _options(
 
 def main() -> NoReturn:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
-    # Until all is imported the handlers of `mvuav_ros.__main__` stay.
-    app = _application()
-    # Commands that leave files behind take the signals themselves, see `stop_on_signals`.
-    for number in SIGNALS:
-        signal.signal(number, _interrupt)
+    named = [name for name in sys.argv[1:2] if name in COMMANDS]
     try:
+        # Until all is imported the handlers of `mvuav_ros.__main__` stay.
+        app = application(named or COMMANDS)
+        # Commands that leave files behind take the signals themselves, see `stop_on_signals`.
+        for number in SIGNALS:
+            signal.signal(number, _interrupt)
         status = app(prog_name='mvuav', standalone_mode=False)
         if status == 128 + signal.SIGINT:
             # What typer makes of a KeyboardInterrupt.
@@ -94,7 +95,7 @@ def main() -> NoReturn:
         _fail(str(error), 1)
     except ImportError as error:
         # Commands import what they need when they are called.
-        _fail(explain_missing_module(sys.argv[1], error), 1)
+        _fail(explain_missing_module(named[0] if named else 'mvuav', error), 1)
     except Exception as error:
         # Usage errors of typer, whose own click is not importable under a public name.
         if not hasattr(error, 'format_message'):
@@ -103,15 +104,6 @@ def main() -> NoReturn:
             raise
         _fail(f'{error.format_message()} (see mvuav --help)', 2)
     _leave(status if isinstance(status, int) else 0)
-
-
-def _application() -> typer.Typer:
-    """With the command that the command line names, or all of them."""
-    named = [name for name in sys.argv[1:2] if name in COMMANDS]
-    try:
-        return application(named or COMMANDS)
-    except ModuleNotFoundError as error:
-        _fail(explain_missing_module(named[0] if named else 'mvuav', error), 1)
 
 
 def _fail(message: str, status: int) -> NoReturn:
