@@ -21,6 +21,7 @@ PYTHONS = ('3.11', '3.12', '3.13')
 WITHOUT_GRAPH = ['test', *(f'--ignore=test/{name}' for name in ('nodes', 'cli/demo', 'panel'))]
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
 QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
+_BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
 _COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
 
 
@@ -188,11 +189,32 @@ def run(part: Part) -> Outcome:
     )
 
 
+def environment() -> dict[str, str]:
+    """Ours without what the wheels of ROS set for this Python alone.
+
+    They start an interpreter a second time with the path of its own libraries, and mark that in the
+    environment: another Python would take these libraries for its own.
+    """
+    kept = {name: value for name, value in os.environ.items() if name != _BOOTSTRAPPED}
+    own = str(BIN.parent)
+    paths = [
+        path
+        for path in kept.pop('LD_LIBRARY_PATH', '').split(os.pathsep)
+        if path and not path.startswith(own)
+    ]
+    return kept | ({'LD_LIBRARY_PATH': os.pathsep.join(paths)} if paths else {})
+
+
 def _pass_on(command: Sequence[str]) -> tuple[int, str]:
     """A command's exit status and its last line, everything shown as it comes."""
     last = ''
     with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        command,
+        cwd=ROOT,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     ) as process:
         assert process.stdout is not None
         for line in process.stdout:

@@ -51,3 +51,13 @@ def test_one_line_and_one_status(runner, capsys):
     assert runner.summarize([good]) == 0
     assert runner.summarize([good, bad]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == '8 passed, 2 failed, 1 skipped'
+
+
+def test_another_python_does_not_take_this_ones_libraries_of_ros(runner, monkeypatch):
+    monkeypatch.setenv('_ROS_WHEELS_BOOTSTRAP_COMPLETE', '1')
+    monkeypatch.setenv('LD_LIBRARY_PATH', f'{ROOT}/.venv/lib:/opt/ros/jazzy/lib')
+    environment = runner.environment()
+    assert '_ROS_WHEELS_BOOTSTRAP_COMPLETE' not in environment
+    assert environment['LD_LIBRARY_PATH'] == '/opt/ros/jazzy/lib'
+    monkeypatch.setenv('LD_LIBRARY_PATH', f'{ROOT}/.venv/lib')
+    assert 'LD_LIBRARY_PATH' not in runner.environment()
