@@ -94,6 +94,8 @@ class Results:
                 with box('card'):
                     made = ui.echart(axes(title, unit)).classes('chart')
                     made.props['data-curves'] = chart
+                    # Until the first value there is nothing that the chart would say of itself.
+                    made.props['aria-label'] = f'Curve of {title}'
                     made.props['data-node'] = node.name
         with box('charts'):
             with box('card'):

@@ -81,6 +81,7 @@ class Trends:
         chart = ui.echart(draw(self._runs, columns, self._over.value)).classes('chart')
         chart.style(f'height: {height}px')
         chart.props['data-trend'] = ', '.join(columns)
+        chart.props['aria-label'] = f'Trend of {", ".join(columns)}'
 
     def _export_csv(self) -> None:
         if not self._runs:
