@@ -41,7 +41,12 @@ class VideoTopic:
             self._codec, self._decoder = codec, None
         self._number += 1
         self._waiting[self._number] = packet, wanted
-        yield from self._decode(bytes(packet.data))
+        data = bytes(packet.data)
+        if data:
+            yield from self._decode(data)
+        else:
+            # The decoder would take it for the end of the video.
+            yield from self._unusable(self._number)
         for number in [key for key in self._waiting if key <= self._number - _MOST_WAITING]:
             yield from self._unusable(number)
 
