@@ -150,7 +150,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
     deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
     prior = expected[None], np.diag(deviations**2)[None]
-    deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
+    deviation = 0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE])))
     m, n = measured.shape[:2]
     seen = np.broadcast_to(np.arange(n), (m, n))
     return fit(shape, prior, NamedPlaces(seen, measured, deviation), starts, iterations=8)
