@@ -268,15 +268,16 @@ class PoseEstimator:
 
 
 def _most_misfit(view: Reprojection) -> float:
-    span = float(np.ptp(view.image, axis=0).max())
+    span = float((view.image.max(axis=0) - view.image.min(axis=0)).max())
     return max(TUNING.most_misfit, TUNING.most_relative_misfit * span)
 
 
 def _is_known(covariance: Array, tvec: Array) -> bool:
     """Whether a pose with this covariance is good enough to be told."""
-    variances = np.diag(covariance)
-    distance = float(np.linalg.norm(tvec))
-    moved = math.sqrt(max(float(variances[:3].max()), 0.0))
-    turned = math.sqrt(max(float(variances[3:].max()), 0.0))
-    known = moved <= TUNING.most_distance_error * distance and turned <= TUNING.most_turn_error
-    return bool(known and np.isfinite(variances).all())
+    variances: list[float] = covariance.diagonal().tolist()
+    if not all(math.isfinite(variance) for variance in variances):
+        return False
+    moved = math.sqrt(max(*variances[:3], 0.0))
+    turned = math.sqrt(max(*variances[3:], 0.0))
+    distance = math.hypot(*tvec.ravel().tolist())
+    return moved <= TUNING.most_distance_error * distance and turned <= TUNING.most_turn_error
