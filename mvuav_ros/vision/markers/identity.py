@@ -11,7 +11,7 @@ import numpy as np
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.acquisition import ANY_ROLL
+from mvuav_ros.vision.markers.acquisition import ANY_ROLL, looks_of
 from mvuav_ros.vision.markers.assignment import Expectation
 from mvuav_ros.vision.markers.attempts import CONFIRMED, Attempts
 from mvuav_ros.vision.markers.centroid import Detection
@@ -66,6 +66,8 @@ class IdentityTracker:
         self._size = (0, 0)
         self._camera: CameraModel | None = None
         self._tick = 0
+        # The first frame has no time for them.
+        looks_of(WeakPerspective.of(rig, Lens((1, 1))).points.tobytes())
         self._start_again()
 
     def set_camera(self, camera: CameraModel | None) -> None:
