@@ -99,9 +99,7 @@ class FilterBank:
         """The same with larger variances."""
         return replace(self, covariances=factor * self.covariances)
 
-    def corrected(
-        self, shape: WeakPerspective, seen: NamedPlaces, variances: Array
-    ) -> Correction:
+    def corrected(self, shape: WeakPerspective, seen: NamedPlaces, variances: Array) -> Correction:
         """What each filter makes of some markers: an iterated extended Kalman filter's update.
 
         Args:

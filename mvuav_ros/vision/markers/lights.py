@@ -96,8 +96,7 @@ def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
         return list(spots)
     ideal = lens.to_ideal(np.array([(spot.x, spot.y) for spot in spots])).tolist()
     return [
-        Detection(x, y, spot.area, spot.spread)
-        for spot, (x, y) in zip(spots, ideal, strict=True)
+        Detection(x, y, spot.area, spot.spread) for spot, (x, y) in zip(spots, ideal, strict=True)
     ]
 
 

@@ -119,7 +119,7 @@ class WeakPerspective:
         """
         n = len(self.points)
         powers = np.exp(views.dot(_EXPONENTS))
-        seen = powers.view(np.float64)[:, : 8].dot(self._turns)
+        seen = powers.view(np.float64)[:, :8].dot(self._turns)
         turned = seen[:, : 6 * n].view(np.complex128).reshape(-1, 3, n)
         qz, across = seen[:, 6 * n : 7 * n], seen[:, 7 * n :].reshape(-1, 2, n)
         near = powers[:, 5:].real
