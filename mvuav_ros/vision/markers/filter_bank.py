@@ -131,6 +131,11 @@ class FilterBank:
             parameters = possible(parameters + step)
             if largest < SETTLED:
                 break
+        else:
+            # What the last slopes foretell of the residuals cannot be trusted.
+            expected = shape.linearize_all(parameters)[0]
+            residual = places - (expected if columns is None else expected[:, columns])
+            weighed = (residual.reshape(m, k, 2) / variances[..., None]).reshape(m, 2 * k)
         change[:, :COUNT] = parameters - prior
         return Correction(
             self, change, towards, weight, weighed, variances, float(seen.deviation**2)

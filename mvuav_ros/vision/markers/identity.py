@@ -22,6 +22,7 @@ from mvuav_ros.vision.markers.initialization import Named, initialize
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.lights import Frame, Lights, are_close, places_of, straightened
 from mvuav_ros.vision.markers.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.recovery import Recovery
 from mvuav_ros.vision.markers.reporting import Reporter
 from mvuav_ros.vision.markers.results import MarkerResult, Window
 from mvuav_ros.vision.markers.search import Search
@@ -79,6 +80,7 @@ class IdentityTracker:
     def _start_again(self) -> None:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
+        self._recovery = Recovery()
         self._attempts = Attempts(self._count)
         self._doubts = self._suspicions = self._unexplained = 0
 
@@ -211,7 +213,8 @@ class IdentityTracker:
         fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
         inexact = search.views.shape.offsets is not None
         moved = inexact and not search.found and len(lights) >= self._count
-        nameless = search.name(lights, self._clutter, min(fewest, self._count))
+        fewest = min(fewest, self._count)
+        nameless = search.name(lights, self._clutter, fewest, self._recovery)
         if moved and len(search.found) < self._count:
             self._name_afresh(search, lights)
         else:

@@ -18,6 +18,7 @@ from mvuav_ros.vision.markers.joining import offset_in
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import FORGOTTEN, Motion
 from mvuav_ros.vision.markers.reacquisition import extend, reacquire
+from mvuav_ros.vision.markers.recovery import Recovery
 from mvuav_ros.vision.markers.view import COUNT
 
 KNOWN_PLACE = 5.0
@@ -75,13 +76,14 @@ class Search:
         """The markers without a spot."""
         return [index for index in range(len(self._looks)) if index not in self.found]
 
-    def name(self, lights: Lights, clutter: Clutter, fewest: int) -> int:
+    def name(self, lights: Lights, clutter: Clutter, fewest: int, recovery: Recovery) -> int:
         """Give names to the lights of the frame.
 
         Args:
             lights: of the frame.
             clutter: lights that have long been there.
             fewest: markers without which a body that is out of sight is not found again.
+            recovery: names what the motion did not foresee.
 
         Returns:
             How many round lights have no name.
@@ -98,6 +100,8 @@ class Search:
             self._name_together(free, clutter)
         if len(self.found) < 2:
             free = self._find_again(free, clutter, fewest)
+        elif not self.suspects and len(self.missing) >= 2:
+            self._recover(free, clutter, recovery)
         self._check()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
@@ -115,6 +119,19 @@ class Search:
         self.found.update(extend(self.views, self.found, new, self._is_likely))
         self._look()
         named = list(self.found.values())
+        free[:] = [spot for spot in free if spot not in named]
+        self._name_clear(free, clutter)
+
+    def _recover(self, free: list[Detection], clutter: Clutter, recovery: Recovery) -> None:
+        """Name lights that are not where they were expected, as the rig alone tells."""
+        new = [spot for spot in free if not clutter.is_stranger(spot)]
+        found = recovery.name(self.views, self.found, new, self._is_likely)
+        if len(found) == len(self.found):
+            return
+        self.found = found
+        self._known = tuple(found)
+        self._look()
+        named = list(found.values())
         free[:] = [spot for spot in free if spot not in named]
         self._name_clear(free, clutter)
 

@@ -30,9 +30,8 @@ SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
 _LONGEST_STEP = 0.5
 """rad, and logarithms."""
-_LITTLE_LEFT, _LEAST_LEFT, _MOST_CORRELATED = 0.04, 1e-3, 0.99
-"""What the other markers tell of one's place, in parts of what all tell: below the first it is
-looked at whether it is below the second, or all but in one direction."""
+_SINGULAR = 1e-16
+"""Determinant of what other markers tell of a place over what all tell, at least."""
 
 
 class NamedPlaces(NamedTuple):
@@ -182,22 +181,10 @@ def surprise_of(
     """
     trace, deviator = left
     size = deviator.real * deviator.real + deviator.imag * deviator.imag
-    determinant = trace * trace - size
-    if (determinant < _LITTLE_LEFT * trace).any():
-        trace, deviator = _limited_share(trace, deviator)
-        size = np.abs(deviator) ** 2
-        determinant = trace * trace - size
-    points = residual.view(np.complex128)
+    determinant = np.maximum(trace * trace - size, _SINGULAR)
+    points = np.ascontiguousarray(residual).view(np.complex128)
     apart = trace * points - deviator * points.conj()
     spread = variance * trace + (own - variance) * determinant
     inside = spread * apart + (variance * deviator) * apart.conj()
     square = apart.real * inside.real + apart.imag * inside.imag
     return np.asarray(square / (determinant * (spread * spread - (variance * variance) * size)))
-
-
-def _limited_share(trace: Array, deviator: Complex) -> tuple[Array, Complex]:
-    """A marker without which nothing is known about a direction tells nothing of itself there."""
-    xx = np.maximum(trace + deviator.real, _LEAST_LEFT)
-    yy = np.maximum(trace - deviator.real, _LEAST_LEFT)
-    most = _MOST_CORRELATED * np.sqrt(xx * yy)
-    return 0.5 * (xx + yy), 0.5 * (xx - yy) + 1j * np.clip(deviator.imag, -most, most)
