@@ -35,6 +35,8 @@ class FaultTuning:
         contested: evidence that a marker has against it that was out of sight shortly before.
         protected: px (1 sigma), of a marker's place by the others, up to which they would
             contradict another light there.
+        fewest_telling: markers not out of sight before, by which alone others' places are told.
+        fewest_agreeing: markers that tell each other's places.
         upset: by which all variances grow where what is seen makes no sense.
         free: by which they grow to find out whether it is only the motion that was not foreseen.
         fewest_free: coordinates for that.
@@ -51,6 +53,8 @@ class FaultTuning:
     doubtful_share: float = 0.1
     contested: float = 50.0
     protected: float = 4.0
+    fewest_telling: int = 2
+    fewest_agreeing: int = 4
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
@@ -241,6 +245,9 @@ class FaultDetector:
         doubtful = [m for m in found if m in returned and m < self.views.doubted]
         if not doubtful:
             return set()
+        firm = len(found) - len(doubtful)
+        if firm < TUNING.fewest_telling and len(found) < TUNING.fewest_agreeing:
+            return set(doubtful)
         correction = self._correct(found)
         # The marker has taken part a little: what it says of its own place is taken out.
         own = self.views.doubted_deviation
