@@ -37,6 +37,8 @@ class FaultTuning:
             contradict another light there.
         fewest_telling: markers not out of sight before, by which alone others' places are told.
         fewest_agreeing: markers that tell each other's places.
+        agreed: frames in a row in which fewer do as well, if three are less surprising than this:
+        unsurprising: squared distance over variance.
         upset: by which all variances grow where what is seen makes no sense.
         free: by which they grow to find out whether it is only the motion that was not foreseen.
         fewest_free: coordinates for that.
@@ -55,6 +57,8 @@ class FaultTuning:
     protected: float = 4.0
     fewest_telling: int = 2
     fewest_agreeing: int = 4
+    agreed: int = 5
+    unsurprising: float = 2.0
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
@@ -100,6 +104,7 @@ class FaultDetector:
         self.contested: set[int] = set()
         self._evidence: Array = np.zeros(views.doubted)
         self._corrected: tuple[object, Correction] | None = None
+        self._agreed = 0
 
     def _correct(self, found: Mapping[int, Point]) -> Correction:
         key = (self.views.bank, self.contested, list(found.items()))
@@ -245,8 +250,8 @@ class FaultDetector:
         doubtful = [m for m in found if m in returned and m < self.views.doubted]
         if not doubtful:
             return set()
-        firm = len(found) - len(doubtful)
-        if firm < TUNING.fewest_telling and len(found) < TUNING.fewest_agreeing:
+        few = len(found) - len(doubtful) < TUNING.fewest_telling
+        if few and len(found) < TUNING.fewest_agreeing and self._agreed < TUNING.agreed:
             return set(doubtful)
         correction = self._correct(found)
         # The marker has taken part a little: what it says of its own place is taken out.
@@ -270,4 +275,6 @@ class FaultDetector:
         self._evidence = self._weighed(found, correction)
         self._evidence -= max(self._evidence.max(initial=0.0) - TUNING.most_evidence, 0.0)
         np.maximum(self._evidence, 0.0, out=self._evidence)
+        calm = correction.surprise[MAIN].max() < TUNING.unsurprising
+        self._agreed = self._agreed + 1 if calm and len(found) >= TUNING.fewest_firm else 0
         self.views.commit(correction)
