@@ -235,6 +235,7 @@ class IdentityTracker:
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where lights have no name and markers no light for long."""
         unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
+        unexplained &= search.is_contradicted
         self._unexplained = self._unexplained + 1 if unexplained else 0
         if self._unexplained > PATIENCE:
             search.faults.upset()

@@ -38,6 +38,8 @@ class Search:
         views: at this frame's time.
         suspects: those of them of which one or some must be another light.
         unexplained: lights that may be markers and have no name.
+        is_contradicted: whether lights without a name cannot be markers that return: false where
+            it is only not clear which they are.
         reacquired: markers found again together, after hardly any was in sight.
     """
 
@@ -65,6 +67,7 @@ class Search:
         self.suspects = set(consensus.suspects)
         self.reacquired: set[int] = set()
         self.unexplained = 0
+        self.is_contradicted = True
         self._looks = looks
         self._motion = motion
         self._distrusted = set(consensus.dropped)
@@ -141,6 +144,7 @@ class Search:
         spots = [*alone.values(), *free]
         new = [spot for spot in spots if not clutter.include(spot)][:MOST_RETURNED]
         ways = reacquire(self.views, new, self._is_likely, max(fewest, 3) if alone else fewest)
+        self.is_contradicted = ways is None
         if not ways:
             return free
         self.found = ways
