@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -95,9 +96,11 @@ class FilterBank:
             np.repeat(self.covariances[index : index + 1], count, 0),
         )
 
-    def less_certain(self, factor: float) -> FilterBank:
-        """The same with larger variances."""
-        return replace(self, covariances=factor * self.covariances)
+    def less_certain(self, factor: float, known: Sequence[int] = ()) -> FilterBank:
+        """The same with variances that are larger by a factor, but for some known parameters."""
+        growth = np.full(_STATES, math.sqrt(factor))
+        growth[list(known)] = 1.0
+        return replace(self, covariances=growth[:, None] * self.covariances * growth)
 
     def corrected(self, shape: WeakPerspective, seen: NamedPlaces, variances: Array) -> Correction:
         """What each filter makes of some markers: an iterated extended Kalman filter's update.

@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from mvuav_ros.vision.markers.assignment import Fits
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.fault_detection import TUNING
+from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.lights import are_close
 from mvuav_ros.vision.markers.reacquisition import MOST_EXTENDED, extend
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
-FEWEST_NEW = 2
-"""Lights that must fit at once: a single one that does not go with the others may as well be
-another light."""
-MOST_COST = 4.0
-"""Squared residuals over their variances, of the markers known with those lights."""
-CONFIRMED = 2
-"""Frames in a row that must name the lights alike, where they are as few as can tell."""
-SAME = 40.0
-"""px, within which a marker may move between two frames."""
+
+@dataclass(frozen=True)
+class RecoveryTuning:
+    """When lights that were not expected where they are get names.
+
+    Chosen on seeds 0 to 11 of flights of bare lights (`simulation.light_flights`).
+
+    Attributes:
+        fewest_new: lights that must fit at once: a single one that does not go with the others
+            may as well be another light.
+        most_cost: squared residuals over their variances, of the markers known with those lights.
+        confirmed: frames in a row that must name the lights alike, where they are as few as can
+            tell.
+        same: px, within which a marker may move between two frames.
+    """
+
+    fewest_new: int = 2
+    most_cost: float = 4.0
+    confirmed: int = 2
+    same: float = 40.0
+
+
+TUNING = RecoveryTuning()
 
 
 class Recovery:
@@ -46,15 +61,15 @@ class Recovery:
             spots: that have no name, likewise.
             fits: leaves out what cannot be.
         """
-        fewest = max(-(-TUNING.fewest_free // 2), len(found) + FEWEST_NEW)
+        fewest = max(-(-FAULTS.fewest_free // 2), len(found) + TUNING.fewest_new)
         if len(found) + min(len(spots), MOST_EXTENDED) < fewest:
             self._agreed = 0
             return dict(found)
         before = views.bank
-        views.upset(TUNING.free)
+        views.upset(FAULTS.free)
         named = extend(views, found, spots, fits)
         view = views.look({m: (spot.x, spot.y) for m, spot in named.items()})
-        if len(named) < fewest or view.cost > MOST_COST:
+        if len(named) < fewest or view.cost > TUNING.most_cost:
             self._agreed = 0
         elif self._believes(named, fewest):
             return named
@@ -63,8 +78,8 @@ class Recovery:
 
     def _believes(self, named: dict[int, Detection], fewest: int) -> bool:
         alike = named.keys() == self._last.keys() and all(
-            are_close(spot, self._last[marker], SAME) for marker, spot in named.items()
+            are_close(spot, self._last[marker], TUNING.same) for marker, spot in named.items()
         )
         self._agreed = self._agreed + 1 if alike and self._agreed else 1
         self._last = named
-        return len(named) > fewest or self._agreed >= CONFIRMED
+        return len(named) > fewest or self._agreed >= TUNING.confirmed

@@ -14,12 +14,11 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.clutter import Clutter
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import Named
-from mvuav_ros.vision.markers.joining import offset_in
+from mvuav_ros.vision.markers.joining import offset_by_view, offset_in, touching
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import FORGOTTEN, Motion
 from mvuav_ros.vision.markers.reacquisition import extend, reacquire
 from mvuav_ros.vision.markers.recovery import Recovery
-from mvuav_ros.vision.markers.view import COUNT
 
 KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
@@ -283,15 +282,11 @@ class Search:
         variances = np.array([place.deviation**2 for place in pair])
         places = np.array([(place.x, place.y) for place in pair])
         offset = offset_in(spot, areas, places, np.diag(np.repeat(variances, 2)))
-        flat, by_view = (part[[a, b]] for part in self.views.places(self._view))
+        by_view = self.views.places(self._view)[1][[a, b]]
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
             # Not as they moved, or their motions do not tell the sides; the others' places may.
-            jacobian = self.views.shape.linearize(self._view.parameters)[1][[a, b]].reshape(
-                4, COUNT
-            )
-            spread = jacobian @ self._view.covariance @ jacobian.T
-            offset = offset_in(spot, areas, flat, spread)
-        if offset is None or math.hypot(*offset) > _touching(*areas):
+            offset = offset_by_view(spot, areas, self.views.shape, self._view, (a, b))
+        if offset is None or math.hypot(*offset) > touching(*areas):
             return None
         return float(offset[0]), float(offset[1])
 
@@ -308,8 +303,3 @@ class Search:
             for other, place in gates.items()
             if other != index
         )
-
-
-def _touching(first: float, second: float) -> float:
-    """The distance of two centres, px, up to which lights of such areas (px) may run together."""
-    return math.sqrt(first / math.pi) + math.sqrt(second / math.pi) + 3.0

@@ -139,6 +139,11 @@ class ViewFilter:
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
+    def _known(self) -> list[int]:
+        """Parameters that a calibration tells."""
+        return [FOCAL, BARREL] if self.shape.lens.focal is not None else []
+
+    @property
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
         return ViewState(self.bank.parameters[MAIN], self.bank.covariance[MAIN])
@@ -161,8 +166,7 @@ class ViewFilter:
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
         walk, unrest = self._motion * _WALK, self._motion * _UNREST
-        if self.shape.lens.focal is not None:
-            walk[[FOCAL, BARREL]] = 0.0
+        walk[self._known] = 0.0
         self.bank = self.bank.predicted(time - self.time, walk, unrest)
         self.time = time
         if self._seen < _FEWEST_HOLDING:
@@ -209,7 +213,7 @@ class ViewFilter:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
-        self.bank = self.bank.less_certain(factor)
+        self.bank = self.bank.less_certain(factor, self._known)
 
     def commit(self, correction: Correction) -> None:
         """Take what each filter has made of a frame's named lights, which agree."""
