@@ -141,7 +141,7 @@ class FilterBank:
             weighed = (residual.reshape(m, k, 2) / variances[..., None]).reshape(m, 2 * k)
         change[:, :COUNT] = parameters - prior
         return Correction(
-            self, change, towards, weight, weighed, variances, float(seen.deviation**2)
+            self, change, slopes, towards, weight, weighed, variances, float(seen.deviation**2)
         )
 
 
@@ -152,6 +152,7 @@ class Correction:
     Attributes:
         before: the filters.
         change: (m, 16), of their states.
+        slopes: (m, 8, 2 k), of the places by the parameters.
         towards: (m, 16, 2 k), covariance of the states with the places.
         weight: (m, 2 k, 2 k), inverse covariance of the innovations, px^-2.
         weighed: (m, 2 k), the innovations times that.
@@ -161,6 +162,7 @@ class Correction:
 
     before: FilterBank
     change: Array
+    slopes: Array
     towards: Array
     weight: Array
     weighed: Array
@@ -169,9 +171,15 @@ class Correction:
 
     @cached_property
     def after(self) -> FilterBank:
-        """The filters with what they have seen."""
-        taken = self.towards @ self.weight @ self.towards.transpose(0, 2, 1)
-        covariances = self.before.covariances - 0.5 * (taken + taken.transpose(0, 2, 1))
+        """The filters with what they have seen, in Joseph's form: no variance gets negative."""
+        m, k = self.variances.shape
+        gain = self.towards @ self.weight
+        left = np.repeat(_UNITY[None], m, axis=0)
+        left[:, :, :COUNT] -= gain @ self.slopes.transpose(0, 2, 1)
+        own = gain.reshape(m, _STATES, k, 2) * self.variances[:, None, :, None]
+        covariances = left @ self.before.covariances @ left.transpose(0, 2, 1)
+        covariances += own.reshape(m, _STATES, 2 * k) @ gain.transpose(0, 2, 1)
+        covariances = 0.5 * (covariances + covariances.transpose(0, 2, 1))
         return FilterBank(self.before.states + self.change, covariances)
 
     @cached_property
