@@ -51,7 +51,7 @@ class PoseTuning:
     unusual: float = 4.0
     most_distance_error: float = 0.015
     most_turn_error: float = math.radians(1.5)
-    of_three: float = 0.6
+    of_three: float = 0.4
 
 
 TUNING = PoseTuning()

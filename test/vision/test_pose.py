@@ -234,7 +234,7 @@ def test_three_lights_whose_solutions_meet_have_no_wrong_pose():
     rng = np.random.default_rng(0)
     told = []
     for stamp_ns, _, truth in itertools.islice(flight, 55, None):
-        # Both solutions come from all five, and fewer than three frames before they meet.
+        # Five lights at first, so that it is known which of three lights' solutions it is.
         labels = [0, 2, 4] if len(told) >= 10 else range(5)
         pixels = truth.pixels[list(labels)] + rng.normal(0.0, 0.02, (len(labels), 2))
         pose = estimator.estimate(flight.camera, labels, pixels, stamp_ns * 1e-9)
