@@ -127,7 +127,7 @@ class FilterBank:
             spread = slopes.transpose(0, 2, 1) @ towards[:, :COUNT]
             diagonals = spread.reshape(m, -1)[:, :: 2 * k + 1].reshape(m, k, 2)
             diagonals += variances[..., None]
-            weight = np.linalg.inv(spread)
+            weight = np.asarray(np.linalg.inv(spread), np.float64)
             weighed = (weight @ innovation[..., None])[..., 0]
             change = (towards @ weighed[..., None])[..., 0]
             step, largest = limited(change[:, :COUNT] + away)

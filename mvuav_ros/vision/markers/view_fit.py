@@ -141,7 +141,7 @@ def limited(step: Array) -> tuple[Array, float]:
 
 def possible(parameters: Array) -> Array:
     """Parameters (m, 8) within what they can become."""
-    return np.minimum(np.maximum(parameters, _LEAST), _MOST)
+    return np.asarray(np.minimum(np.maximum(parameters, _LEAST), _MOST))
 
 
 def inverse(matrices: Array) -> Array:
