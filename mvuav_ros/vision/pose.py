@@ -41,6 +41,8 @@ class PoseTuning:
         unusual: times the usual noise: a misfit from there on is looked into.
         most_distance_error: of the distance (1 sigma), above which a pose is kept back.
         most_turn_error: rad (1 sigma), likewise.
+        of_three: part of both from which on a pose of three lights is kept back: two solutions
+            are about to meet, and the errors are no longer those of the one.
     """
 
     holds: float = 1.0
@@ -49,6 +51,7 @@ class PoseTuning:
     unusual: float = 4.0
     most_distance_error: float = 0.015
     most_turn_error: float = math.radians(1.5)
+    of_three: float = 0.4
 
 
 TUNING = PoseTuning()
@@ -220,7 +223,8 @@ class PoseEstimator:
         if spread is not None:
             noise = self.noise
             covariance = max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2 * spread
-        if spread is None or not _is_known(covariance, tvec):
+        share = TUNING.of_three if count == 2 * FEWEST else 1.0
+        if spread is None or not _is_known(covariance, tvec, share):
             self.reason = 'the pose is too uncertain'
             return None
         seen = cv2.projectPoints(self._points, rvec, tvec, camera.matrix, camera.distortion)[0]
@@ -268,15 +272,17 @@ class PoseEstimator:
 
 
 def _most_misfit(view: Reprojection) -> float:
-    span = float(np.ptp(view.image, axis=0).max())
+    span = float((view.image.max(axis=0) - view.image.min(axis=0)).max())
     return max(TUNING.most_misfit, TUNING.most_relative_misfit * span)
 
 
-def _is_known(covariance: Array, tvec: Array) -> bool:
-    """Whether a pose with this covariance is good enough to be told."""
-    variances = np.diag(covariance)
-    distance = float(np.linalg.norm(tvec))
-    moved = math.sqrt(max(float(variances[:3].max()), 0.0))
-    turned = math.sqrt(max(float(variances[3:].max()), 0.0))
-    known = moved <= TUNING.most_distance_error * distance and turned <= TUNING.most_turn_error
-    return bool(known and np.isfinite(variances).all())
+def _is_known(covariance: Array, tvec: Array, share: float) -> bool:
+    """Whether a pose with this covariance is good enough to be told, in a share of the limits."""
+    variances: list[float] = covariance.diagonal().tolist()
+    if not all(math.isfinite(variance) for variance in variances):
+        return False
+    moved = math.sqrt(max(*variances[:3], 0.0))
+    turned = math.sqrt(max(*variances[3:], 0.0))
+    distance = math.hypot(*tvec.ravel().tolist())
+    known = moved <= share * TUNING.most_distance_error * distance
+    return known and turned <= share * TUNING.most_turn_error

@@ -18,6 +18,8 @@ FEWEST = 3
 """Markers for a pose: with three there may be four solutions, all of which fit."""
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+"""Of the axes, for a cross product."""
 
 Solution = tuple[Array, Array, float]
 """Rotation vector and translation, each (3, 1), and the sum of the squared residuals, px²."""
@@ -97,9 +99,11 @@ class Reprojection:
     def jacobian(self, rvec: Array, tvec: Array) -> Array:
         """(2n, 6), of the pixels by translation (m) and small turns about the fixed axes (rad)."""
         derivatives = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)[1]
-        # A step of the rotation vector is a turn by this matrix times the step.
-        by_turn = derivatives[:, :3] @ np.linalg.inv(_left_jacobian(rvec.reshape(3)))
-        return np.hstack((derivatives[:, 3:6], by_turn))
+        by_place = derivatives[:, 3:6]
+        # A small turn w moves a point p, as seen from the body's origin, by w x p.
+        points = np.repeat(self._points @ rotation_of(rvec).T, 2, axis=0)
+        by_turn = points[:, _NEXT] * by_place[:, _LAST] - points[:, _LAST] * by_place[:, _NEXT]
+        return np.hstack((by_place, by_turn))
 
 
 def likeness(rotation: Array, rvec: Array) -> float:
@@ -110,18 +114,6 @@ def likeness(rotation: Array, rvec: Array) -> float:
 def rotation_of(rvec: Array) -> Array:
     """Rotation matrix of a rotation vector."""
     return np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
-
-
-def _left_jacobian(rvec: Array) -> Array:
-    """Turn about the fixed axes per step of a rotation vector, (3, 3)."""
-    angle = float(np.linalg.norm(rvec))
-    x, y, z = rvec.tolist()
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) + 0.5 * cross)
-    first = (1.0 - math.cos(angle)) / angle**2
-    second = (angle - math.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
 
 
 def inverse(matrix: Array) -> Array | None:

@@ -1,11 +1,13 @@
 """Poses against truth: accuracy, covariance, ambiguity."""
 
+import itertools
 import math
 
 import cv2
 import numpy as np
 import pytest
 
+from mvuav_ros.simulation.light_flights import LightFlight, LightScene
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -223,3 +225,21 @@ def test_calibrations_that_are_refused(change, reason):
     values = {'width': 640, 'height': 480, 'k': CAMERA.k, **change}
     with pytest.raises(CalibrationError, match=reason):
         CameraModel(**values).check(640, 480)
+
+
+def test_three_lights_whose_solutions_meet_have_no_wrong_pose():
+    scene = LightScene(roll=0.5, tilt=0.45, tilt_hz=0.2, barrel=-0.3, frames=80)
+    flight = LightFlight(scene, 7)
+    estimator = PoseEstimator(TANKER_747)
+    rng = np.random.default_rng(0)
+    told = []
+    for stamp_ns, _, truth in itertools.islice(flight, 55, None):
+        # Five lights at first, so that it is known which of three lights' solutions it is.
+        labels = [0, 2, 4] if len(told) >= 10 else range(5)
+        pixels = truth.pixels[list(labels)] + rng.normal(0.0, 0.02, (len(labels), 2))
+        pose = estimator.estimate(flight.camera, labels, pixels, stamp_ns * 1e-9)
+        told.append(pose is not None)
+        if pose is not None:
+            assert np.linalg.norm(deviations(pose, truth)[3:]) < math.radians(5.0)
+    assert sum(told) >= 12
+    assert not all(told)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.view import (
     BARREL,
     COUNT,
@@ -150,7 +151,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     deviations[FOCAL] = _FOCAL_DEVIATION if shape.lens.focal is None else KNOWN_FOCAL
     deviations[BARREL] = BARREL_DEVIATION if shape.lens.focal is None else 1e-4
     prior = expected[None], np.diag(deviations**2)[None]
-    deviation = np.array(0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE]))))
+    deviation = 0.3 + MODEL_ERROR * math.exp(float(np.median(starts[:, SCALE])))
     m, n = measured.shape[:2]
     seen = np.broadcast_to(np.arange(n), (m, n))
     return fit(shape, prior, NamedPlaces(seen, measured, deviation), starts, iterations=8)
@@ -161,7 +162,9 @@ Start = tuple[tuple[int, ...], Array]
 
 def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> list[Start]:
     """Distinct spots for all lights, and views to start the fit from; the best ones first."""
-    views, looks = _looks(shape)
+    views, looks = looks_of(shape.points.tobytes())
+    views = views.copy()
+    views[:, [X, Y]] = shape.centre
     first, second = shape.base
     count = len(places)
     if count < looks.shape[1]:
@@ -173,9 +176,9 @@ def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> li
     turn = (places[j] - places[i])[:, None] / (looks[:, second] - looks[:, first])
     shift = places[i][:, None] - turn * looks[:, first]
     expected = (turn[..., None] * looks + shift[..., None]).astype(np.complex64)
-    distance = np.abs(expected[..., None] - places.astype(np.complex64))
-    distance /= np.abs(turn)[..., None, None].astype(np.float32)
-    nearest = distance.min(axis=-1)
+    # A small last axis would make the least of them slow.
+    distance = np.abs(expected - places.astype(np.complex64)[:, None, None, None])
+    nearest = distance.min(axis=0) / np.abs(turn)[..., None].astype(np.float32)
     cost = (nearest**2).sum(axis=-1)
     cost[(nearest > _REACH).any(axis=-1)] = np.inf
     found: list[Start] = []
@@ -185,7 +188,7 @@ def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> li
     best_first = possible[np.argsort(flat_cost[possible])]
     for flat in best_first[: 40 * _TRIED]:
         pair, look = divmod(int(flat), len(looks))
-        chosen = tuple(distance[pair, look].argmin(axis=-1).tolist())
+        chosen = tuple(distance[:, pair, look].argmin(axis=0).tolist())
         if len(set(chosen)) < len(chosen):
             continue
         tilts = known.setdefault(chosen, [])
@@ -218,11 +221,15 @@ def _explain_by_place(shape: WeakPerspective, parameters: Array) -> None:
 
 
 @lru_cache(maxsize=4)
-def _looks(shape: WeakPerspective) -> tuple[Array, NDArray[np.complex128]]:
-    """Views all round behind the body, (v, 8), and the lights' places in them, (v, n).
+def looks_of(points: bytes) -> tuple[Array, NDArray[np.complex128]]:
+    """Views all round behind a body, (v, 8), and the lights' places in them, (v, n).
 
     In the order of their likelihood, so that every second one of them is a coarser grid.
+
+    Args:
+        points: of its shape (see `WeakPerspective`), as a key.
     """
+    shape = WeakPerspective(np.frombuffer(points).reshape(-1, 3), 1.0, Lens((1, 1)))
     tilts = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
     near = [part * shape.most_nearness for part in (0.05, 0.2, 0.45)]
     views = np.array(
@@ -232,6 +239,5 @@ def _looks(shape: WeakPerspective) -> tuple[Array, NDArray[np.complex128]]:
             if math.hypot(pitch, yaw) < 1.15
         ]
     )
-    views[:, [X, Y]] = shape.centre
-    places = shape.project(views) - shape.centre
+    places = shape.project(views)
     return views, places[..., 0] + 1j * places[..., 1]

@@ -21,6 +21,7 @@ class Clutter:
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, int]] = []
+        self._strangers: list[tuple[float, float]] = []
         self._frames_without = REMEMBERED
 
     @property
@@ -33,6 +34,13 @@ class Clutter:
         return any(
             age >= STRANGE and abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
             for x, y, age in self._seen
+        )
+
+    def is_stranger(self, spot: Detection) -> bool:
+        """Whether a light was there already while all markers were elsewhere."""
+        return any(
+            abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
+            for x, y in self._strangers
         )
 
     def update(
@@ -58,6 +66,9 @@ class Clutter:
                 ages.append(0 if near else max(ages, default=0) + STRANGE)
             if ages:
                 seen.append((spot.x, spot.y, max(ages)))
+        self._strangers = [
+            (spot.x, spot.y) for spot in spots if expected == {} or self.is_stranger(spot)
+        ]
         self._seen = seen
         strange = any(age >= STRANGE for *_, age in seen)
         self._frames_without = 0 if strange else self._frames_without + 1

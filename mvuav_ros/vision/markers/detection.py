@@ -51,8 +51,7 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
     if parameters.by_components:
         lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
         return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
-    clusters = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
-    lights = np.array(clusters, np.float64).reshape(-1, 3)
+    lights = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
     area = lights[:, 2]
     fitting = area >= parameters.min_area
     if parameters.max_area:

@@ -10,9 +10,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.markers.filter_bank import Correction
 from mvuav_ros.vision.markers.view import Array, ViewState
 from mvuav_ros.vision.markers.view_filter import MAIN, Point, ViewFilter
-from mvuav_ros.vision.markers.view_fit import Fits
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,10 @@ class FaultTuning:
         contested: evidence that a marker has against it that was out of sight shortly before.
         protected: px (1 sigma), of a marker's place by the others, up to which they would
             contradict another light there.
+        fewest_telling: markers not out of sight before, by which alone others' places are told.
+        fewest_agreeing: markers that tell each other's places.
+        agreed: frames in a row in which fewer do as well, if three are less surprising than this:
+        unsurprising: squared distance over variance.
         upset: by which all variances grow where what is seen makes no sense.
         free: by which they grow to find out whether it is only the motion that was not foreseen.
         fewest_free: coordinates for that.
@@ -51,6 +55,10 @@ class FaultTuning:
     doubtful_share: float = 0.1
     contested: float = 50.0
     protected: float = 4.0
+    fewest_telling: int = 2
+    fewest_agreeing: int = 4
+    agreed: int = 5
+    unsurprising: float = 2.0
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
@@ -95,22 +103,23 @@ class FaultDetector:
         self.views = views
         self.contested: set[int] = set()
         self._evidence: Array = np.zeros(views.doubted)
-        self._fitted: tuple[object, Fits] | None = None
+        self._corrected: tuple[object, Correction] | None = None
+        self._agreed = 0
 
-    def _fit_all(self, found: Mapping[int, Point]) -> Fits:
-        key = (self.views.bank, frozenset(self.contested), tuple(found.items()))
-        if self._fitted is not None and self._fitted[0] == key:
-            return self._fitted[1]
+    def _correct(self, found: Mapping[int, Point]) -> Correction:
+        key = (self.views.bank, self.contested, list(found.items()))
+        if self._corrected is not None and self._corrected[0] == key:
+            return self._corrected[1]
         contested = np.array([marker in self.contested for marker in found])
         if len(found) - contested.sum() < TUNING.fewest_firm:
             contested[:] = False
-        fits = self.views.fit_all(found, contested)
-        self._fitted = key, fits
-        return fits
+        correction = self.views.correct(found, contested)
+        self._corrected = key, correction
+        return correction
 
     def surprise_of(self, found: Mapping[int, Point]) -> dict[int, float]:
         """For each named light how far it lies from where the others put it (see `Fits`)."""
-        return dict(zip(found, self._fit_all(found).surprise[MAIN].tolist(), strict=True))
+        return dict(zip(found, self._correct(found).surprise[MAIN].tolist(), strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
@@ -120,9 +129,9 @@ class FaultDetector:
         """
         if not found:
             return Consensus(self.views.view, ())
-        fits = self._fit_all(found)
-        view = fits.view()
-        evidence = self._weighed(found, fits)
+        correction = self._correct(found)
+        view = correction.view(MAIN)
+        evidence = self._weighed(found, correction)
         markers = tuple(found)
         strange = view.surprise.max() > TUNING.gate
         if not strange and evidence.max(initial=0.0) < TUNING.enough:
@@ -131,7 +140,7 @@ class FaultDetector:
             return Consensus(self.views.view, (), markers)
         suspicion = None
         if len(markers) > 2 and evidence.max(initial=0.0) > TUNING.doubt:
-            suspicion = self._without_suspects(found, evidence, fits)
+            suspicion = self._without_suspects(found, evidence, correction)
             if suspicion is not None and not suspicion.suspects:
                 return suspicion
         contested = len(self.contested.intersection(markers))
@@ -168,17 +177,17 @@ class FaultDetector:
         self.views.bank = before
         return False
 
-    def _weighed(self, found: Mapping[int, Point], fits: Fits) -> NDArray[np.float64]:
+    def _weighed(self, found: Mapping[int, Point], correction: Correction) -> NDArray[np.float64]:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
         evidence = TUNING.forgetting * self._evidence
         for index, marker in enumerate(found):
             if marker < len(evidence):
-                strange = fits.surprise[1 + marker, index] - TUNING.allowance
+                strange = correction.surprise[1 + marker, index] - TUNING.allowance
                 evidence[marker] = max(self._evidence[marker] + strange, 0.0)
         return evidence
 
     def _without_suspects(
-        self, found: Mapping[int, Point], evidence: Array, fits: Fits
+        self, found: Mapping[int, Point], evidence: Array, correction: Correction
     ) -> Consensus | None:
         """What the others agree on, by the filter that has doubted the worst marker all along."""
         score = {m: float(evidence[m]) for m in found if evidence[m] > TUNING.doubt}
@@ -190,11 +199,11 @@ class FaultDetector:
         margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
         suspects = tuple(m for m in score if score[m] > score[worst] - margin)
         others = [index for index, m in enumerate(found) if m != worst]
-        if fits.surprise[1 + worst][others].max() > TUNING.gate:
+        if correction.surprise[1 + worst][others].max() > TUNING.gate:
             return None
         if len(suspects) > 1:
             kept = tuple(m for m in found if m not in suspects)
-            return Consensus(fits.view(1 + worst), kept, (), suspects)
+            return Consensus(correction.view(1 + worst), kept, (), suspects)
         kept = tuple(m for m in found if m != worst)
         self.views.believe(1 + worst)
         self._evidence = 0 * self._evidence
@@ -241,14 +250,17 @@ class FaultDetector:
         doubtful = [m for m in found if m in returned and m < self.views.doubted]
         if not doubtful:
             return set()
-        fits = self._fit_all(found)
+        few = len(found) - len(doubtful) < TUNING.fewest_telling
+        if few and len(found) < TUNING.fewest_agreeing and self._agreed < TUNING.agreed:
+            return set(doubtful)
+        correction = self._correct(found)
         # The marker has taken part a little: what it says of its own place is taken out.
         own = self.views.doubted_deviation
         most = own * TUNING.protected / math.hypot(own, TUNING.protected)
         return {
             marker
             for marker in doubtful
-            if self.views.places(fits.view(1 + marker))[1][marker] > most
+            if self.views.places(correction.view(1 + marker))[1][marker] > most
         }
 
     def upset(self) -> None:
@@ -259,8 +271,10 @@ class FaultDetector:
         """Take a frame's named lights, which agree."""
         if not found:
             return
-        fits = self._fit_all(found)
-        self._evidence = self._weighed(found, fits)
+        correction = self._correct(found)
+        self._evidence = self._weighed(found, correction)
         self._evidence -= max(self._evidence.max(initial=0.0) - TUNING.most_evidence, 0.0)
         np.maximum(self._evidence, 0.0, out=self._evidence)
-        self.views.commit(fits)
+        calm = correction.surprise[MAIN].max() < TUNING.unsurprising
+        self._agreed = self._agreed + 1 if calm and len(found) >= TUNING.fewest_firm else 0
+        self.views.commit(correction)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -63,17 +65,20 @@ def group_pixels(
         return []
     mask = np.zeros((int(y.max()) + 1, int(x[-1]) + 1), np.uint8)
     mask[y, x] = 255
-    return _group(mask, grouping_distance)
+    return [Cluster(x, y, int(area)) for x, y, area in _group(mask, grouping_distance).tolist()]
 
 
-def group_mask(mask: Mask, grouping_distance: int) -> list[Cluster]:
+def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
     """The same of all of a mask's bright pixels.
+
+    Returns:
+        (n, 3): x, y (px) and area (px) of the clusters in scan order of their seeds.
 
     Raises:
         GroupingError: more than 5 % of the frame is bright, or there are more than
             `MAX_CLUSTERS`.
     """
-    return _group(mask, grouping_distance) if _count_bright(mask) else []
+    return _group(mask, grouping_distance) if _count_bright(mask) else np.empty((0, 3))
 
 
 def _count_bright(mask: Mask) -> int:
@@ -83,24 +88,42 @@ def _count_bright(mask: Mask) -> int:
     return count
 
 
-def _group(mask: Mask, grouping_distance: int) -> list[Cluster]:
-    clusters: list[Cluster] = []
-    height = mask.shape[0]
-    # Column after column, as the scan goes: the search for the next seed is one over bytes.
-    bright = bytearray(cv2.transpose(mask))
+def _group(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    reach = min(grouping_distance, max(mask.shape))
+    # Column after column, as the scan goes: the search for the next seed is one over bytes. With
+    # a dark edge all groups' windows are of one size.
+    ones = cv2.transpose(cv2.threshold(mask, 0, 1, cv2.THRESH_BINARY)[1])
+    framed = cv2.copyMakeBorder(ones, 0, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
+    bright = bytearray(framed)
+    height = framed.shape[1]
     left = np.frombuffer(bright, np.uint8).reshape(-1, height)
-    seed = bright.find(255)
+    seeds: list[int] = []
+    groups: list[bytes] = []
+    seed = bright.find(1)
     while seed >= 0:
-        if len(clusters) == MAX_CLUSTERS:
+        if len(seeds) == MAX_CLUSTERS:
             raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
         column, row = divmod(seed, height)
-        top = max(row - grouping_distance, 0)
-        group = left[column : column + grouping_distance + 1, top : row + grouping_distance + 1]
-        pixels = cv2.findNonZero(group).reshape(-1, 1, 2)
-        area = len(pixels)
-        down, across = cv2.sumElems(pixels)[:2]
-        # The sums are whole numbers, so that the means are exactly those of the pixels.
-        clusters.append(Cluster((column * area + across) / area, (top * area + down) / area, area))
+        group = left[column : column + reach + 1, row - reach : row + reach + 1]
+        seeds.append(seed)
+        groups.append(group.tobytes())
         group.fill(0)
-        seed = bright.find(255, seed)
-    return clusters
+        seed = bright.find(1, seed)
+    pixels = np.frombuffer(b''.join(groups), np.uint8).reshape(len(groups), -1)
+    powers = _powers(reach)
+    area, across, down = pixels.astype(powers.dtype).dot(powers).astype(np.float64).T
+    columns, rows = np.divmod(seeds, height)
+    # The sums are whole numbers, so that the means are exactly those of the pixels.
+    x, y = (columns * area + across) / area, ((rows - 2 * reach) * area + down) / area
+    return np.stack((x, y, area), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _powers(reach: int) -> NDArray[np.floating]:
+    """(pixels, 3): 1, x and y from the first column and row of a group's window, px.
+
+    Of a type that holds any sum of them exactly.
+    """
+    x, y = np.indices((reach + 1, 2 * reach + 1)).reshape(2, -1)
+    powers = np.stack((np.ones(len(x)), x, y), axis=-1)
+    return powers.astype(np.float32 if powers.sum(axis=0).max() < 2**24 else np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.acquisition import ANY_ROLL
+from mvuav_ros.vision.markers.acquisition import ANY_ROLL, looks_of
 from mvuav_ros.vision.markers.assignment import Expectation
 from mvuav_ros.vision.markers.attempts import CONFIRMED, Attempts
 from mvuav_ros.vision.markers.centroid import Detection
@@ -22,6 +22,7 @@ from mvuav_ros.vision.markers.initialization import Named, initialize
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.lights import Frame, Lights, are_close, places_of, straightened
 from mvuav_ros.vision.markers.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.recovery import Recovery
 from mvuav_ros.vision.markers.reporting import Reporter
 from mvuav_ros.vision.markers.results import MarkerResult, Window
 from mvuav_ros.vision.markers.search import Search
@@ -66,6 +67,8 @@ class IdentityTracker:
         self._size = (0, 0)
         self._camera: CameraModel | None = None
         self._tick = 0
+        # The first frame has no time for them.
+        looks_of(WeakPerspective.of(rig, Lens((1, 1))).points.tobytes())
         self._start_again()
 
     def set_camera(self, camera: CameraModel | None) -> None:
@@ -77,6 +80,7 @@ class IdentityTracker:
     def _start_again(self) -> None:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
+        self._recovery = Recovery()
         self._attempts = Attempts(self._count)
         self._doubts = self._suspicions = self._unexplained = 0
 
@@ -209,7 +213,8 @@ class IdentityTracker:
         fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
         inexact = search.views.shape.offsets is not None
         moved = inexact and not search.found and len(lights) >= self._count
-        nameless = search.name(lights, self._clutter, min(fewest, self._count))
+        fewest = min(fewest, self._count)
+        nameless = search.name(lights, self._clutter, fewest, self._recovery)
         if moved and len(search.found) < self._count:
             self._name_afresh(search, lights)
         else:
@@ -230,6 +235,7 @@ class IdentityTracker:
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where lights have no name and markers no light for long."""
         unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
+        unexplained &= search.is_contradicted
         self._unexplained = self._unexplained + 1 if unexplained else 0
         if self._unexplained > PATIENCE:
             search.faults.upset()

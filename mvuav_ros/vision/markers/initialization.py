@@ -122,7 +122,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
     places = np.array([[(spot.x, spot.y) for spot in chosen]])
     prior = start[None], np.diag(deviations**2)[None]
-    view = fit(shape, prior, NamedPlaces(np.arange(5)[None], places, np.array(0.02 * span))).view()
+    view = fit(shape, prior, NamedPlaces(np.arange(5)[None], places, 0.02 * span)).view()
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     return Named(chosen, view, True, False)

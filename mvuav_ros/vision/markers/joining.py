@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.view import Array
+from mvuav_ros.vision.markers.view import COUNT, Array, ViewState, WeakPerspective
 
 PLACE_NOISE = 0.5
 """px (1 sigma): of a joined light's middle, and of a marker's place in its view."""
@@ -49,3 +49,21 @@ def offset_in(
     offset = np.asarray(updated[1] - updated[0])
     widest = math.sqrt(max(float(np.linalg.eigvalsh(apart @ spread @ apart.T)[-1]), 0.0))
     return offset if math.hypot(*offset) > SURE_SIDE * widest else None
+
+
+def offset_by_view(
+    spot: Detection,
+    areas: tuple[float, float],
+    shape: WeakPerspective,
+    view: ViewState,
+    pair: tuple[int, int],
+) -> Array | None:
+    """The same of two markers of a rig, whose places a view tells."""
+    places, jacobian = shape.linearize(view.parameters)
+    slopes = jacobian[list(pair)].reshape(4, COUNT)
+    return offset_in(spot, areas, places[list(pair)], slopes @ view.covariance @ slopes.T)
+
+
+def touching(first: float, second: float) -> float:
+    """The distance of two centres, px, up to which lights of such areas (px) may run together."""
+    return math.sqrt(first / math.pi) + math.sqrt(second / math.pi) + 3.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,14 +50,14 @@ class KalmanFilter:
 
     def __init__(self, count: int) -> None:
         self.state: Array = np.zeros((3, 2 * count))
-        self.settled: Array = _starting_gains()[-1]
+        self.settled: Array = _STARTING_GAINS[-1]
         self._per_frame: Array = np.ones((3, 1))
         self._transition: Array = np.eye(3)
 
     def set_step(self, step: float) -> None:
         """Say how far apart frames usually are, s."""
         self._per_frame = np.array([(1.0,), (1.0 / step,), (1.0 / step**2,)])
-        self.settled = _starting_gains()[-1] * self._per_frame
+        self.settled = _STARTING_GAINS[-1] * self._per_frame
 
     def advance(self, elapsed: float) -> None:
         """Go on by a time, s."""
@@ -74,9 +73,8 @@ class KalmanFilter:
             seen: (n,), earlier measurements.
             gap: (n,), frames since the last of them, before this one.
         """
-        starting, after_gap = _starting_gains(), _gains_after_gaps()
-        new = starting[np.minimum(seen, len(starting) - 1), :, 0]
-        returned = after_gap[np.minimum(gap, len(after_gap) - 1), :, 0]
+        new = _STARTING_GAINS[np.minimum(seen, len(_STARTING_GAINS) - 1), :, 0]
+        returned = _GAINS_AFTER_GAPS[np.minimum(gap, len(_GAINS_AFTER_GAPS) - 1), :, 0]
         return np.asarray(np.where(gap[:, None] > 0, returned, new).T * self._per_frame)
 
     def start(self, columns: NDArray[np.bool_], places: Array) -> None:
@@ -106,7 +104,6 @@ def _transition() -> tuple[Array, Array]:
     return transition, TUNING.maneuver**2 * np.outer(effect, effect)
 
 
-@lru_cache(maxsize=1)
 def _starting_gains() -> Array:
     """Gains (31, 3, 1) of a marker's first, second ... measurement until they settle."""
     transition, noise = _transition()
@@ -119,7 +116,6 @@ def _starting_gains() -> Array:
     return np.array(gains)
 
 
-@lru_cache(maxsize=1)
 def _gains_after_gaps() -> Array:
     """Gains (n + 1, 3, 1) of the first measurement after up to n frames without."""
     transition, noise = _transition()
@@ -133,3 +129,7 @@ def _gains_after_gaps() -> Array:
         covariance = transition @ covariance @ transition.T + noise
         gains.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
     return np.array(gains)
+
+
+# Computed here, as the first frame has no time for it.
+_STARTING_GAINS, _GAINS_AFTER_GAPS = _starting_gains(), _gains_after_gaps()

@@ -95,7 +95,9 @@ def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
     if lens.focal is None or not spots:
         return list(spots)
     ideal = lens.to_ideal(np.array([(spot.x, spot.y) for spot in spots])).tolist()
-    return [spot._replace(x=x, y=y) for spot, (x, y) in zip(spots, ideal, strict=True)]
+    return [
+        Detection(x, y, spot.area, spot.spread) for spot, (x, y) in zip(spots, ideal, strict=True)
+    ]
 
 
 def places_of(found: Mapping[int, Detection]) -> dict[int, tuple[float, float]]:

@@ -31,7 +31,7 @@ MOST_PAIRS = 300
 
 def reacquire(
     views: ViewFilter, spots: Sequence[Detection], fits: Fits, fewest: int
-) -> dict[int, Detection]:
+) -> dict[int, Detection] | None:
     """Find a body again of which nothing is in sight where it was expected.
 
     Every pair of spots is tried as every pair of markers, within what the time since the loss
@@ -43,12 +43,20 @@ def reacquire(
         spots: px without distortion.
         fits: leaves out what cannot be.
         fewest: markers that must be found.
+
+    Returns:
+        The markers named, none of them where it is not clear which they are; None where no way of
+        naming so many spots is possible.
     """
+    if len(spots) < fewest:
+        return {}
     ways = _similar_ways(views, spots, fits, fewest)
     ways = list(
         {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
     )
     agreed = _agreed(views, ways, spots)
+    if agreed is None:
+        return None
     return agreed if len(agreed) >= fewest else {}
 
 
@@ -89,13 +97,16 @@ def extend(
             if marker not in dict(way)
         ]
     every = [*found.values(), *spots]
-    return _agreed(views, [tuple(sorted(way)) for way in ways], every)
+    return _agreed(views, [tuple(sorted(way)) for way in ways], every) or {}
 
 
 def _agreed(
     views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
-) -> dict[int, Detection]:
-    """What all ways of naming the spots have in common that are about as probable as the best."""
+) -> dict[int, Detection] | None:
+    """What all ways of naming the spots have in common that are about as probable as the best.
+
+    None where no way is possible.
+    """
     everything = len(views.shape.points)
     weighed = [
         (view.cost + NOTHING * (everything - len(way)), dict(way))
@@ -103,7 +114,7 @@ def _agreed(
         if view.cost <= MOST_COST
     ]
     if not weighed:
-        return {}
+        return None
     least = min(cost for cost, _ in weighed)
     probable = [way for cost, way in weighed if cost < least + DOUBT]
     first = min(weighed, key=lambda pair: pair[0])[1]

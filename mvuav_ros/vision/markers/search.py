@@ -14,11 +14,11 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.clutter import Clutter
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import Named
-from mvuav_ros.vision.markers.joining import offset_in
+from mvuav_ros.vision.markers.joining import offset_by_view, offset_in, touching
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.marker_memory import FORGOTTEN, Motion
 from mvuav_ros.vision.markers.reacquisition import extend, reacquire
-from mvuav_ros.vision.markers.view import COUNT
+from mvuav_ros.vision.markers.recovery import Recovery
 
 KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
@@ -37,6 +37,8 @@ class Search:
         views: at this frame's time.
         suspects: those of them of which one or some must be another light.
         unexplained: lights that may be markers and have no name.
+        is_contradicted: whether lights without a name cannot be markers that return: false where
+            it is only not clear which they are.
         reacquired: markers found again together, after hardly any was in sight.
     """
 
@@ -64,6 +66,7 @@ class Search:
         self.suspects = set(consensus.suspects)
         self.reacquired: set[int] = set()
         self.unexplained = 0
+        self.is_contradicted = True
         self._looks = looks
         self._motion = motion
         self._distrusted = set(consensus.dropped)
@@ -75,13 +78,14 @@ class Search:
         """The markers without a spot."""
         return [index for index in range(len(self._looks)) if index not in self.found]
 
-    def name(self, lights: Lights, clutter: Clutter, fewest: int) -> int:
+    def name(self, lights: Lights, clutter: Clutter, fewest: int, recovery: Recovery) -> int:
         """Give names to the lights of the frame.
 
         Args:
             lights: of the frame.
             clutter: lights that have long been there.
             fewest: markers without which a body that is out of sight is not found again.
+            recovery: names what the motion did not foresee.
 
         Returns:
             How many round lights have no name.
@@ -98,6 +102,8 @@ class Search:
             self._name_together(free, clutter)
         if len(self.found) < 2:
             free = self._find_again(free, clutter, fewest)
+        elif not self.suspects and len(self.missing) >= 2:
+            self._recover(free, clutter, recovery)
         self._check()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
@@ -118,12 +124,26 @@ class Search:
         free[:] = [spot for spot in free if spot not in named]
         self._name_clear(free, clutter)
 
+    def _recover(self, free: list[Detection], clutter: Clutter, recovery: Recovery) -> None:
+        """Name lights that are not where they were expected, as the rig alone tells."""
+        new = [spot for spot in free if not clutter.is_stranger(spot)]
+        found = recovery.name(self.views, self.found, new, self._is_likely)
+        if len(found) == len(self.found):
+            return
+        self.found = found
+        self._known = tuple(found)
+        self._look()
+        named = list(found.values())
+        free[:] = [spot for spot in free if spot not in named]
+        self._name_clear(free, clutter)
+
     def _find_again(self, free: list[Detection], clutter: Clutter, fewest: int) -> list[Detection]:
         """Name a body of which at most one marker is where it was expected; the lights left."""
         alone = dict(self.found)
         spots = [*alone.values(), *free]
         new = [spot for spot in spots if not clutter.include(spot)][:MOST_RETURNED]
         ways = reacquire(self.views, new, self._is_likely, max(fewest, 3) if alone else fewest)
+        self.is_contradicted = ways is None
         if not ways:
             return free
         self.found = ways
@@ -262,15 +282,11 @@ class Search:
         variances = np.array([place.deviation**2 for place in pair])
         places = np.array([(place.x, place.y) for place in pair])
         offset = offset_in(spot, areas, places, np.diag(np.repeat(variances, 2)))
-        flat, by_view = (part[[a, b]] for part in self.views.places(self._view))
+        by_view = self.views.places(self._view)[1][[a, b]]
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
             # Not as they moved, or their motions do not tell the sides; the others' places may.
-            jacobian = self.views.shape.linearize(self._view.parameters)[1][[a, b]].reshape(
-                4, COUNT
-            )
-            spread = jacobian @ self._view.covariance @ jacobian.T
-            offset = offset_in(spot, areas, flat, spread)
-        if offset is None or math.hypot(*offset) > _touching(*areas):
+            offset = offset_by_view(spot, areas, self.views.shape, self._view, (a, b))
+        if offset is None or math.hypot(*offset) > touching(*areas):
             return None
         return float(offset[0]), float(offset[1])
 
@@ -287,8 +303,3 @@ class Search:
             for other, place in gates.items()
             if other != index
         )
-
-
-def _touching(first: float, second: float) -> float:
-    """The distance of two centres, px, up to which lights of such areas (px) may run together."""
-    return math.sqrt(first / math.pi) + math.sqrt(second / math.pi) + 3.0

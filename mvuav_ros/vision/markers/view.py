@@ -13,6 +13,7 @@ from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 """Places in a view's parameters."""
@@ -21,6 +22,13 @@ KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
 _NEAREST = 0.05
 """Least distance of a marker over the rig's: what would come to lie behind the camera."""
+_EXPONENTS: Complex = np.zeros((COUNT, 6), np.complex128)
+"""Of a view: i times yaw + pitch, yaw - pitch, yaw, and pitch; log of the scale plus i times the
+roll; log of the scale less that of the focal length."""
+_EXPONENTS[YAW, :3] = _EXPONENTS[PITCH, [0, 3]] = _EXPONENTS[ROLL, 4] = 1j
+_EXPONENTS[PITCH, 1] = -1j
+_EXPONENTS[SCALE, 4:] = 1.0
+_EXPONENTS[FOCAL, 5] = -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +47,7 @@ class WeakPerspective:
     points: Array
     size: float
     lens: Lens
-    offsets: NDArray[np.complex128] | None = None
+    offsets: Complex | None = None
 
     @classmethod
     def of(cls, rig: MarkerRig, lens: Lens) -> WeakPerspective:
@@ -89,50 +97,90 @@ class WeakPerspective:
         return self.linearize(parameters)[0]
 
     def linearize(self, parameters: Array) -> tuple[Array, Array]:
-        """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8).
+        """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8)."""
+        views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
+        places, slopes = self.linearize_all(views)
+        count = len(self.points)
+        jacobian = slopes.reshape(len(views), COUNT, count, 2).transpose(0, 2, 3, 1)
+        before = parameters.shape[:-1]
+        return places.reshape(*before, count, 2), jacobian.reshape(*before, count, 2, COUNT)
+
+    def linearize_all(self, views: Array) -> tuple[Array, Array]:
+        """The same of m views at once, in the order in which matrix products take it.
 
         Image points are complex numbers, x + iy from the image's centre.
+
+        Args:
+            views: (m, 8), contiguous.
+
+        Returns:
+            Places (m, 2 n), x and y of each marker in turn, and by how much they move with the
+            parameters, (m, 8, 2 n).
         """
-        roll, scale, x, y, pitch, yaw, focal, barrel = np.moveaxis(parameters, -1, 0)[..., None]
-        px, py, pz = self.points.T
-        c, s = np.cos(yaw), np.sin(yaw)
-        qx, flat_z = c * px + s * pz, c * pz - s * px
-        c, s = np.cos(pitch), np.sin(pitch)
-        qy, qz = c * py - s * flat_z, s * py + c * flat_z
-        turn = np.exp(scale + 1j * roll)
-        near = np.exp(scale - focal)
+        n = len(self.points)
+        powers = np.exp(views.dot(_EXPONENTS))
+        seen = powers.view(np.float64)[:, :8].dot(self._turns)
+        turned = seen[:, : 6 * n].view(np.complex128).reshape(-1, 3, n)
+        qz, across = seen[:, 6 * n : 7 * n], seen[:, 7 * n :].reshape(-1, 2, n)
+        near = powers[:, 5:].real
         free = near < self.most_nearness
         near = np.minimum(near, self.most_nearness)
         larger = 1.0 / np.maximum(1.0 + near * qz, _NEAREST)
-        turned = turn * (qx + 1j * qy)
-        cx, cy = self.centre
-        image = (x - cx + 1j * (y - cy) + turned) * larger
+        turned = turned * (powers[:, 4:5] * larger)[:, None]
+        origin = views[:, X : Y + 1].view(np.complex128) - self._middle
+        image = turned[:, 0] + origin * larger
         nearer = image * (near * larger)
-        turn = turn * larger
-        slopes = np.empty((*image.shape, COUNT), np.complex128)
-        slopes[..., X] = larger
-        slopes[..., Y] = 1j * larger
-        turned = turned * larger
-        slopes[..., ROLL] = 1j * turned
-        slopes[..., FOCAL] = by_focal = nearer * (qz * free)
-        slopes[..., SCALE] = turned - by_focal
-        slopes[..., PITCH] = -1j * turn * qz - nearer * qy
-        slopes[..., YAW] = turn * (flat_z + 1j * s * qx) + nearer * (c * qx)
-        slopes[..., BARREL] = 0.0
+        slopes = np.empty((len(views), COUNT, n), np.complex128)
+        slopes[:, X] = larger
+        np.multiply(larger, 1j, out=slopes[:, Y])
+        np.multiply(turned[:, 0], 1j, out=slopes[:, ROLL])
+        np.multiply(nearer, qz * free, out=slopes[:, FOCAL])
+        np.subtract(turned[:, 0], slopes[:, FOCAL], out=slopes[:, SCALE])
+        np.add(turned[:, 1:], nearer[:, None] * across, out=slopes[:, PITCH : YAW + 1])
+        slopes[:, BARREL] = 0.0
         if self.lens.focal is None:
-            squared = (image * image.conj()).real / self.lens.half_diagonal**2
-            outward = 2.0 / self.lens.half_diagonal**2 * (image.conj()[..., None] * slopes).real
-            slopes *= (1.0 + barrel * squared)[..., None]
-            slopes += (barrel * image)[..., None] * outward
-            slopes[..., BARREL] = image * squared
-            image = image * (1.0 + barrel * squared)
+            image = self._bend(image, slopes, views[:, BARREL:])
         if self.offsets is not None:
-            beside = self.offsets * np.exp(scale + 1j * roll)
+            beside = self.offsets * powers[:, 4:5]
             image = image + beside
-            slopes[..., ROLL] += 1j * beside
-            slopes[..., SCALE] += beside
-        places = np.stack((image.real + cx, image.imag + cy), axis=-1)
-        return places, np.stack((slopes.real, slopes.imag), axis=-2)
+            slopes[:, ROLL] += 1j * beside
+            slopes[:, SCALE] += beside
+        image += self._middle
+        return image.view(np.float64), slopes.view(np.float64)
+
+    def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> Complex:
+        """Points (m, n) seen through a lens that is not calibrated; changes their slopes too."""
+        squared = (image * image.conj()).real / self.lens.half_diagonal**2
+        bent = 1.0 + barrel * squared
+        outward = 2.0 / self.lens.half_diagonal**2 * (image.conj()[:, None] * slopes).real
+        slopes *= bent[:, None]
+        slopes += (barrel * image)[:, None] * outward
+        slopes[:, BARREL] = image * squared
+        return np.asarray(image * bent)
+
+    @cached_property
+    def _middle(self) -> complex:
+        return complex(*self.centre.tolist())
+
+    @cached_property
+    def _turns(self) -> Array:
+        """(8, 9 n): what makes the turned points of cosines and sines of yaw and pitch.
+
+        The rows are cosine and sine of yaw + pitch, yaw - pitch, yaw, and pitch. The columns are
+        qx + i qy of the turned points q, its derivatives by pitch and by yaw (each complex), qz,
+        and the derivatives of qz, negative.
+        """
+        (px, py, pz), n = self.points.T, len(self.points)
+        cos_sum, sin_sum, cos_less, sin_less, ca, sa, cb, sb = np.eye(8)[..., None]
+        ca_cb, sa_sb = 0.5 * (cos_less + cos_sum), 0.5 * (cos_less - cos_sum)
+        sa_cb, ca_sb = 0.5 * (sin_sum + sin_less), 0.5 * (sin_sum - sin_less)
+        qx, ahead = ca * px + sa * pz, ca * pz - sa * px
+        qy = cb * py - ca_sb * pz + sa_sb * px
+        qz = sb * py + ca_cb * pz - sa_cb * px
+        sb_qx, cb_qx = ca_sb * px + sa_sb * pz, ca_cb * px + sa_cb * pz
+        pairs = (qx, qy), (0.0 * qz, -qz), (ahead, sb_qx)
+        complexes = [np.stack(pair, axis=-1).reshape(8, 2 * n) for pair in pairs]
+        return np.hstack((*complexes, qz, -qy, cb_qx))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.filter_bank import RATES_LAST, FilterBank
+from mvuav_ros.vision.markers.filter_bank import RATES_LAST, Correction, FilterBank
 from mvuav_ros.vision.markers.view import (
     BARREL,
     COUNT,
@@ -82,6 +82,7 @@ _MOST_DOUBTED = 12
 _UNREST: Array = np.square(TUNING.unrest)
 _STATIONARY: Array = 0.5 * RATES_LAST * _UNREST
 """Variances of the rates in the long run."""
+_LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
 _WALK: Array = np.square(TUNING.jitter)
 _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
@@ -138,6 +139,11 @@ class ViewFilter:
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
+    def _known(self) -> list[int]:
+        """Parameters that a calibration tells."""
+        return [FOCAL, BARREL] if self.shape.lens.focal is not None else []
+
+    @property
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
         return ViewState(self.bank.parameters[MAIN], self.bank.covariance[MAIN])
@@ -160,8 +166,7 @@ class ViewFilter:
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
         walk, unrest = self._motion * _WALK, self._motion * _UNREST
-        if self.shape.lens.focal is not None:
-            walk[[FOCAL, BARREL]] = 0.0
+        walk[self._known] = 0.0
         self.bank = self.bank.predicted(time - self.time, walk, unrest)
         self.time = time
         if self._seen < _FEWEST_HOLDING:
@@ -185,24 +190,20 @@ class ViewFilter:
     def fit(self, seen: NDArray[np.intp], measured: Array) -> Fits:
         """Views by several ways of naming markers, (m, k), from this frame's prior."""
         prior = self.bank.parameters[:1], self.bank.covariance[:1]
-        return fit(self.shape, prior, NamedPlaces(seen, measured, np.array(self.deviation)))
+        return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
 
-    def fit_all(self, found: Mapping[int, Point], contested: NDArray[np.bool_]) -> Fits:
+    def correct(self, found: Mapping[int, Point], contested: NDArray[np.bool_]) -> Correction:
         """What each filter makes of the named lights.
 
         Args:
             found: the markers, px without distortion.
             contested: (k,), for each of them whether all filters all but ignore it.
         """
-        m = len(self.bank.parameters)
         markers = np.array(list(found), np.intp)
-        measured = np.broadcast_to(np.array(list(found.values())), (m, len(found), 2))
-        doubting = (np.arange(m)[:, None] == 1 + markers) | contested
-        usual = self.deviation
-        deviation = np.where(doubting, self.doubted_deviation, usual)
-        markers = np.broadcast_to(markers, (m, len(found)))
-        prior = self.bank.parameters, self.bank.covariance
-        return fit(self.shape, prior, NamedPlaces(markers, measured, deviation, usual))
+        seen = NamedPlaces(markers[None], np.array(list(found.values())), self.deviation)
+        doubting = (np.arange(len(self.bank.states))[:, None] == 1 + markers) | contested
+        variances = np.where(doubting, self.doubted_deviation**2, self.deviation**2)
+        return self.bank.corrected(self.shape, seen, variances)
 
     def believe(self, index: int) -> None:
         """Go on with what one of the filters has found."""
@@ -212,27 +213,28 @@ class ViewFilter:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
-        self.bank = self.bank.less_certain(factor)
+        self.bank = self.bank.less_certain(factor, self._known)
 
-    def commit(self, fits: Fits) -> None:
+    def commit(self, correction: Correction) -> None:
         """Take what each filter has made of a frame's named lights, which agree."""
-        self._seen = fits.surprise.shape[1]
+        self._seen = correction.variances.shape[1]
         if self._seen >= _FEWEST_TELLING:
-            self._learn_motion(fits)
-        self.bank = self.bank.updated(fits)
-        if fits.surprise.shape[1] == len(self.shape.points) > 3:
-            self._learn_rig_error(fits.view())
+            self._learn_motion(correction)
+        self.bank = correction.after
+        if self._seen == len(self.shape.points) > 3:
+            self._learn_rig_error(correction.view(MAIN))
 
-    def _learn_motion(self, fits: Fits) -> None:
+    def _learn_motion(self, correction: Correction) -> None:
         """The steps from the predicted views over their variances tell how lively the motion is."""
-        step = fits.parameters[MAIN] - self.bank.parameters[MAIN]
-        expected = np.diag(self.bank.covariance[MAIN] - fits.covariance[MAIN])
-        shown = _ALIKE @ (step * step / np.maximum(expected, 1e-12))
+        before, after = correction.before, correction.after
+        step = correction.change[MAIN, :COUNT]
+        expected = (before.covariance[MAIN] - after.covariance[MAIN]).diagonal()
+        shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
         shown = np.minimum(shown, TUNING.most_surprising)
         motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
-        self._motion = np.clip(motion, TUNING.least_motion, TUNING.most_motion)
-        rates = TUNING.rates_share * self.bank.rates[MAIN] ** 2 / np.maximum(_STATIONARY, 1e-12)
-        self._liveliest = np.maximum(0.998 * self._liveliest, rates)
+        self._motion = np.minimum(np.maximum(motion, TUNING.least_motion), TUNING.most_motion)
+        rates = before.rates[MAIN]
+        self._liveliest = np.maximum(0.998 * self._liveliest, rates * rates * _LIVELY)
 
     def _learn_rig_error(self, view: ViewState) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""

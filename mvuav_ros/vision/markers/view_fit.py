@@ -16,20 +16,22 @@ from mvuav_ros.vision.markers.view import (
     SCALE,
     YAW,
     Array,
+    Complex,
     ViewState,
     WeakPerspective,
 )
 
-_POSSIBLE = (
-    np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6)),
-    np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3)),
-)
+_LEAST = np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6))
+_MOST = np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3))
 """What parameters can become when nothing has been seen for long."""
-_SHARED = [ROLL, SCALE, PITCH, YAW, FOCAL]
+_SHARED: Array = np.zeros(COUNT)
+_SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
 SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
-LONGEST_STEP = 0.5
+_LONGEST_STEP = 0.5
 """rad, and logarithms."""
+_SINGULAR = 1e-16
+"""Determinant of what other markers tell of a place over what all tell, at least."""
 
 
 class NamedPlaces(NamedTuple):
@@ -38,21 +40,17 @@ class NamedPlaces(NamedTuple):
     Attributes:
         markers: (m, k).
         places: (m, k, 2), px, without distortion.
-        deviation: (m, k) or what broadcasts to it: of a place from what the rig says (1 sigma, px
-            per axis).
-        noise: what a place's surprise is held against, where some are given larger deviations
-            than they have; the deviation if None.
+        deviation: of a place from what the rig says (1 sigma, px per axis).
     """
 
     markers: NDArray[np.intp]
     places: Array
-    deviation: Array
-    noise: float | None = None
+    deviation: float
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Views fitted to several ways of naming markers, or from several priors.
+    """Views fitted to several ways of naming markers.
 
     Attributes:
         parameters: (m, 8), see `WeakPerspective.project`.
@@ -91,37 +89,59 @@ def fit(
 
     Args:
         shape: the rig.
-        prior: parameters (m or 1, 8) and their covariance (m or 1, 8, 8) before.
+        prior: parameters (1, 8) and their covariance (1, 8, 8) before.
         seen: the markers.
         starts: (m, 8), where to begin; the prior if None.
         iterations: at most.
     """
     m, k = seen.markers.shape
-    mean = prior[0]
-    weight = inverse(prior[1])
-    parameters = np.repeat(mean, m // len(mean), axis=0) if starts is None else starts
-    precision = 1.0 / np.broadcast_to(seen.deviation, (m, k))
+    mean, weight = prior[0], inverse(prior[1])[0]
+    parameters = np.repeat(mean, m, axis=0) if starts is None else starts
+    columns = columns_of(seen.markers)
+    places = seen.places.reshape(len(seen.places), 2 * k)
+    precision = 1.0 / seen.deviation**2
     for _ in range(iterations):
-        residual, jacobian = _residual(shape, parameters, seen)
-        normal, towards = _normal_equations(residual, jacobian, precision)
-        covariance = inverse(normal + weight)
-        towards = towards + (weight @ (mean - parameters)[..., None])[..., 0]
-        step = (covariance @ towards[..., None])[..., 0]
-        longest = np.abs(step[:, _SHARED]).max(axis=1)
-        if longest.max() > LONGEST_STEP:
-            step *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-9))[:, None]
-        parameters = np.clip(parameters + step, *_POSSIBLE)
-        if longest.max() < SETTLED:
-            residual = residual - (jacobian @ step[:, None, :, None])[..., 0]
+        residual, slopes = _residual(shape, parameters, places, columns)
+        weighted = precision * slopes
+        covariance = inverse(weighted @ slopes.transpose(0, 2, 1) + weight)
+        towards = (weighted @ residual[..., None])[..., 0] + (mean - parameters).dot(weight)
+        step, largest = limited((covariance @ towards[..., None])[..., 0])
+        parameters = possible(parameters + step)
+        if largest < SETTLED:
+            residual = residual - (step[:, None] @ slopes)[:, 0]
             break
     else:
-        residual, jacobian = _residual(shape, parameters, seen)
+        residual, slopes = _residual(shape, parameters, places, columns)
     away = parameters - mean
-    weighted = ((residual * precision[..., None]) ** 2).sum(axis=(1, 2))
-    cost = weighted + (away[:, None] @ weight @ away[..., None])[:, 0, 0]
-    surprise = _surprise(residual, jacobian, covariance, 1.0 / precision, seen.noise)
-    misfit = np.sqrt((residual * residual).sum(axis=(1, 2)) / max(k, 1))
-    return Fits(parameters, covariance, cost, misfit, surprise)
+    squares = (residual * residual).sum(axis=1)
+    cost = precision * squares + (away.dot(weight) * away).sum(axis=1)
+    jacobian = slopes.reshape(m, COUNT, k, 2).transpose(0, 2, 3, 1)
+    share = precision * (jacobian @ covariance[:, None] @ jacobian.transpose(0, 1, 3, 2))
+    deviator = -0.5 * (share[..., 0, 0] - share[..., 1, 1]) - 1j * share[..., 0, 1]
+    left = 1.0 - 0.5 * (share[..., 0, 0] + share[..., 1, 1]), deviator
+    surprise = surprise_of(residual, left, seen.deviation**2, seen.deviation**2)
+    return Fits(parameters, covariance, cost, np.sqrt(squares / max(k, 1)), surprise)
+
+
+def columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where x and y of some markers (..., k) are among those of all, (..., 2 k)."""
+    pairs = 2 * markers[..., None] + (0, 1)
+    return np.asarray(pairs.reshape(*markers.shape[:-1], 2 * markers.shape[-1]))
+
+
+def limited(step: Array) -> tuple[Array, float]:
+    """Gauss-Newton steps (m, 8) no longer than they may be, and how long the longest was."""
+    longest = np.abs(step * _SHARED)
+    largest = float(longest.max())
+    if largest > _LONGEST_STEP:
+        longest = longest.max(axis=1)
+        step = step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-9))[:, None]
+    return step, largest
+
+
+def possible(parameters: Array) -> Array:
+    """Parameters (m, 8) within what they can become."""
+    return np.asarray(np.minimum(np.maximum(parameters, _LEAST), _MOST))
 
 
 def inverse(matrices: Array) -> Array:
@@ -135,43 +155,36 @@ def inverse(matrices: Array) -> Array:
     return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)))
 
 
-def _residual(shape: WeakPerspective, parameters: Array, seen: NamedPlaces) -> tuple[Array, Array]:
-    places, jacobian = shape.linearize(parameters)
-    rows = np.arange(len(parameters))[:, None]
-    return seen.places - places[rows, seen.markers], jacobian[rows, seen.markers]
+def _residual(
+    shape: WeakPerspective, parameters: Array, places: Array, columns: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    expected, slopes = shape.linearize_all(parameters)
+    expected = np.take_along_axis(expected, columns, axis=1)
+    return places - expected, np.take_along_axis(slopes, columns[:, None], axis=2)
 
 
-def _normal_equations(residual: Array, jacobian: Array, precision: Array) -> tuple[Array, Array]:
-    m = len(residual)
-    rows = (jacobian * precision[..., None, None]).reshape(m, -1, COUNT)
-    columns = rows.transpose(0, 2, 1)
-    normal = columns @ rows
-    towards = (columns @ (residual * precision[..., None]).reshape(m, -1, 1))[..., 0]
-    return normal, towards
-
-
-def _surprise(
-    residual: Array, jacobian: Array, covariance: Array, deviation: Array, noise: float | None
+def surprise_of(
+    residual: Array, left: tuple[Array, Complex], variance: Array | float, own: float
 ) -> Array:
-    """(m, k), squared distances of markers from where all the others put them, over variances.
+    """How far markers lie from where all the others put them: squared distance over variance.
 
     A marker's place by the others follows from that by all: its residual r and the place's
-    covariance h become (I - h / d²)⁻¹ r and (I - h / d²)⁻¹ h, with d the deviation at which it
-    took part.
+    covariance h become m⁻¹ r and (m⁻¹ - I) v, with v the variance at which it took part and
+    m = I - h / v. A symmetric matrix is given by half its trace t and d = (xx - yy) / 2 + i xy:
+    with points as complex numbers, it takes z to t z + d z*.
+
+    Args:
+        residual: (m, 2 k), px.
+        left: m, (m, k) each.
+        variance: v, (m, k) or one for all, px².
+        own: of a marker's place, px².
     """
-    told = jacobian @ covariance[:, None] @ jacobian.transpose(0, 1, 3, 2)
-    share = told / (deviation**2)[..., None, None]
-    # A marker without which nothing is known about a direction tells nothing of itself there.
-    a = np.maximum(1.0 - share[..., 0, 0], 1e-3)
-    d = np.maximum(1.0 - share[..., 1, 1], 1e-3)
-    most = 0.99 * np.sqrt(a * d)
-    b = np.clip(-share[..., 0, 1], -most, most)
-    inverted = np.stack((d, -b, -b, a), axis=-1).reshape(*a.shape, 2, 2)
-    inverted /= (a * d - b * b)[..., None, None]
-    apart = (inverted @ residual[..., None])[..., 0]
-    variance = inverted @ told
-    own = deviation**2 if noise is None else np.full_like(deviation, noise * noise)
-    a, d = variance[..., 0, 0] + own, variance[..., 1, 1] + own
-    b = 0.5 * (variance[..., 0, 1] + variance[..., 1, 0])
-    x, y = apart[..., 0], apart[..., 1]
-    return np.asarray((d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b))
+    trace, deviator = left
+    size = deviator.real * deviator.real + deviator.imag * deviator.imag
+    determinant = np.maximum(trace * trace - size, _SINGULAR)
+    points = np.ascontiguousarray(residual).view(np.complex128)
+    apart = trace * points - deviator * points.conj()
+    spread = variance * trace + (own - variance) * determinant
+    inside = spread * apart + (variance * deviator) * apart.conj()
+    square = apart.real * inside.real + apart.imag * inside.imag
+    return np.asarray(square / (determinant * (spread * spread - (variance * variance) * size)))
