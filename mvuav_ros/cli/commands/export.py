@@ -28,7 +28,7 @@ def export(
         ),
     ],
     form: Annotated[
-        Form, typer.Option('--format', help='tum is for poses, as evo reads them.')
+        Form, typer.Option('--format', help='Format of the files; tum: poses for evo.')
     ] = Form.CSV,
 ) -> None:
     """Write markers, roll, poses and lines, one file for each topic."""

@@ -92,7 +92,7 @@ def _marker_table(errors: MarkerErrors) -> Table:
         f'Markers in {len(errors.time)} frames',
         (
             Column('marker'),
-            Column('to be seen', '%', 1),
+            Column('visible', '%', 1),
             Column('detected', '%', 1),
             Column('predicted', '%', 1),
             Column('lost', '%', 1),
@@ -187,7 +187,7 @@ def _line_table(errors: LineErrors) -> Table:
         f'Runway lines in {errors.frames} frames',
         (
             Column('line'),
-            Column('to be seen', 'frames'),
+            Column('visible', 'frames'),
             Column('found', '%', 1),
             Column('distance, RMS', 'px', 2),
             Column('direction, RMS', '°', 2),

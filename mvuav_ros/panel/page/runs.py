@@ -182,7 +182,7 @@ class Runs:
     def _can_start(self) -> bool:
         node = self._page.node
         if node is None or not node.controls:
-            tell('There is no node whose values a run could take.', bad=True)
+            tell('No node is selected whose values a run could use.', bad=True)
         elif (self._bag.value or '') not in self._bags:
             tell('Choose a recording first.', bad=True)
         else:
