@@ -13,6 +13,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+
 DETECTORS = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
 _DESCRIPTIONS = {
     'source': 'Parameter source of video_source; none: a camera driver publishes the images',
@@ -20,7 +22,7 @@ _DESCRIPTIONS = {
     'detectors': 'markers, runway, or both, separated by a comma',
     'one_process': 'Source and both detectors in one process, without copies (docs/transport.md)',
     'image_topic': 'Topic of the images; camera_info is expected beside it',
-    'transport': 'Image transport of the detectors: raw or compressed',
+    'transport': 'Image transport of the detectors (parameter image_transport)',
     'namespace': 'Namespace of the nodes',
     'params_file': "The nodes' parameters; thesis.yaml has the values of the thesis",
     'use_sim_time': 'Take the time from /clock',
@@ -44,7 +46,7 @@ _DEFAULTS = {
 }
 _CHOICES = {
     **dict.fromkeys(('loop', 'one_process', 'use_sim_time', 'respawn', 'autostart')),
-    'transport': ['raw', 'compressed'],
+    'transport': list(MarkerTrackerParameters.spec('image_transport').choices),
 }
 
 

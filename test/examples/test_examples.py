@@ -14,13 +14,17 @@ EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))
 
 
 def run(name, *arguments):
-    command = [sys.executable, f'examples/{name}.py', *map(str, arguments)]
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
-    done = subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
-    )
+    done = execute(name, *arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def execute(name, *arguments):
+    command = [sys.executable, f'examples/{name}.py', *map(str, arguments)]
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
+    )
 
 
 def test_detect_in_one_image(tmp_path):
@@ -52,6 +56,14 @@ def test_plot_a_result_bag(tmp_path):
     subprocess.run([*command, '-o', str(results)], cwd=ROOT, check=True, capture_output=True)
     assert '180 values' in run('plot_a_result_bag', results, figure)
     assert cv2.imread(str(figure)) is not None
+
+
+@pytest.mark.parametrize('name', ['detect_in_one_image', 'plot_a_result_bag', 'replay_a_bag'])
+def test_a_missing_argument_gives_the_usage(name):
+    done = execute(name)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f'usage: python examples/{name}.py ')
+    assert len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize('name', EXAMPLES)

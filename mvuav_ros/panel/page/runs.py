@@ -10,7 +10,6 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
-from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
@@ -262,7 +261,7 @@ class Runs:
         self._result.clear()
         with self._result:
             text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
-            rows = [[foreign.from_one(m.name), number_text(m.value), m.unit] for m in run.metrics]
+            rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
             half = -(-len(rows) // 2)
             with box('charts'):
                 Sheet('Numbers of the run').show(rows[:half])
