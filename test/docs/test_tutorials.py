@@ -1,7 +1,7 @@
 """The quick start and the tutorials run as printed, and print what they show.
 
-Shell blocks run in ``bash``; Python blocks are pasted into one ``python -i`` for the page. A ``text``
-block is what the block before it prints: see ``support.printed_output`` for the tolerance.
+Shell blocks run in ``bash``; Python blocks are pasted into one ``python -i`` for the page. A
+``text`` block is what the block before it prints: ``support.printed_output`` has the tolerance.
 """
 
 import pytest

@@ -143,13 +143,14 @@ def replay(
         ParameterError: a parameter is not valid.
     """
     processors = frames.make_processors(parameters)
-    run = EvaluationRun(text, names=names_of(processors), rejected=0)
+    run = EvaluationRun(text, names=names_of(processors))
+    rejected = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
     for step in frames.replay(_frames(text, topic, run), processors):
         if isinstance(step, frames.FrameResults) and step.is_frame:
             run.frames += 1
-            run.rejected += bool(step.reasons)
+            rejected += bool(step.reasons)
             reasons.update(step.reasons)
             seconds += [step.seconds] if step.seconds else []
             for name, _, data in step.messages:
@@ -160,6 +161,7 @@ def replay(
     run.errors += [
         f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')
     ]
+    run.rejected = rejected
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run
 
