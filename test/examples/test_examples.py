@@ -1,5 +1,6 @@
 """Every example runs as its first line says, and prints what it promises."""
 
+import math
 import os
 import subprocess
 import sys
@@ -7,6 +8,8 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from geometry_msgs.msg import Vector3, Vector3Stamped
+from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
@@ -48,6 +51,25 @@ def test_approach_with_guidance():
     out = run('approach_with_guidance').splitlines()
     assert len(out) == 40
     assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
+
+
+def test_print_live_roll():
+    graph = Graph()
+    try:
+        publisher = graph.probe.create_publisher(Vector3Stamped, '/marker_tracker/rpy', 10)
+        command = [sys.executable, 'examples/print_live_roll.py', '3']
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain_id)}
+        with subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
+        ) as listener:
+            graph.until(lambda: publisher.get_subscription_count() > 0, 'the listener')
+            message = Vector3Stamped(vector=Vector3(x=math.radians(12.0)))
+            while listener.poll() is None:
+                publisher.publish(message)
+                graph.spin(0.1)
+            assert listener.stdout.read() == '0.00 s: roll 12.0 deg\n' * 3
+    finally:
+        graph.close()
 
 
 def test_plot_a_result_bag(tmp_path):
