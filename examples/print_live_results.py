@@ -11,10 +11,12 @@ count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
 
 
 def show_roll(message: Vector3Stamped) -> None:
+    """Right wing down is positive."""
     print(f'roll {math.degrees(message.vector.x):.1f} deg', flush=True)
 
 
 def show_pose(message: PoseWithCovarianceStamped) -> None:
+    """The tanker, from the camera."""
     place = message.pose.pose.position
     print(f'distance {math.hypot(place.x, place.y, place.z):.1f} m', flush=True)
 
