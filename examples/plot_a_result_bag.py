@@ -10,6 +10,8 @@ import matplotlib.pyplot as plt
 
 from mvuav_ros.recordings.reading import open_recording
 
+if len(sys.argv) != 3:
+    sys.exit('usage: python examples/plot_a_result_bag.py RESULTS PNG')
 times, rolls = [], []
 with open_recording(sys.argv[1]) as recording:
     for message in recording.messages():

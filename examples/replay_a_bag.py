@@ -5,6 +5,8 @@ import sys
 from mvuav_ros import MarkerTracker
 from mvuav_ros.recordings.sources.opening import open_source
 
+if len(sys.argv) != 2:
+    sys.exit('usage: python examples/replay_a_bag.py BAG')
 tracker = MarkerTracker()
 for frame in open_source(sys.argv[1]).frames():
     result = tracker.process(frame.image, frame.stamp_ns)

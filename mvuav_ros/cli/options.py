@@ -28,21 +28,22 @@ ParamsFile = Annotated[
     Path | None, typer.Option(help='A ROS 2 parameter file.', show_default=False)
 ]
 Param = Annotated[
-    list[str] | None, typer.Option(help='node:name:=value; may be repeated.', show_default=False)
+    list[str] | None,
+    typer.Option(help='A parameter, node:name:=value; may be repeated.', show_default=False),
 ]
 ImageTopic = Annotated[str | None, typer.Option(help='Image topic of a bag that has several.')]
 Dask = Annotated[
     str | None,
-    typer.Option(help="Use a Dask cluster, by its scheduler's address.", metavar='tcp://…'),
+    typer.Option(help='Run on a Dask cluster; the address of its scheduler.', metavar='tcp://…'),
 ]
-Json = Annotated[Path | None, typer.Option('--json', help='Also write the figures there.')]
+Json = Annotated[Path | None, typer.Option('--json', help='Also write the numbers to this file.')]
 Format = Annotated[
     Storage, typer.Option('--format', help='mcap files, or rosbag2 folders with metadata.yaml.')
 ]
 SplitMb = Annotated[
-    int, typer.Option(help='MB after which a rosbag2 folder begins its next file.', min=0)
+    int, typer.Option(help='MB after which a rosbag2 folder starts its next file.', min=0)
 ]
-Force = Annotated[bool, typer.Option('--force', help='Overwrite what is there.')]
+Force = Annotated[bool, typer.Option('--force', help='Overwrite existing output.')]
 
 
 def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], None]], Callable[..., None]]:

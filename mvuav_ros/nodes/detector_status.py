@@ -63,7 +63,9 @@ class DetectorStatus:
     def _active_problems(self, images: InputState) -> list[str]:
         problems = self._answerer.statistics.problems()
         if len(images.publishers) > 1:
-            problems.append(f'{len(images.publishers)} publishers on {images.topic}, mixed')
+            problems.append(
+                f'{len(images.publishers)} publishers on {images.topic}: their images are mixed'
+            )
         if self._processor.status:
             problems.append(self._processor.status)
         return problems

@@ -12,7 +12,7 @@ LOST_REMEDY = (
     "give the camera's process a larger shared-memory segment, or let it publish reliably "
     'and subscribe reliably (docs/transport.md)'
 )
-SLOW_REMEDY = 'lower the rate, the image size or the work'
+SLOW_REMEDY = 'lower the frame rate or the image size'
 _STAMPS = 32
 _GAP = 1.6
 """Times the usual spacing of stamps, from which on a frame is missing in between."""
@@ -70,7 +70,7 @@ class InputMonitor:
         problems = []
         overwritten = max(recent['missing'] - recent['lost'], 0)
         if recent['lost']:
-            problems.append(f'{recent["lost"]} images lost on the way here: {LOST_REMEDY}')
+            problems.append(f'{recent["lost"]} images lost in transport: {LOST_REMEDY}')
         if overwritten or recent['skipped']:
             problems.append(
                 f'too slow for the camera: {overwritten + recent["skipped"]} images skipped; '
@@ -78,11 +78,11 @@ class InputMonitor:
             )
         elif recent['left out'] and not recent['lost']:
             problems.append(
-                f'stamps leave out {recent["left out"]} images that never got here, although no '
-                'message was lost: the camera, its driver or the recording drops them'
+                f'gaps in the stamps: {recent["left out"]} images are missing, although no message '
+                'was lost; the camera, its driver or the recording dropped them'
             )
         if recent['errors']:
-            problems.append(f'images could not be taken: {events.last_error}')
+            problems.append(f'images could not be received: {events.last_error}')
         return problems
 
 
@@ -99,9 +99,9 @@ def explain_no_images(topic: str, publishers: list[str], events: InputEvents) ->
     names = ', '.join(publishers)
     if events.incompatible:
         return (
-            f'{names} publishes {topic} with a QoS that does not fit '
-            f'({events.incompatible_policy}); see qos_overrides'
+            f'{names} publishes {topic} with an incompatible QoS '
+            f'({events.incompatible_policy}); set qos_overrides'
         )
     if events.lost:
         return f'{names} publishes {topic}, but every image is lost: {LOST_REMEDY}'
-    return f'{names} publishes {topic}, but sends nothing or nothing arrives (docs/transport.md)'
+    return f'{names} publishes {topic}, but no image arrives (docs/transport.md)'

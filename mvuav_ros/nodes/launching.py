@@ -13,20 +13,22 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+
 DETECTORS = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
 _DESCRIPTIONS = {
-    'source': 'What video_source plays: see its parameter; none: a camera driver publishes',
+    'source': 'Parameter source of video_source; none: a camera driver publishes the images',
     'loop': 'Play a recording again and again',
-    'detectors': 'markers, runway, or both with a comma',
+    'detectors': 'markers, runway, or both, separated by a comma',
     'one_process': 'Source and both detectors in one process, without copies (docs/transport.md)',
-    'image_topic': 'Topic of the images; camera_info is beside it',
-    'transport': 'raw or compressed: how detectors get images',
+    'image_topic': 'Topic of the images; camera_info is expected beside it',
+    'transport': 'Image transport of the detectors (parameter image_transport)',
     'namespace': 'Namespace of the nodes',
     'params_file': "The nodes' parameters; thesis.yaml has the values of the thesis",
     'use_sim_time': 'Take the time from /clock',
     'respawn': 'Start a node again when it ends by itself',
-    'autostart': 'Configure and activate; false: a lifecycle manager does it',
-    'log_level': 'Of the nodes: debug, info, warn, error',
+    'autostart': 'Configure and activate the nodes; false: a lifecycle manager does it',
+    'log_level': 'Log level of the nodes: debug, info, warn, error',
 }
 _DEFAULTS = {
     'source': '0',
@@ -44,7 +46,7 @@ _DEFAULTS = {
 }
 _CHOICES = {
     **dict.fromkeys(('loop', 'one_process', 'use_sim_time', 'respawn', 'autostart')),
-    'transport': ['raw', 'compressed'],
+    'transport': list(MarkerTrackerParameters.spec('image_transport').choices),
 }
 
 

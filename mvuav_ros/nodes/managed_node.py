@@ -63,7 +63,7 @@ class ManagedNode(LifecycleNode):
             Exception: what `open` or `begin` raised.
         """
         if not self.get_parameter('autostart').value:
-            self.get_logger().info('unconfigured: waits for ~/change_state (autostart is off)')
+            self.get_logger().info('unconfigured; waiting for ~/change_state (autostart is false)')
             return
         self._starting = True
         try:

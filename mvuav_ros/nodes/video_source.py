@@ -88,7 +88,9 @@ class VideoSource(ManagedNode):
             lambda: self._subscribers,
         )
         self._status.state = 'waiting'
-        self.get_logger().info(f'{source.name} to {self.resolve_topic_name("image_raw")}')
+        self.get_logger().info(
+            f'publishing {source.name} on {self.resolve_topic_name("image_raw")}'
+        )
         self._player.start()
 
     def end(self) -> None:
@@ -118,7 +120,7 @@ class VideoSource(ManagedNode):
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         player = self._player
         if player is None:
-            response.message = f'not active but {self.lifecycle_state}'
+            response.message = f'the node is {self.lifecycle_state}, not active'
             return response
         if request.data:
             player.pause()
@@ -130,10 +132,10 @@ class VideoSource(ManagedNode):
     def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         player = self._player
         if player is None:
-            response.message = f'not active but {self.lifecycle_state}'
+            response.message = f'the node is {self.lifecycle_state}, not active'
             return response
         player.restart()
-        response.success, response.message = True, f'{self._status.source} from the start'
+        response.success, response.message = True, f'playing {self._status.source} from the start'
         return response
 
     def _once_a_second(self) -> None:

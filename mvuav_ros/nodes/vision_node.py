@@ -138,7 +138,7 @@ class VisionNode(ManagedNode):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._answerer.lock:
             self._processor.reset()
-        response.success, response.message = True, 'the next frame is the first'
+        response.success, response.message = True, 'all earlier frames are forgotten'
         return response
 
     def _trigger(self, action: Callable[[], None]) -> Callable[..., Trigger.Response]:

@@ -24,7 +24,6 @@ _MOST_NUMBERS = 16
 """Of one parameter; a user does not type more."""
 _MOST_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
-_LINE = re.compile(r'\bline (\d{1,4})\b', re.ASCII)
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 
 
@@ -80,11 +79,6 @@ def fixed(text: object, digits: int) -> str:
     if math.isnan(value):
         return '-'
     return f'{value:.{digits}f}' if abs(value) < 1e9 else f'{value:.{digits}e}'
-
-
-def from_one(name: str) -> str:
-    """``line 0`` as ``line 1``: as the lines are numbered in the images."""
-    return _LINE.sub(lambda found: f'line {int(found[1]) + 1}', name)
 
 
 def is_ros_name(text: str) -> bool:

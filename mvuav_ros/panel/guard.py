@@ -109,7 +109,7 @@ class Guard:
         origin = headers.get('origin')
         changes = kind == 'websocket' or method not in _SAFE_METHODS
         if changes and (origin is None or not _same_origin(origin, host)):
-            return Refusal(403, 'this comes from the page of another site')
+            return Refusal(403, 'the request comes from a page of another site')
         if self._token and not self._knows(given) and not self._knows(self._kept(headers)):
             return Refusal(401, 'open the address with ?token= that the panel printed')
         return None

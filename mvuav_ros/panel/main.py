@@ -48,15 +48,18 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument('--port', type=_port, default=PORT, help='TCP port (%(default)s); 0: free')
     parser.add_argument(
-        '--folder', type=Path, default=_data_folder(), help='for saved sets and runs (%(default)s)'
+        '--folder',
+        type=Path,
+        default=_data_folder(),
+        help='folder for saved sets and runs (%(default)s)',
     )
     parser.add_argument(
         '--bags',
         type=_existing,
         action='append',
         default=None,
-        help='a recording or a folder of them, to choose from for runs; may be repeated '
-        '(the sample bags)',
+        help='a recording, or a folder of recordings, for runs; may be repeated '
+        '(default: the sample bags)',
     )
     parsed = parser.parse_args(words[: len(words) - len(ros)])
     parsed.ros = ros
@@ -65,7 +68,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _port(text: str) -> int:
     if not text.isascii() or not text.isdigit() or not 0 <= int(text) <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text!r} is no port: 0 to 65535')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a port (0 to 65535)')
     return int(text)
 
 

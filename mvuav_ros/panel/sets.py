@@ -129,7 +129,7 @@ class SetStore:
             OSError: the file cannot be written.
         """
         if name.strip() in self._built_in:
-            raise NameRefusedError(f'{name.strip()} is shipped with the package; take another name')
+            raise NameRefusedError(f'{name.strip()} is part of the package; choose another name')
         path = self._path(name)
         self.folder.mkdir(parents=True, exist_ok=True)
         content = {f'/**/{kind}': {'ros__parameters': dict(values)}}
@@ -145,7 +145,7 @@ class SetStore:
             NameRefusedError: it is a shipped one, or the name cannot be.
         """
         if name in self._built_in:
-            raise NameRefusedError(f'{name} is shipped with the package')
+            raise NameRefusedError(f'{name} is part of the package and cannot be deleted')
         self._path(name).unlink(missing_ok=True)
 
     def _path(self, name: str) -> Path:
@@ -169,7 +169,9 @@ def _check_content(path: Path) -> None:
         for token in yaml.scan(path.read_text()):
             depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
             if depth > _DEEPEST or isinstance(token, yaml.AliasToken):
-                raise ParameterError(path.stem, 'is no parameter file: nested or with aliases')
+                raise ParameterError(
+                    path.stem, 'is not a parameter file: nested too deeply, or with aliases'
+                )
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(path.stem, f'cannot be read: {foreign.words(error)}') from None
 

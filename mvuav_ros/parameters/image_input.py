@@ -11,9 +11,9 @@ def image_transport() -> Any:
     """How images come to a processing node."""
     return parameter(
         'raw',
-        'raw subscribes to the image topic, another to <image topic>/<its name>: compressed for '
-        'JPEG, PNG, H.264 and H.265 in CompressedImage, ffmpeg for FFMPEGPacket, foxglove for '
-        'CompressedVideo.',
+        'Transport of the images. raw: the image topic. The others subscribe to '
+        '<image topic>/<transport>: compressed to CompressedImage (JPEG, PNG, H.264, H.265), '
+        'ffmpeg to FFMPEGPacket, foxglove to CompressedVideo.',
         choices=('raw', 'compressed', 'ffmpeg', 'foxglove'),
         read_only=True,
         stage='Node',
@@ -24,8 +24,8 @@ def opencv_threads() -> Any:
     """How many threads OpenCV has in a processing node."""
     return parameter(
         1,
-        'Threads that OpenCV may use in the node; 0: its own choice, one for each core. One frame '
-        'is rarely worth more than one: two made a whole frame of 1920x1080 slower.',
+        "Number of OpenCV's threads in the node; 0: one for each core. More than one rarely helps: "
+        'two made a whole frame of 1920x1080 slower.',
         limits=(0, 64),
         stage='Node',
         usual=(0, 16),

@@ -33,17 +33,17 @@ class MarkerTrackerParameters(ParameterSet):
         'detect: five labelled markers in every whole frame (Appendix A). detect_any: any number '
         'of unlabelled clusters (Appendix B). track: three whole frames, then small windows '
         'around predicted positions (Appendix C). track_any: any number of unlabelled lights, '
-        'each followed under a number of its own.',
+        'each tracked under its own id.',
         choices=MODES,
         thesis='Appendices A, B, C',
         stage='Mode',
     )
     channel: str = parameter(
         'auto',
-        'What of a colour image is looked at: intensity (eq. 3.3, in which a pure red light has '
-        '0.3 of full scale), brightest (in each pixel the strongest of red, green and blue, so '
-        'that a light of any colour is bright), or one colour. auto: intensity, or brightest '
-        'where no marker is found in it. A grey image has only its intensity.',
+        'Channel of a colour image that is searched: intensity (eq. 3.3; a pure red light has 0.3 '
+        'of full scale), brightest (the maximum of red, green and blue in each pixel, for lights '
+        'of any colour), or one colour. auto: intensity, or brightest while no marker is found '
+        'in it. A grey image has only its intensity.',
         choices=CHANNELS,
         thesis='intensity; eq. 3.3',
         stage='Image',
@@ -59,18 +59,18 @@ class MarkerTrackerParameters(ParameterSet):
     )
     grouping: str = _detection(
         'auto',
-        'How bright pixels become clusters in whole frames: distance (around a first pixel up to '
-        'grouping_distance, thesis), components (connected pixels, so that lights of any width '
-        'are whole and close ones apart), auto (components in track_any and in track with '
-        'prediction kalman, which always uses them, else distance).',
+        'How bright pixels are grouped into clusters in whole frames: distance (all pixels within '
+        'grouping_distance of the first one, thesis), components (connected pixels: wide lights '
+        'stay whole, close ones separate), auto (components in track_any and in track with '
+        'prediction kalman, else distance). track with kalman always uses components.',
         choices=GROUPINGS,
         thesis='distance',
     )
     grouping_distance: int = _detection(
         15,
-        'T: with grouping distance, bright pixels up to this far right of, above and below a '
-        "group's first pixel join the group. It has effect in detect and detect_any, and in track "
-        "with one of the thesis's predictions; prediction kalman and track_any use components.",
+        'T: with grouping distance, bright pixels up to this far to the right of, above and below '
+        "a group's first pixel join the group. No effect with grouping components, or in track "
+        'with prediction kalman.',
         limits=(0, 10_000),
         unit='px',
         thesis='T',
@@ -79,8 +79,8 @@ class MarkerTrackerParameters(ParameterSet):
     )
     search_radius: int = _tracking(
         10,
-        'RoIT: a marker is searched in a window of 2 x search_radius + 1 px on a side; in '
-        'track_any a light is sought at least this far around.',
+        'RoIT: the search window of a marker is 2 x search_radius + 1 px wide and high. In '
+        'track_any a light is searched at least this far around its predicted position.',
         limits=(1, 1_000),
         unit='px',
         thesis='RoIT',
@@ -89,47 +89,45 @@ class MarkerTrackerParameters(ParameterSet):
     )
     prediction: str = _tracking(
         'kalman',
-        'Where the next window is centred: kalman (a filter that follows the motion and what '
-        "vibration the lights have in common, and the thesis's ways, each as far as it has "
-        'proved right; it also keeps the names, see docs/markers.md). The '
-        "thesis's ways, in track with the thesis's tracking: none (the last "
-        'position), velocity (eq. 4.1), acceleration (eq. 4.2), acceleration_program (what the '
-        'code of Appendix C computes: opposite sign and half the size of eq. 3.16).',
+        'Prediction of the next position, on which the search window is centred. kalman: a Kalman '
+        "filter, the camera's vibration and the thesis's methods, weighted by their past errors; "
+        "in track it also keeps the names (docs/markers.md). The others are the thesis's methods, "
+        "in track with the thesis's tracker: none (the last position), velocity (eq. 4.1), "
+        'acceleration (eq. 4.2), acceleration_program (what the code of Appendix C computes: '
+        'opposite sign and half the size of eq. 3.16).',
         choices=PREDICTIONS,
         thesis='eqs 4.1, 4.2',
         counts=({'mode': ('track',)},),
     )
     centroid: str = _detection(
         'auto',
-        'How a light is measured: binary (the mean of the pixels above the threshold, thesis), '
-        'weighted (by intensity above the local background), auto (weighted in track with '
-        'prediction kalman and in track_any, else binary).',
+        'Centroid of a light: binary (mean of the pixels above the threshold, thesis), weighted '
+        '(by intensity above the local background), auto (weighted in track with prediction '
+        'kalman and in track_any, else binary).',
         choices=CENTROIDS,
         thesis='binary',
     )
     layout: str = _pose(
         '',
-        "A YAML file with the body's markers, their names and places (see "
+        "A YAML file with the body's markers, their names and positions (see "
         'config/tanker_747.yaml); empty: the built-in tanker_747.',
         read_only=True,
     )
     allow_ambiguous: bool = _pose(
         False,
-        'Whether a layout is used although its names or its pose cannot be certain: fewer than '
-        'three markers, all on one line, or a symmetric shape (see mvuav rig check). '
-        '/diagnostics then says why.',
+        'Accept a layout whose names or pose are ambiguous: fewer than three markers, all on one '
+        'line, or a symmetric shape (see mvuav rig check). /diagnostics then gives the reason.',
         read_only=True,
     )
     pose: bool = _pose(
         True,
-        'Whether ~/pose is estimated, where camera_info holds a calibration and at least three '
-        'markers are named.',
+        'Estimate ~/pose if camera_info holds a calibration and at least three markers are named.',
         thesis='left to others',
     )
     publish_tf: bool = _pose(
         True,
         "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
-        'only where tf2_msgs is installed.',
+        'needs tf2_msgs.',
         read_only=True,
     )
     min_area: int = _detection(
@@ -148,8 +146,8 @@ class MarkerTrackerParameters(ParameterSet):
     )
     lost_timeout: float = _tracking(
         0.5,
-        'A marker not seen for this long is lost, and the whole frame is searched again; in '
-        'track_any a light is forgotten then.',
+        'Time without a detection after which a marker is lost and the whole frame is searched; '
+        'in track_any the light is then forgotten.',
         limits=(0.0, 60.0),
         unit='s',
         usual=(0, 5),

@@ -26,13 +26,13 @@ _correction = partial(parameter, stage='Correction')
 
 @dataclass(frozen=True)
 class RunwayDetectorParameters(ParameterSet):
-    """Where runway lines are looked for, how, and when a measured line is not believed."""
+    """Where and how runway lines are searched, and when a measured line is rejected."""
 
     mode: str = parameter(
         'thesis',
         "thesis: the strongest lines in the rows given, the thesis's scheme. approach: finds the "
-        'target as one shape anywhere on the frame, follows it, and gives guidance; rows, channel, '
-        'edge, Hough and peak parameters do not count then.',
+        'target as one shape anywhere in the frame, tracks it, and gives guidance; rows, channel, '
+        'edge, Hough and peak parameters have no effect then.',
         choices=MODES,
         thesis='thesis',
         stage='Mode',
@@ -45,8 +45,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     runway_width: float = _approach(
         0.0,
-        'From edge to edge; with it and a calibrated camera_info, mode approach gives the pose. '
-        '0: not known.',
+        'Width of the runway from edge to edge. Mode approach needs it, and a calibrated '
+        'camera_info, for the pose. 0: unknown.',
         limits=(0.0, 1_000.0),
         unit='m',
         usual=(0, 80),
@@ -60,20 +60,19 @@ class RunwayDetectorParameters(ParameterSet):
     publish_tf: bool = _approach(
         True,
         "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
-        'all of it is known; only where tf2_msgs is installed.',
+        'all of it is known; needs tf2_msgs.',
         read_only=True,
     )
     min_confidence: float = _approach(
         0.5,
-        'Probability below which mode approach reports no runway: its rows are NaN then.',
+        'Below this probability mode approach reports no runway; its rows are then NaN.',
         limits=(0.0, 1.0),
         usual=(0, 1),
     )
     horizon_source: str = _approach(
         'auto',
-        'Where mode approach takes the horizon from. auto: from imu while there is one, else from '
-        'the image; imu: as auto, and /diagnostics warns while there is none; image: never from '
-        'imu.',
+        'Source of the horizon in mode approach. auto: imu while it is published, else the image; '
+        'imu: the same, with a warning on /diagnostics while imu is missing; image: never imu.',
         choices=HORIZON_SOURCES,
     )
     camera_mount_rpy_deg: tuple[float, float, float] = _approach(
@@ -94,8 +93,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     end_row: int = _image(
         130,
-        'Row after the last one searched: rows start_row to end_row - 1 are. Row 130 of the '
-        'thesis, which is searched too, is the last one with 130 here.',
+        'Row after the last one searched, counted from 0. The thesis counts from 1 and includes '
+        'its last row 130; that is 130 here.',
         limits=(0, 100_000),
         unit='px',
         thesis='Ending Row Index; 130',
@@ -106,7 +105,7 @@ class RunwayDetectorParameters(ParameterSet):
         'Colour channel searched for edges, or the intensity of all three; a grey image has '
         'only its intensity.',
         choices=CHANNELS,
-        thesis='a choice (section 4.3.2.2); red is ours',
+        thesis='free (section 4.3.2.2); red is our choice',
     )
     edge_threshold: float = _edges(
         0.0,
@@ -121,7 +120,7 @@ class RunwayDetectorParameters(ParameterSet):
     edge_thinning: bool = _edges(
         False,
         'Keep only pixels whose gradient is a maximum along the row or the column.',
-        thesis='not said; off is ours',
+        thesis='not stated; off is our choice',
     )
     opening_shape: str = _edges(
         'vertical_line',
@@ -210,7 +209,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     correction_warmup: int = _correction(
         2,
-        'Measurements of a new line believed without comparison. The very first one always is.',
+        'Number of measurements of a new line that are accepted without comparison; the first one '
+        'always is.',
         limits=(0, 10_000),
         unit='frames',
         thesis='N-Sample Switch; 2',
@@ -218,8 +218,8 @@ class RunwayDetectorParameters(ParameterSet):
     )
     max_hold: int = _correction(
         15,
-        'A line that kept its old values (flagged or not found) for this many frames in a row is '
-        'given up and starts again; 0: never.',
+        'A line that was held (flagged or not found) for this many consecutive frames is dropped '
+        'and starts again; 0: never.',
         limits=(0, 1_000_000),
         unit='frames',
         thesis='section 4.3.2.4; never',

@@ -20,59 +20,59 @@ class VideoSourceParameters(ParameterSet):
     )
     bag_topic: str = parameter(
         '',
-        'The image topic of a bag; may be empty where the bag has only one.',
+        'Image topic of a bag; may be empty if the bag has only one.',
         read_only=True,
     )
     rate: float = parameter(
         0.0,
-        "Frames per second; 0: at the times of the source's own stamps.",
+        'Frame rate of playback; 0: as given by the stamps of the source.',
         limits=(0.0, 10_000.0),
         unit='Hz',
     )
     loop: bool = parameter(False, 'Play again from the start at the end.')
     width: int = parameter(
         0,
-        'A camera is asked for images of this width; 0: its own.',
+        'Image width requested from a camera; 0: its default.',
         limits=(0, 100_000),
         unit='px',
         read_only=True,
     )
     height: int = parameter(
         0,
-        'A camera is asked for images of this height; 0: its own.',
+        'Image height requested from a camera; 0: its default.',
         limits=(0, 100_000),
         unit='px',
         read_only=True,
     )
     fps: float = parameter(
         0.0,
-        'A camera is asked for this frame rate; 0: its own.',
+        'Frame rate requested from a camera; 0: its default.',
         limits=(0.0, 10_000.0),
         unit='Hz',
         read_only=True,
     )
     pixel_format: str = parameter(
         '',
-        "A camera is asked for this format, in V4L2's four letters (YUYV, MJPG, GREY …); empty: "
-        'its own. Images are published as bgr8 or mono8.',
+        'Pixel format requested from a camera, as the four letters of V4L2 (YUYV, MJPG, GREY …); '
+        'empty: its default. Images are published as bgr8 or mono8.',
         read_only=True,
     )
     exposure_time_absolute: int = parameter(
         0,
-        "V4L2's control of that name, where the driver has it; 0: as it is.",
+        'V4L2 control of this name, if the driver has it; 0: unchanged.',
         limits=(0, 1_000_000),
         unit='100 µs',
         read_only=True,
     )
     gain: int = parameter(
         -1,
-        "V4L2's control of that name, where the driver has it; -1: as it is.",
+        'V4L2 control of this name, if the driver has it; -1: unchanged.',
         limits=(-1, 1_000_000),
         read_only=True,
     )
     encoding: str = parameter(
         'source',
-        'Encoding of the published images; source: as they come.',
+        'Encoding of the published images; source: that of the source.',
         choices=('source', 'mono8', 'bgr8', 'rgb8'),
     )
     gamma: float = parameter(
@@ -98,14 +98,14 @@ class VideoSourceParameters(ParameterSet):
     )
     jpeg_quality: int = parameter(
         90,
-        'Of image_raw/compressed, which is made only while somebody subscribes.',
+        'JPEG quality of image_raw/compressed, which is made only while somebody subscribes.',
         limits=(1, 100),
         unit='%',
     )
     wait_for_subscribers: int = parameter(
         1,
         'A recording starts only when image_raw has this many subscribers, so that none of its '
-        'frames is lost; 0: at once. A camera never waits.',
+        'frames is lost; 0: start at once. A camera never waits.',
         limits=(0, 100),
         read_only=True,
     )
@@ -114,5 +114,5 @@ class VideoSourceParameters(ParameterSet):
     def _check_together(self) -> None:
         if len(self.pixel_format) not in (0, 4) or not self.pixel_format.isascii():
             raise ParameterError(
-                'pixel_format', f'is four letters, as in YUYV or MJPG, not {self.pixel_format!r}'
+                'pixel_format', f'must be four letters, as in YUYV, not {self.pixel_format!r}'
             )

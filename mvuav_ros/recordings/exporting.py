@@ -30,7 +30,7 @@ class Table(NamedTuple):
     rows: list[Row]
 
 
-def export(source: Path, folder: Path, form: str) -> dict[Path, int]:
+def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) -> dict[Path, int]:
     """Write one file for each topic that can be a table.
 
     Tables are made of PointCloud2 (markers, lines), Vector3Stamped (roll), PointStamped, and
@@ -40,6 +40,7 @@ def export(source: Path, folder: Path, form: str) -> dict[Path, int]:
         source: the recording of results.
         folder: where the files go; it is made.
         form: 'csv', 'parquet' or 'tum'.
+        overwrite: replace files that exist.
 
     Returns:
         The files with the number of their rows.
@@ -54,8 +55,8 @@ def export(source: Path, folder: Path, form: str) -> dict[Path, int]:
         raise RecordingError(f'{source} holds nothing that can be exported as {form}')
     files = {folder / f'{topic.strip("/").replace("/", "_")}.{form}': topic for topic in tables}
     for path in files:
-        if path.exists():
-            raise RecordingError(f'{path} exists; give another folder')
+        if path.exists() and not overwrite:
+            raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path, topic in files.items():

@@ -55,7 +55,7 @@ def _listed_names(path: Path, problems: Problems) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
-            raise ValueError('it cannot be true')
+            raise ValueError('no file, or implausibly large')
         content = YAML(typ='safe').load(path.read_text('utf-8'))
         names = content['rosbag2_bagfile_information']['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):

@@ -57,7 +57,7 @@ class Channels:
         if opcode == Opcode.SCHEMA:
             self._schema_bytes += len(body)
             if self._schema_bytes > _MOST_SCHEMA_BYTES:
-                raise DefinitionError('its schemas are larger than can be true')
+                raise DefinitionError('its schemas are implausibly large')
         stream = ReadDataStream(BytesIO(body))
         try:
             if opcode == Opcode.SCHEMA:

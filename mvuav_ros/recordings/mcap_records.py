@@ -88,7 +88,7 @@ class RecordWalk:
                     return
                 self._problems.error(
                     (self._name, offset),
-                    f'{self._name}: damaged at byte {offset}, read on from byte {found}',
+                    f'{self._name}: damaged at byte {offset}, reading continues at byte {found}',
                 )
                 offset, search_from = found, found + 1
                 continue

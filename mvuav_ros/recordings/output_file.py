@@ -13,7 +13,7 @@ class OutputFile:
     """A file that is appended to; ``size`` is what it holds by now, in bytes."""
 
     def __init__(self, path: Path, overwrite: bool) -> None:
-        """Create the file.
+        """Create the file, and its folder.
 
         Raises:
             RecordingError: it exists or cannot be created.
@@ -25,6 +25,12 @@ class OutputFile:
         if path.is_dir():
             raise RecordingError(f'{path} is a folder; give the name of a file')
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(
+                f'{path.parent} cannot be made: {error.strerror or error}'
+            ) from None
+        try:
             if overwrite:
                 # Not truncated in place: someone may be reading the old file.
                 path.unlink(missing_ok=True)
@@ -32,7 +38,7 @@ class OutputFile:
             self._file = os.open(path, flags, 0o666)
         except FileExistsError:
             raise RecordingError(
-                f'{path} exists; choose another name or allow overwriting'
+                f'{path} exists; choose another name, or overwrite it (--force)'
             ) from None
         except OSError as error:
             raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

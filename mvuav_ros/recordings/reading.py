@@ -219,7 +219,7 @@ def _opened(path: Path, start: bytes, problems: Problems) -> RecordingFile:
             )
             return kind(path, problems)
     if any(magic.startswith(start) for magic, _, _ in _FORMATS):
-        raise RecordingError(f'{path} was cut off within its first bytes; nothing is left')
+        raise RecordingError(f'{path} was cut off within its first bytes; nothing can be recovered')
     raise RecordingError(
         f'{path} is not a recording; give a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
     )

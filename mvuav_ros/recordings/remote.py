@@ -163,7 +163,7 @@ def _name(url: str) -> str:
 
 def _refuse_read_only(url: str) -> None:
     if url.split('://')[0].lower() in _READ_ONLY:
-        raise RecordingError(f'{url}: a web server is only read from; give a file or s3://…')
+        raise RecordingError(f'{url}: web servers are read-only; give a file or s3://…')
 
 
 @contextmanager

@@ -112,7 +112,9 @@ class Ros1File:
                 if found is None:
                     self._note_end(size - position)
                     return
-                self._note(position, f'damaged at byte {position}, read on from byte {found}')
+                self._note(
+                    position, f'damaged at byte {position}, reading continues at byte {found}'
+                )
                 position = found
                 continue
             available = min(record.size, size - record.data)
@@ -181,7 +183,7 @@ class Ros1File:
             if key in self._topics:
                 return
             if len(data) > _LARGEST_CONNECTION or len(self._topics) >= _MOST_CONNECTIONS:
-                raise ValueError('larger than can be true')
+                raise ValueError('implausibly large')
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
             definition = fields.get_string('message_definition')

@@ -46,7 +46,7 @@ class Ros1Type:
         self._store = get_typestore(Stores.EMPTY)
         try:
             if len(definition) > _LONGEST_DEFINITION:
-                raise ValueError('its definition is longer than can be true')
+                raise ValueError('its definition is implausibly long')
             types: dict[str, Any] = dict(get_types_from_msg(definition, name))
             if _HEADER in types:
                 types.update(get_types_from_msg(_HEADER_DEFINITION, _HEADER))
@@ -110,7 +110,7 @@ class _Sizes:
             self._depth -= 1
         least = self._least[name]
         if least is None:
-            raise ValueError(f'{name} holds itself')
+            raise ValueError(f'{name} contains itself')
         return least
 
     def _of_field(self, field: Any) -> int:
@@ -124,5 +124,5 @@ class _Sizes:
             return 1
         least = self._of_field(item)
         if least == 0:
-            raise ValueError('a sequence of nothing')
+            raise ValueError('a sequence of empty elements')
         return least * count if kind == Nodetype.ARRAY else 1

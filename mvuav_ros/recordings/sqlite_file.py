@@ -194,7 +194,7 @@ def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, 
     for values in cursor:
         left -= sum(len(value) for value in values if isinstance(value, str | bytes))
         if left < 0:
-            raise sqlite3.DatabaseError(f'its table {table} is larger than can be true')
+            raise sqlite3.DatabaseError(f'its table {table} is implausibly large')
         yield dict(zip(columns, values, strict=True))
 
 

@@ -40,9 +40,9 @@ class FlightSettings(ParameterSet):
     height: int = parameter(480, 'Height of the images.', limits=(64, 4096), unit='px')
     fps: float = parameter(30.0, 'Frames per second.', limits=(0.1, 1000.0), unit='Hz')
     frames: int = parameter(300, 'Number of frames, dropped ones included.', limits=(1, 10_000_000))
-    seed: int = parameter(2006, 'Of everything that looks random.', limits=(0, 2**31 - 1))
+    seed: int = parameter(2006, 'Seed of the random numbers.', limits=(0, 2**31 - 1))
     fov_deg: float = parameter(
-        0.0, "Horizontal field of view; 0: the view's own.", limits=(0.0, 150.0), unit='deg'
+        0.0, 'Horizontal field of view; 0: default of the view.', limits=(0.0, 150.0), unit='deg'
     )
     shake: int = parameter(
         0,
@@ -61,13 +61,13 @@ class FlightSettings(ParameterSet):
     blur: float = parameter(0.0, 'Defocus: sigma of a Gaussian.', limits=(0.0, 20.0), unit='px')
     exposure: float = parameter(
         0.004,
-        'Exposure time, over which motion blurs; 0: frozen. The stamp is its middle.',
+        'Exposure time, which blurs motion; 0: no blur. The stamp is the middle of it.',
         limits=(0.0, 1.0),
         unit='s',
     )
     gain_steps: float = parameter(
         0.0,
-        'The gain jumps to another value within 1 plus or minus this, every few seconds.',
+        'Every few seconds the gain jumps to another value within 1 plus or minus this.',
         limits=(0.0, 0.5),
     )
     detail: float = parameter(
@@ -82,8 +82,8 @@ class FlightSettings(ParameterSet):
     )
     camera_rate: float = parameter(
         0.0,
-        'The image changes only this often and then jumps, as from a cheap camera behind a '
-        'faster converter; 0: every frame is new.',
+        'Rate at which the image changes, as from a slow camera behind a faster converter; '
+        '0: every frame is new.',
         limits=(0.0, 1000.0),
         unit='Hz',
         thesis="about 10, by the thesis's camera",
@@ -103,8 +103,8 @@ class TankerSettings(FlightSettings):
     motion: str = parameter(
         'roll_translation',
         "How the tanker moves. translation, erratic, roll and roll_translation are the thesis's "
-        'trials 1 to 4; roll_360 turns right round; crossing yaws until a stabilizer passes a '
-        'wing at about 5 px; docking closes in from behind and below.',
+        'trials 1 to 4; roll_360 rolls through 360 degrees; crossing yaws until a stabilizer '
+        'passes a wing at about 5 px; docking closes in from behind and below.',
         choices=TANKER_MOTIONS,
         thesis='chapter 5.1',
     )
@@ -120,22 +120,22 @@ class TankerSettings(FlightSettings):
         'sky in the receiver view.',
         choices=BACKGROUNDS,
     )
-    encoding: str = parameter('mono8', 'Of the images.', choices=('mono8', 'bgr8'))
-    layout: str = parameter('', "A body's layout file; empty: the built-in tanker_747.")
+    encoding: str = parameter('mono8', 'Encoding of the images.', choices=('mono8', 'bgr8'))
+    layout: str = parameter('', 'Rig file of the body; empty: the built-in tanker_747.')
     roll_deg: float = parameter(
         0.0, 'Constant roll added to the motion.', limits=(-360.0, 360.0), unit='deg'
     )
     start_distance: float = parameter(
         60.0,
-        "Docking: distance from the tanker's dock point at first.",
+        "Docking: initial distance from the tanker's dock point.",
         limits=(0.1, 10_000.0),
         unit='m',
     )
     end_distance: float = parameter(
-        10.0, 'Docking: that distance in the end.', limits=(0.1, 10_000.0), unit='m'
+        10.0, 'Docking: final distance from the dock point.', limits=(0.1, 10_000.0), unit='m'
     )
     distortion: str = parameter('', "The lens's k1, k2, p1, p2[, k3]; empty: none.")
-    airframe: bool = parameter(True, 'Whether the aircraft is drawn, or its lights alone.')
+    airframe: bool = parameter(True, 'Draw the aircraft, not only its lights.')
     light_radius: float = parameter(
         3.5, 'Radius of a light at the usual distance.', limits=(1.0, 20.0), unit='px'
     )
@@ -144,9 +144,9 @@ class TankerSettings(FlightSettings):
         "Reflections as bright and large as the markers, clear of the markers' paths.",
         limits=(0, 100),
     )
-    failures: str = parameter('', "When which light is out: 'left_wing@2-4, all@6-7', in seconds.")
+    failures: str = parameter('', "Lights that are out, and when: 'left_wing@2-4, all@6-7' (s).")
     occlusions: str = parameter(
-        '', "When which light is behind the boom: 'rudder@2-4', one at a time."
+        '', "Lights behind the boom, and when: 'rudder@2-4' (s), one at a time."
     )
 
     def _check_together(self) -> None:
@@ -162,7 +162,7 @@ class TankerSettings(FlightSettings):
             occlusions = parse_schedule(self.occlusions)
             refuse_overlap(occlusions)
             if any(interval.marker == ALL for interval in occlusions):
-                raise ScheduleError('the boom cannot hide all; failures can')
+                raise ScheduleError('the boom hides one light at a time; use failures for all')
             name = 'distortion'
             self.camera()
         except (ScheduleError, CameraError) as error:
@@ -200,24 +200,25 @@ class RunwaySettings(FlightSettings):
         'across the centreline and back at 70 m, banking up to 20 degrees.',
         choices=RUNWAY_MOTIONS,
     )
-    runway_width: float = parameter(
-        30.0, 'From edge to edge of the pavement.', limits=(6.0, 60.0), unit='m'
-    )
+    runway_width: float = parameter(30.0, 'Width of the pavement.', limits=(6.0, 60.0), unit='m')
     runway_length: float = parameter(
-        1200.0, 'From end to end of the pavement.', limits=(200.0, 4000.0), unit='m'
+        1200.0, 'Length of the pavement.', limits=(200.0, 4000.0), unit='m'
     )
     start_distance: float = parameter(
-        600.0, 'From the near end at first.', limits=(-4000.0, 5000.0), unit='m'
+        600.0, 'Initial distance to the near end.', limits=(-4000.0, 5000.0), unit='m'
     )
-    speed: float = parameter(40.0, 'Over ground.', limits=(0.0, 150.0), unit='m/s')
+    speed: float = parameter(40.0, 'Ground speed.', limits=(0.0, 150.0), unit='m/s')
     lateral_offset: float = parameter(
-        8.0, 'Left of the centreline at first.', limits=(-200.0, 200.0), unit='m'
+        8.0, 'Initial offset to the left of the centreline.', limits=(-200.0, 200.0), unit='m'
     )
     camera_pitch_deg: float = parameter(
-        8.0, 'How far the camera looks down.', limits=(-10.0, 60.0), unit='deg'
+        8.0, 'Pitch of the camera, downwards.', limits=(-10.0, 60.0), unit='deg'
     )
     visibility: float = parameter(
-        9000.0, 'Where haze has taken 63 % of the contrast.', limits=(200.0, 1e6), unit='m'
+        9000.0,
+        'Distance at which haze has removed 63 % of the contrast.',
+        limits=(200.0, 1e6),
+        unit='m',
     )
 
     def camera(self) -> PinholeCamera:

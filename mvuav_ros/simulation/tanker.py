@@ -27,7 +27,7 @@ from mvuav_ros.simulation.schedule import (
     refuse_unknown,
 )
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, roll_between
+from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, true_roll
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
@@ -100,7 +100,7 @@ class TankerFlight(Flight[TankerTruth]):
         return TankerTruth(
             time,
             markers,
-            roll_between(markers),
+            true_roll(markers, pose.rotation),
             pose.rotation,
             pose.translation,
             float(np.linalg.norm(dock)),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.vision.frames import Matrix, Vector
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector
 
 
 class MarkerTruth(NamedTuple):
@@ -39,8 +39,8 @@ class TankerTruth:
     Attributes:
         time: s since the start of the flight.
         markers: in the rig's order.
-        roll: rad, atan2 of right wing minus left wing as projected, right wing down positive;
-            NaN for a body without lights of these names.
+        roll: rad, right wing down positive: atan2 of right wing minus left wing as projected; for
+            a body without lights of these names, of its rotation.
         rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.
         translation: (3,), m, of the body's origin in the optical frame.
         distance: from the camera to the body's dock point, m.
@@ -69,10 +69,16 @@ class TankerTruth:
         raise KeyError(name)
 
 
-def roll_between(markers: tuple[MarkerTruth, ...]) -> float:
-    """Roll (rad) from left_wing to right_wing; NaN without them."""
+def true_roll(markers: tuple[MarkerTruth, ...], rotation: Matrix) -> float:
+    """Roll (rad) from left_wing to right_wing, or without them that of the body's rotation.
+
+    Args:
+        markers: of the body.
+        rotation: (3, 3), of the body in the camera's optical frame.
+    """
     places = {marker.name: marker for marker in markers}
     if not {'left_wing', 'right_wing'} <= places.keys():
-        return math.nan
+        body = OPTICAL_FROM_BODY.T @ rotation
+        return math.atan2(float(body[2, 1]), float(body[2, 2]))
     left, right = places['left_wing'], places['right_wing']
     return math.atan2(right.y - left.y, right.x - left.x)

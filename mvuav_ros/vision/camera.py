@@ -60,13 +60,13 @@ class CameraModel:
                 camera's.
         """
         if len(self.k) != 9 or not np.isfinite(self.k).all() or not np.isfinite(self.d).all():
-            raise CalibrationError('camera_info holds numbers that are not finite')
+            raise CalibrationError('camera_info contains values that are not finite')
         if self.k[0] <= 0 or self.k[4] <= 0:
             raise CalibrationError('camera_info is all zeros: the camera is not calibrated')
         if (self.width, self.height) != (width, height):
             raise CalibrationError(
-                f'camera_info is of {self.width} x {self.height} px, '
-                f'the images are of {width} x {height}'
+                f'camera_info is for {self.width} x {self.height} px, '
+                f'the images are {width} x {height} px'
             )
         if self.distortion_model not in DISTORTION_MODELS:
             raise CalibrationError(

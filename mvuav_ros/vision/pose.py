@@ -155,10 +155,10 @@ class PoseEstimator:
             enough; `reason` says which.
         """
         if len(labels) < FEWEST:
-            self.reason = f'{len(labels)} markers, a pose takes {FEWEST}'
+            self.reason = f'{len(labels)} markers; a pose needs {FEWEST}'
             return None
         if not np.isfinite(pixels).all():
-            self.reason = 'the places of the markers are not finite'
+            self.reason = 'the positions of the markers are not finite'
             return None
         markers = np.array(labels, np.intp)
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)

@@ -93,7 +93,7 @@ class _Loader(yaml.SafeLoader):
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         twice = sorted({str(key) for key in keys if keys.count(key) > 1})
         if twice:
-            raise RigError(f'{", ".join(twice)} stands twice')
+            raise RigError(f'{", ".join(twice)} is listed twice')
         return super().construct_mapping(node, deep)
 
 
@@ -126,16 +126,16 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
         RigError: something is missing, unknown, or not a position.
     """
     if not isinstance(content, Mapping):
-        raise RigError('there must be a mapping with "markers"')
+        raise RigError('the file must be a mapping with the key "markers"')
     unknown = sorted(str(key) for key in set(content) - {'name', 'markers', 'dock', 'boom'})
     if unknown:
-        raise RigError(f'{", ".join(unknown)}: not known here; name, markers, dock and boom are')
+        raise RigError(f'unknown key {", ".join(unknown)}; known are name, markers, dock and boom')
     markers = content.get('markers')
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
     lights = tuple((str(key), _point(str(key), value)) for key, value in markers.items())
     if len({name for name, _ in lights}) < len(lights):
-        raise RigError('two markers have one name')
+        raise RigError('two markers have the same name')
     _refuse_same_place(lights)
     mean = np.mean([position for _, position in lights], axis=0)
     middle = (float(mean[0]), float(mean[1]), float(mean[2]))
@@ -143,7 +143,7 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     boom = _point('boom', content['boom']) if 'boom' in content else dock
     rig = MarkerRig(str(content.get('name', name)), lights, dock, boom)
     if rig.reach == 0.0:
-        raise RigError('all markers lie on the x axis, where no roll shows')
+        raise RigError('all markers lie on the x axis, so roll cannot be measured')
     return rig
 
 
@@ -152,7 +152,7 @@ def _refuse_same_place(lights: Sequence[tuple[str, Point]]) -> None:
     size = max(math.dist(first, second) for _, first in lights for _, second in lights)
     for (name, first), (other, second) in combinations(lights, 2):
         if math.dist(first, second) <= SAME_PLACE * size:
-            raise RigError(f'{name} and {other} are in one place')
+            raise RigError(f'{name} and {other} are at the same position')
 
 
 def _point(name: str, value: object) -> Point:

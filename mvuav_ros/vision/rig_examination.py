@@ -52,7 +52,7 @@ class Symmetry:
     def __str__(self) -> str:
         cycles = ', '.join(' -> '.join(cycle) for cycle in self.exchanged)
         axis = ', '.join(f'{part:.2f}' for part in self.axis)
-        return f'{cycles} are exchanged by a turn of {self.angle_deg:.0f} deg about [{axis}]'
+        return f'{cycles} are exchanged by a rotation of {self.angle_deg:.0f} deg about [{axis}]'
 
 
 def examine(rig: MarkerRig) -> tuple[str, ...]:
@@ -65,7 +65,7 @@ def examine(rig: MarkerRig) -> tuple[str, ...]:
         One line for each reason for which names or a pose cannot be certain.
     """
     if len(rig.names) < 3:
-        return (f'{len(rig.names)} markers are too few for a pose, which takes three',)
+        return (f'{len(rig.names)} markers are too few for a pose, which needs three',)
     if is_straight(rig):
         return ('all markers lie on one line: there is no pose',)
     return tuple(f'the shape is symmetric: {symmetry}' for symmetry in symmetries(rig))

@@ -1,5 +1,6 @@
 """Every example runs as its first line says, and prints what it promises."""
 
+import math
 import os
 import subprocess
 import sys
@@ -7,6 +8,8 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from geometry_msgs.msg import Vector3, Vector3Stamped
+from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
@@ -14,13 +17,17 @@ EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))
 
 
 def run(name, *arguments):
-    command = [sys.executable, f'examples/{name}.py', *map(str, arguments)]
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
-    done = subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
-    )
+    done = execute(name, *arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def execute(name, *arguments):
+    command = [sys.executable, f'examples/{name}.py', *map(str, arguments)]
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
+    )
 
 
 def test_detect_in_one_image(tmp_path):
@@ -46,12 +53,39 @@ def test_approach_with_guidance():
     assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
 
 
+def test_print_live_results():
+    graph = Graph()
+    try:
+        publisher = graph.probe.create_publisher(Vector3Stamped, '/marker_tracker/rpy', 10)
+        command = [sys.executable, 'examples/print_live_results.py', '3']
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain_id)}
+        with subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
+        ) as listener:
+            graph.until(lambda: publisher.get_subscription_count() > 0, 'the listener')
+            message = Vector3Stamped(vector=Vector3(x=math.radians(12.0)))
+            while listener.poll() is None:
+                publisher.publish(message)
+                graph.spin(0.1)
+            assert listener.stdout.read() == 'roll 12.0 deg\n' * 3
+    finally:
+        graph.close()
+
+
 def test_plot_a_result_bag(tmp_path):
     results, figure = tmp_path / 'results.mcap', tmp_path / 'roll.png'
     command = [sys.executable, '-m', 'mvuav_ros', 'mvuav', 'replay', 'bags/tanker.mcap']
     subprocess.run([*command, '-o', str(results)], cwd=ROOT, check=True, capture_output=True)
     assert '180 values' in run('plot_a_result_bag', results, figure)
     assert cv2.imread(str(figure)) is not None
+
+
+@pytest.mark.parametrize('name', ['detect_in_one_image', 'plot_a_result_bag', 'replay_a_bag'])
+def test_a_missing_argument_gives_the_usage(name):
+    done = execute(name)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f'usage: python examples/{name}.py ')
+    assert len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize('name', EXAMPLES)

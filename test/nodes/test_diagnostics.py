@@ -40,7 +40,7 @@ def test_frames_that_the_camera_leaves_out_are_seen_in_the_stamps(graph):
     values = graph.diagnostics('marker_tracker')
     assert values['frames_left_out_by_stamps'] == '5'
     assert values['frames_missing'] == '0'
-    assert 'stamps leave out 5 images' in values['message'] and values['level'] == 1
+    assert 'gaps in the stamps: 5 images' in values['message'] and values['level'] == 1
 
 
 def test_a_node_that_is_too_slow_shows_the_newest_frame_and_counts_the_rest(graph):
@@ -132,7 +132,7 @@ def test_problems_are_those_of_the_last_seconds():
 def test_reasons_for_silence():
     events = InputEvents()
     assert explain_no_images('/image_raw', [], events) == 'nothing publishes /image_raw'
-    assert 'sends nothing' in explain_no_images('/image_raw', ['/cam'], events)
+    assert 'no image arrives' in explain_no_images('/image_raw', ['/cam'], events)
     events.lost = 3
     assert 'every image is lost' in explain_no_images('/image_raw', ['/cam'], events)
     events.incompatible, events.incompatible_policy = 1, 'RELIABILITY'

@@ -59,6 +59,7 @@ def launch(monkeypatch):
                 (name,) = action.arguments
                 values[name] = given.pop(name, action.default_value)
                 assert action.description
+                assert values[name] in getattr(action, 'choices', [values[name]])
             elif kind == 'OpaqueFunction':
                 nodes += action.function(values)
             elif kind == 'Node':
@@ -121,6 +122,13 @@ def test_detectors_alone_for_another_image_topic(launch, source):
         'autostart': False,
         'image_transport': 'compressed',
     }
+
+
+@pytest.mark.parametrize('transport', ['raw', 'compressed', 'ffmpeg', 'foxglove'])
+def test_every_transport_of_the_nodes_can_be_chosen(launch, transport):
+    for node in launch('vision.launch.py', source='none', transport=transport):
+        given = {'image_transport': settings(node)['image_transport']}
+        assert SETS[node.executable].from_mapping(given).image_transport == transport
 
 
 @pytest.mark.parametrize(

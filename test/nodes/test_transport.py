@@ -73,7 +73,9 @@ def test_a_publisher_whose_qos_does_not_fit_is_named(graph):
     graph.probe.create_publisher(Image, '/image_raw', qos_profile_sensor_data)
     graph.spin(1.0)
     values = graph.diagnostics('marker_tracker')
-    assert values['message'].startswith('no images: /probe publishes /image_raw with a QoS')
+    assert values['message'].startswith(
+        'no images: /probe publishes /image_raw with an incompatible QoS'
+    )
     assert 'RELIABILITY' in values['message'].upper()
     assert values['incompatible_publishers'] == '1'
 

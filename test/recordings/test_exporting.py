@@ -65,8 +65,18 @@ def test_csv_holds_every_row(results: Path, tmp_path: Path) -> None:
     assert {row['stamp_ns'] for row in rows} == {str(STAMP_NS)}
     assert [int(row['label']) for row in rows[:5]] == [0, 1, 2, 3, 4]
     assert files[tmp_path / 'out' / 'pose.csv'] == 2
+
+
+def test_tables_are_kept_unless_overwritten(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    for file in export(results, folder, 'csv'):
+        file.write_text('mine')
     with pytest.raises(RecordingError, match='exists'):
-        export(results, tmp_path / 'out', 'csv')
+        export(results, folder, 'csv')
+    assert all(file.read_text() == 'mine' for file in folder.iterdir())
+    assert not any(
+        file.read_text() == 'mine' for file in export(results, folder, 'csv', overwrite=True)
+    )
 
 
 def test_tum_holds_known_poses_with_exact_stamps(results: Path, tmp_path: Path) -> None:

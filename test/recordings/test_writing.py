@@ -131,12 +131,20 @@ def test_existing_file_is_kept_unless_overwritten(tmp_path: Path) -> None:
     assert read(path) == (SAMPLES[:1], [])
 
 
+def test_the_folder_is_made(tmp_path: Path) -> None:
+    path = tmp_path / 'new' / 'folder' / 'a.mcap'
+    with RecordingWriter(path) as writer:
+        writer.write(*SAMPLES[0])
+    assert read(path) == (SAMPLES[:1], [])
+
+
 def test_impossible_targets_are_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / 'folder.mcap').mkdir()
+    (tmp_path / 'folder.mcap' / 'file').touch()
     for name, words in {
         'a.bag': 'must end in .mcap',
         'folder.mcap': 'is a folder',
-        'missing/a.mcap': 'No such file or directory',
+        'folder.mcap/file/a.mcap': 'folder.mcap/file cannot be made',
     }.items():
         with pytest.raises(RecordingError, match=words) as refusal:
             RecordingWriter(tmp_path / name)

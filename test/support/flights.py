@@ -8,7 +8,11 @@ from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.writing import RecordingWriter
 
-TYPES = {'markers': 'sensor_msgs/msg/PointCloud2', 'rpy': 'geometry_msgs/msg/Vector3Stamped'}
+TYPES = {
+    'markers': 'sensor_msgs/msg/PointCloud2',
+    'marker': 'geometry_msgs/msg/PointStamped',
+    'rpy': 'geometry_msgs/msg/Vector3Stamped',
+}
 
 
 def write_bag(path, results):
@@ -24,6 +28,7 @@ def write_bag(path, results):
             writer.copy(message)
         for frame in open_source(str(flight)).frames():
             for topic, make in processor.process(frame):
-                if topic in TYPES:
-                    writer.write(f'/marker_tracker/{topic}', TYPES[topic], frame.stamp_ns, make())
+                kind = TYPES.get(topic.partition('/')[0])
+                if kind:
+                    writer.write(f'/marker_tracker/{topic}', kind, frame.stamp_ns, make())
     return path

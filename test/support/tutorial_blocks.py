@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from support.places import ROOT
 
@@ -53,13 +50,17 @@ def blocks_of(page: str) -> list[Block]:
 
 
 class TutorialRun:
-    """One reader who follows a page, block by block, in a folder that looks like the repository."""
+    """One reader who follows a page, block by block, in a folder that looks like the repository.
 
-    def __init__(self, folder: Path, domain_id: int) -> None:
-        """Prepare the folder: the repository's files, an empty ``out/tutorial``."""
+    Shell blocks run in a new shell each. Python blocks are pasted into one plain ``python -i``.
+    """
+
+    def __init__(self, folder: Path, domain_id: int, *, prepared: bool = True) -> None:
+        """Prepare the folder: the repository's files, and ``out/tutorial`` when prepared."""
         for name in ('bags', 'config', 'examples', 'test', 'launch'):
             (folder / name).symlink_to(ROOT / name)
-        (folder / 'out' / 'tutorial').mkdir(parents=True)
+        if prepared:
+            (folder / 'out' / 'tutorial').mkdir(parents=True)
         self.folder = folder
         path = f'{Path(sys.executable).parent}:{os.environ["PATH"]}'
         self.environment = {
@@ -69,17 +70,30 @@ class TutorialRun:
             'COLUMNS': '100',
             'ROS_DOMAIN_ID': str(domain_id),
         }
-        self._names: dict[str, Any] = {'__name__': '__main__'}
+        self._session: PythonSession | None = None
+
+    def __enter__(self) -> TutorialRun:
+        """Begin to read."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close the Python session."""
+        if self._session:
+            self._session.close()
 
     def run(self, block: Block) -> str:
-        """Run a block; a bash block stops at its first failure.
+        """Run a block; it stops at its first failure.
 
         Returns:
             What it printed.
+
+        Raises:
+            AssertionError: if it failed.
         """
         if block.kind == 'bash':
             return self._bash(block)
-        return self._python(block)
+        self._session = self._session or PythonSession(self.folder, self.environment)
+        return self._session.paste(block)
 
     def _bash(self, block: Block) -> str:
         done = subprocess.run(
@@ -89,26 +103,64 @@ class TutorialRun:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=500,
+            timeout=LONGEST_BLOCK,
         )
         assert done.returncode == 0, f'line {block.line}:\n{block.text}\n{done.stdout}'
         return done.stdout
 
-    def _python(self, block: Block) -> str:
-        printed = io.StringIO()
-        code = compile(block.text, f'block at line {block.line}', 'exec')
-        with contextlib.redirect_stdout(printed), contextlib.chdir(self.folder):
-            exec(code, self._names)
-        return printed.getvalue()
+
+class PythonSession:
+    """An interactive Python without prompts, into which blocks are pasted."""
+
+    def __init__(self, folder: Path, environment: dict[str, str]) -> None:
+        """Start it in a folder."""
+        self._process = subprocess.Popen(
+            [sys.executable, '-i', '-q', '-u'],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self._paste(_WITHOUT_PROMPTS)
+
+    def paste(self, block: Block) -> str:
+        """Paste a block and press Enter; returns what was printed."""
+        timer = threading.Timer(LONGEST_BLOCK, self._process.kill)
+        timer.start()
+        try:
+            printed, ended = self._paste(block.text)
+        finally:
+            timer.cancel()
+        assert ended, f'line {block.line}:\n{block.text}\n{printed}'
+        return printed
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.communicate()
+
+    def _paste(self, text: str) -> tuple[str, bool]:
+        assert self._process.stdin and self._process.stdout
+        self._process.stdin.write(f'{text}\nprint({_END!r})\n')
+        self._process.stdin.flush()
+        printed = ''
+        for line in self._process.stdout:
+            if line.endswith(f'{_END}\n'):
+                return printed + line.removesuffix(f'{_END}\n'), True
+            printed += line
+        return printed, False
 
 
-def missing_lines(shown: str, printed: str) -> Iterator[str]:
-    """Lines of a page's output block that the run did not print; numbers may differ."""
-    found = {_shape(line) for line in printed.splitlines()}
-    for line in shown.splitlines():
-        if line.strip() and line.strip() != '…' and _shape(line) not in found:
-            yield line
-
-
-def _shape(line: str) -> str:
-    return ' '.join(re.sub(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?|nan', '#', line).split())
+LONGEST_BLOCK = 500
+"""Seconds after which a block is taken to hang."""
+_END = '--- end of block ---'
+_WITHOUT_PROMPTS = '''exec("""
+import os, sys, traceback
+sys.ps1 = sys.ps2 = ''
+def stop(*error):
+    traceback.print_exception(*error)
+    os._exit(1)
+sys.excepthook = stop
+""", {})'''

@@ -146,7 +146,7 @@ SQUARE = 'markers: {a: [0, 1, 1], b: [0, -1, 1], c: [0, -1, -1], d: [0, 1, -1]}'
     [
         ('markers: {a: [0, 1, 0], b: [0, 2, 1]}', 'too few for a pose'),
         ('markers: {a: [0, 1, 0], b: [0, 2, 0], c: [0, 4, 0]}', 'one line'),
-        (SQUARE, 'a -> b -> c -> d are exchanged by a turn of 90 deg'),
+        (SQUARE, 'a -> b -> c -> d are exchanged by a rotation of 90 deg'),
     ],
 )
 def test_a_doubtful_layout_needs_to_be_allowed(tmp_path, text, reason):

@@ -87,12 +87,12 @@ def test_nearly_symmetric_is_symmetric(change, symmetric):
 
 
 def test_two_markers_in_one_place_are_refused():
-    with pytest.raises(RigError, match='a and c are in one place'):
+    with pytest.raises(RigError, match='a and c are at the same position'):
         rig(a=(0, 1, 0), b=(0, 2, 0), c=(0, 1, 0.0001), d=(0, 0, 3))
 
 
 def test_a_name_that_stands_twice_is_refused(tmp_path):
     path = tmp_path / 'rig.yaml'
     path.write_text('markers: {a: [0, 1, 0], b: [0, 2, 0], a: [0, 0, 4]}')
-    with pytest.raises(RigError, match='a stands twice'):
+    with pytest.raises(RigError, match='a is listed twice'):
         load_rig(path)

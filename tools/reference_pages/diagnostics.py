@@ -58,12 +58,12 @@ SOURCE = {
 MESSAGES = (
     ('no images: nothing publishes …', 'wrong topic name or remapping', '`image_publishers`'),
     (
-        'no images: … with a QoS that does not fit (RELIABILITY)',
+        'no images: … with an incompatible QoS (RELIABILITY)',
         'publisher and subscriber do not match; set `qos_overrides`',
         '`incompatible_publishers`',
     ),
     (
-        'n images lost on the way here: …',
+        'n images lost in transport: …',
         '[Getting images through](../transport.md)',
         '`frames_lost_in_transport`',
     ),
@@ -73,7 +73,7 @@ MESSAGES = (
         '`frames_skipped`, `frames_missing`',
     ),
     (
-        'stamps leave out n images …',
+        'gaps in the stamps: n images …',
         'the camera, its driver or the recording dropped them',
         '`frames_left_out_by_stamps`',
     ),
@@ -82,7 +82,11 @@ MESSAGES = (
         'bad images, or stamps that repeat',
         '`rejected_…`, `last_rejection`',
     ),
-    ('n publishers on …, mixed', 'two cameras publish one topic', '`image_publishers`'),
+    (
+        'n publishers on …: their images are mixed',
+        'two cameras publish one topic',
+        '`image_publishers`',
+    ),
     (
         'no pose: …',
         'the markers do not fit the rig, or two solutions fit; see '

@@ -37,8 +37,8 @@ def bench(
     suite: Annotated[
         list[str] | None,
         typer.Argument(
-            help=f'What to measure: {", ".join(SUITES)}; all of these if left out. live: the '
-            'nodes as processes on real DDS, beside a subscriber that only takes the images.'
+            help=f'Suites to run: {", ".join(SUITES)}; default: all of these. live: the nodes as '
+            'processes on real DDS, compared with a subscriber that only receives the images.'
         ),
     ] = None,
     seconds: Annotated[float, typer.Option(help='Time for each case, s.', min=0.01)] = 1.0,
@@ -47,7 +47,7 @@ def bench(
         bool, typer.Option('--check', help='Exit with status 1 if a limit is exceeded.')
     ] = False,
     full: Annotated[
-        bool, typer.Option('--full', help='Of live: every size, encoding, transport and rate.')
+        bool, typer.Option('--full', help='With live: every size, encoding, transport and rate.')
     ] = False,
 ) -> None:
     """Measure medians in one process, each case in turn with its baseline; or live nodes."""

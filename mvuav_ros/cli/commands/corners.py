@@ -27,22 +27,22 @@ class CornersOptions:
     """The options of ``mvuav evaluate corners``."""
 
     labels: Annotated[
-        Path, typer.Argument(metavar='CSV', help='The labels; the images lie beside them.')
+        Path, typer.Argument(metavar='CSV', help='The labels; the images are in the same folder.')
     ]
     params_file: ParamsFile = None
     param: Param = None
     horizon: Annotated[
         Path | None,
         typer.Option(
-            help='The horizon of each frame as attitude would give it: columns file, '
+            help='CSV file with the horizon of each frame, instead of an attitude: columns file, '
             'row_at_centre (px) and slope_deg (right end down positive).'
         ),
     ] = None
-    gray: Annotated[bool, typer.Option('--gray', help='Turn the images grey first.')] = False
+    gray: Annotated[bool, typer.Option('--gray', help='Convert the images to grey first.')] = False
     tolerance: Annotated[float, typer.Option(help='Horizontal error allowed, px.', min=0)] = 3.0
     tolerance_share: Annotated[
         float,
-        typer.Option(help='Error allowed, of the near width, where that is more.', min=0),
+        typer.Option(help='The same as a share of the near width; the larger one holds.', min=0),
     ] = 0.05
     as_json: Json = None
     images: Annotated[
@@ -50,7 +50,9 @@ class CornersOptions:
     ] = None
     minimum: Annotated[
         float,
-        typer.Option(help='Exit with status 1 if both edges are found in a smaller share.', min=0),
+        typer.Option(
+            help='Exit with status 1 if both edges are found in fewer frames (share).', min=0
+        ),
     ] = 0.0
 
 

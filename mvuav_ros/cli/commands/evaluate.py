@@ -44,11 +44,11 @@ evaluate.command()(corners)
 def thesis(
     output: Output = Path('out/thesis'),
     seed: Annotated[
-        int, typer.Option(help='Of the synthetic flights.', min=0, max=2**31 - 1)
+        int, typer.Option(help='Seed of the synthetic flights.', min=0, max=2**31 - 1)
     ] = 2006,
-    jobs: Annotated[int, typer.Option(help='Flights at a time.', min=1)] = 2,
+    jobs: Annotated[int, typer.Option(help='Number of flights in parallel.', min=1)] = 2,
     quick: Annotated[
-        bool, typer.Option('--quick', help='Rough numbers in about a minute.')
+        bool, typer.Option('--quick', help='Fewer flights: rough numbers in about a minute.')
     ] = False,
     force: Force = False,
 ) -> None:
@@ -133,7 +133,7 @@ def bag(options: BagOptions) -> None:
     typer.echo(page)
 
 
-_WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'cannot be told'}
+_WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'undecided'}
 
 
 def _parameters(options: BagOptions) -> dict[str, dict[str, Any]]:

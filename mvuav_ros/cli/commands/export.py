@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mvuav_ros.cli.options import Force
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output, size_at
 
@@ -28,15 +29,16 @@ def export(
         ),
     ],
     form: Annotated[
-        Form, typer.Option('--format', help='tum is for poses, as evo reads them.')
+        Form, typer.Option('--format', help='Format of the files; tum: poses for evo.')
     ] = Form.CSV,
+    force: Force = False,
 ) -> None:
     """Write markers, roll, poses and lines, one file for each topic."""
     from mvuav_ros.recordings.exporting import export as write
 
-    if is_url(output) and size_at(output) is not None:
-        raise RecordingError(f'{output} exists; give another folder')
+    if is_url(output) and not force and size_at(output) is not None:
+        raise RecordingError(f'{output} exists; --force overwrites it')
     with local_copy(source) as path, local_output(output) as folder:
-        files = write(path, folder, form.value)
+        files = write(path, folder, form.value, overwrite=force)
     for file, rows in files.items():
         typer.echo(f'{inside(output, file.name)}: {rows} rows')

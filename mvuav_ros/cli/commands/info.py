@@ -91,7 +91,7 @@ def _print_recording(summary: RecordingSummary) -> None:
         console = Console(markup=False, highlight=False, width=240)
     console.print(table)
     for skipped in summary.skipped:
-        typer.echo(f'skipped: {skipped.name} is {skipped.encoding or "of no encoding"}, not CDR')
+        typer.echo(f'skipped: {skipped.name} is {skipped.encoding or "without encoding"}, not CDR')
     for error in summary.errors:
         typer.echo(f'damage: {error}')
     for warning in summary.warnings:

@@ -17,14 +17,14 @@ def repair(
     output: Annotated[
         str,
         typer.Option(
-            '--output', '-o', help='OUT.mcap, or a new folder; or an URL.', show_default=False
+            '--output', '-o', help='OUT.mcap, or a new folder; or a URL.', show_default=False
         ),
     ],
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
     force: Force = False,
 ) -> None:
-    """Write every message that can be read, of all topics, and say what could not."""
+    """Copy every readable message of all topics to a new file, and list what was lost."""
     from mvuav_ros.recordings.repairing import repair as write
 
     if is_url(output) and not force and size_at(output) is not None:
@@ -42,7 +42,7 @@ def repair(
     for topic, count in report.messages.items():
         typer.echo(f'  {topic}: {count}')
     for topic, encoding in report.skipped.items():
-        typer.echo(f'skipped: {topic} is {encoding or "of no encoding"}, not CDR', err=True)
+        typer.echo(f'skipped: {topic} is {encoding or "without encoding"}, not CDR', err=True)
     for error in report.errors:
         typer.echo(f'damage: {error}', err=True)
     for warning in report.warnings:

@@ -39,8 +39,8 @@ class ReplayOptions:
         typer.Option(
             '--output',
             '-o',
-            help='The bag to write, OUT.mcap; of several inputs the folder for their bags; '
-            'or an URL.',
+            help='The bag to write, OUT.mcap; with several inputs a folder for their bags; '
+            'or a URL.',
             show_default=False,
         ),
     ]
@@ -57,10 +57,10 @@ class ReplayOptions:
         ),
     ] = None
     start: Annotated[
-        float, typer.Option(help='Begin so many seconds into the recording.', min=0.0)
+        float, typer.Option(help='Start at this time of the recording, s.', min=0.0)
     ] = 0.0
     duration: Annotated[
-        float | None, typer.Option(help='End so many seconds after the beginning.', min=0.0)
+        float | None, typer.Option(help='Length of the part to process, s.', min=0.0)
     ] = None
     every: Annotated[
         int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
@@ -85,7 +85,7 @@ class ReplayOptions:
     jobs: Annotated[
         int | None,
         typer.Option(
-            help='Processes that share the recordings, or one recording; all cores if left out.',
+            help='Number of processes that share the work; default: one for each core.',
             min=1,
             show_default=False,
         ),
@@ -103,8 +103,8 @@ def replay(options: ReplayOptions) -> None:
 
     The messages are those that the live nodes publish for the same images.
 
-    With a folder as output, manifest.json tells what became of each recording, and one that it
-    says is finished is not done again.
+    With a folder as output, manifest.json lists the outcome of each recording, and finished
+    recordings are skipped.
     """
     from mvuav_ros.cli.commands import replay_reports as reports
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters

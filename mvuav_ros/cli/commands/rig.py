@@ -23,18 +23,22 @@ def _rig() -> None:
 
 @rig.command()
 def check(
-    file: Annotated[Path, typer.Argument(help='A YAML file as config/tanker_747.yaml.')],
+    file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
     distance: Annotated[
         list[float] | None,
-        typer.Option(help='From the camera, m; may be repeated.', show_default=False),
+        typer.Option(help='Distance from the camera, m; may be repeated.', show_default=False),
     ] = None,
-    width: Annotated[int, typer.Option(help='Of the images, px.', min=16)] = 640,
-    fov: Annotated[float, typer.Option(help='Horizontal, degrees.', min=1.0, max=150.0)] = 60.0,
-    noise: Annotated[float, typer.Option(help="Of a marker's place, px (1 sigma).", min=0.0)] = 0.1,
+    width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
+    fov: Annotated[
+        float, typer.Option(help='Horizontal field of view, degrees.', min=1.0, max=150.0)
+    ] = 60.0,
+    noise: Annotated[
+        float, typer.Option(help="Noise of a marker's position, px (1 sigma).", min=0.0)
+    ] = 0.1,
 ) -> None:
-    """Say what a rig's markers leave in doubt, and how well its pose can be known.
+    """Check a rig for ambiguities, and predict the errors of its pose.
 
-    The status is 1 where marker_tracker refuses the rig unless allow_ambiguous is set.
+    The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
     """
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.rig import RigError, load_rig
@@ -47,7 +51,9 @@ def check(
         raise ParameterError('rig', str(error)) from error
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
     flat = (
-        ', all in one plane: two tilts look alike' if len(body.names) >= 3 and is_flat(body) else ''
+        ', all in one plane: the tilt is ambiguous'
+        if len(body.names) >= 3 and is_flat(body)
+        else ''
     )
     typer.echo(f'{body.name}: {len(body.names)} markers, {size:g} m across{flat}')
     doubts = examine(body)
@@ -68,7 +74,7 @@ def check(
                 f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} '
                 f'{e.roll:9.3g} {e.tilt:15.3g}'
             )
-        typer.echo(f'\nexchanged names that leave least, at {distances[0]:.4g} m')
+        typer.echo(f'\nexchanged names with the smallest residuals, at {distances[0]:.4g} m')
         for found in confusions(body, camera, distances[0])[:_LISTED]:
             names = ', '.join(' -> '.join(cycle) for cycle in found.names)
             typer.echo(

@@ -38,11 +38,11 @@ class SweepOptions:
     ] = Path('out/sweep')
     nodes: Annotated[
         str | None,
-        typer.Option(help='Nodes to run; those of --param if left out.', show_default=False),
+        typer.Option(help='Nodes to run; default: those of --param.', show_default=False),
     ] = None
     params_file: ParamsFile = None
     image_topic: ImageTopic = None
-    jobs: Annotated[int, typer.Option(help='Runs at a time.', min=1)] = 1
+    jobs: Annotated[int, typer.Option(help='Number of runs in parallel.', min=1)] = 1
     dask: Dask = None
     force: Force = False
 

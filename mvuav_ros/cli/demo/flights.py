@@ -90,7 +90,7 @@ def runway_table(newest: dict[str, Any]) -> Table:
     """One row per line, with its flags."""
     table = _table('line', 'state', 'rho px', 'theta °', 'votes')
     if 'line_params' in newest:
-        for index, row in enumerate(decode_points(newest['line_params'])):
+        for index, row in enumerate(decode_points(newest['line_params']), 1):
             table.add_row(
                 str(index),
                 _flag_words(int(row['flags']), bool(np.isfinite(row['rho']))),

@@ -22,10 +22,8 @@ from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
 from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, TRUTH, drawing, label, legend_below
-from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
-
-_NAMES = [found.name.lower().replace('_', ' ') for found in TANKER_LABELS]
+from mvuav_ros.offline.report.style import COLORS, TRUTH, drawing, label, legend_below, line_of
+from mvuav_ros.vision.markers.results import MarkerState
 
 
 def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
@@ -42,6 +40,8 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
     roll = roll_errors(run)
     if roll is not None:
         sections.append(Section('Roll', (), (_roll_table(roll), _roll_figure(roll))))
+    elif run.results.rpy:
+        sections.append(Section('Roll', ('The truth holds no roll for these frames.',), ()))
     lines = line_errors(run)
     if lines is not None:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
@@ -68,8 +68,8 @@ def _everything(run: EvaluationRun) -> Section:
 
 def _marker_table(errors: MarkerErrors) -> Table:
     rows: list[tuple[Cell, ...]] = []
-    for index, name in enumerate([*_NAMES, 'all five']):
-        one = slice(index, index + 1) if index < len(_NAMES) else slice(None)
+    for index, name in enumerate([*errors.names, f'all {len(errors.names)}']):
+        one = slice(index, index + 1) if index < len(errors.names) else slice(None)
         state, offset = errors.state[:, one], errors.offset[:, one]
         counts = [100.0 * float(np.mean(state == kind)) for kind in _ORDER]
         found, predicted = (
@@ -92,7 +92,7 @@ def _marker_table(errors: MarkerErrors) -> Table:
         f'Markers in {len(errors.time)} frames',
         (
             Column('marker'),
-            Column('to be seen', '%', 1),
+            Column('visible', '%', 1),
             Column('detected', '%', 1),
             Column('predicted', '%', 1),
             Column('lost', '%', 1),
@@ -117,14 +117,13 @@ def _marker_figure(errors: MarkerErrors) -> Figure:
     distance = np.hypot(errors.offset[..., 0], errors.offset[..., 1])
     with drawing(9.6, 4.0) as canvas:
         axes = canvas.figure.subplots()
-        for index, name in enumerate(_NAMES):
+        for index, name in enumerate(errors.names):
             detected = errors.state[:, index] == MarkerState.DETECTED
             predicted = errors.state[:, index] == MarkerState.PREDICTED
             values = distance[:, index]
-            axes.plot(
-                errors.time, np.where(detected, values, np.nan), color=COLORS[index], label=name
-            )
-            axes.plot(errors.time[predicted], values[predicted], 'x', color=COLORS[index], ms=5)
+            axes.plot(errors.time, np.where(detected, values, np.nan), **line_of(index), label=name)
+            color = line_of(index)['color']
+            axes.plot(errors.time[predicted], values[predicted], 'x', color=color, ms=5)
         axes.plot([], [], 'x', color=TRUTH, label='predicted')
         axes.set_ylim(bottom=0)
         label(axes, '', 'time [s]', 'distance from truth [px]')
@@ -187,7 +186,7 @@ def _line_table(errors: LineErrors) -> Table:
         f'Runway lines in {errors.frames} frames',
         (
             Column('line'),
-            Column('to be seen', 'frames'),
+            Column('visible', 'frames'),
             Column('found', '%', 1),
             Column('distance, RMS', 'px', 2),
             Column('direction, RMS', '°', 2),

@@ -11,12 +11,11 @@ import numpy as np
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
 from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
-from mvuav_ros.vision.markers.results import TANKER_LABELS, MarkerState
+from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 NEAR = 5.0
 """px; a marker within this of another light's true place, and not of its own, is a wrong name."""
-_LABELS = len(TANKER_LABELS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +23,15 @@ class MarkerErrors:
     """Of the frames that have results and truth.
 
     Attributes:
+        names: of the k markers.
         time: (n,) s since the first of them.
-        offset: (n, 5, 2) px, place minus true place; NaN for a lost marker.
-        state: (n, 5), `MarkerState`.
-        visible: (n, 5), whether the light could be seen.
-        wrong: (n, 5), whether a detected marker carries another's name.
+        offset: (n, k, 2) px, place minus true place; NaN for a lost marker.
+        state: (n, k), `MarkerState`.
+        visible: (n, k), whether the light could be seen.
+        wrong: (n, k), whether a detected marker carries another's name.
     """
 
+    names: tuple[str, ...]
     time: Array
     offset: Array
     state: Array
@@ -40,7 +41,10 @@ class MarkerErrors:
 
 @dataclass(frozen=True, eq=False)
 class RollErrors:
-    """Time (s), measured and true roll (rad), and their difference; NaN where not measured."""
+    """Time (s), measured and true roll (rad), and their difference; NaN where not measured.
+
+    Frames without a true roll are left out.
+    """
 
     time: Array
     measured: Array
@@ -68,12 +72,12 @@ class LineErrors:
 
 
 def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
-    """Markers against truth; None where one of them is missing, or there are other lights."""
+    """Markers against truth; None where one of them is missing, or the markers have no names."""
     results, truth = run.results.markers, run.truth.markers
     stamps = [
         stamp
         for stamp in sorted(results.keys() & truth.keys())
-        if len(results[stamp]) == len(truth[stamp]) == _LABELS
+        if np.array_equal(results[stamp]['label'], truth[stamp]['label'])
     ]
     if not stamps:
         return None
@@ -82,7 +86,19 @@ def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     state = np.array([results[stamp]['state'] for stamp in stamps])
     seen = np.array([truth[stamp]['state'] for stamp in stamps]) == MarkerState.DETECTED
     offset = found - true
-    return MarkerErrors(_seconds(stamps), offset, state, seen, _wrong_names(found, true, state))
+    return MarkerErrors(
+        _names(run, found.shape[1]),
+        _seconds(stamps),
+        offset,
+        state,
+        seen,
+        _wrong_names(found, true, state),
+    )
+
+
+def _names(run: EvaluationRun, count: int) -> tuple[str, ...]:
+    names = (run.names.get(label, f'marker {label}') for label in range(count))
+    return tuple(name.replace('_', ' ') for name in names)
 
 
 def _wrong_names(found: Array, true: Array, state: Array) -> Array:
@@ -97,7 +113,7 @@ def _wrong_names(found: Array, true: Array, state: Array) -> Array:
 def roll_errors(run: EvaluationRun) -> RollErrors | None:
     """Roll against truth; None where one of them is missing."""
     results, truth = run.results.rpy, run.truth.rpy
-    stamps = sorted(results.keys() & truth.keys())
+    stamps = sorted(s for s in results.keys() & truth.keys() if math.isfinite(truth[s]))
     if not stamps:
         return None
     return RollErrors(

@@ -14,6 +14,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mvuav_ros.offline.evaluation.marker_names import PREFIX as ONE_MARKER
+from mvuav_ros.offline.evaluation.marker_names import NamedPoints, names_of
 from mvuav_ros.offline.replay import frames
 from mvuav_ros.offline.simulate import truth_messages
 from mvuav_ros.processing.messages.points import decode_points
@@ -65,6 +67,11 @@ class Observations:
     def __len__(self) -> int:
         return len(self.markers) + len(self.rpy) + len(self.lines)
 
+    @property
+    def stamps(self) -> set[int]:
+        """Of all frames."""
+        return {*self.markers, *self.rpy, *self.lines}
+
 
 @dataclass
 class EvaluationRun:
@@ -74,8 +81,9 @@ class EvaluationRun:
         name: of the input.
         results: of the nodes.
         truth: empty where the input has none.
-        frames: replayed; 0 for results read from a bag.
-        rejected: frames without a result.
+        names: of the markers by their labels, where they are known.
+        frames: replayed, or with results in the bag.
+        rejected: frames without a result; None for results read from a bag.
         milliseconds: median time of all nodes together for a frame; NaN without a replay.
         errors: what could not be read, in words.
     """
@@ -83,8 +91,9 @@ class EvaluationRun:
     name: str
     results: Observations = field(default_factory=Observations)
     truth: Observations = field(default_factory=Observations)
+    names: Mapping[int, str] = field(default_factory=dict)
     frames: int = 0
-    rejected: int = 0
+    rejected: int | None = None
     milliseconds: float = float('nan')
     errors: list[str] = field(default_factory=list)
 
@@ -95,18 +104,24 @@ def read_bag(path: Path) -> EvaluationRun:
     Raises:
         RecordingError: nothing can be read from there.
     """
-    run = EvaluationRun(str(path))
+    run, named = EvaluationRun(str(path)), NamedPoints()
     with open_recording(path) as recording:
         unreadable = 0
-        for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
-            truth = message.topic in TRUTH_TOPICS
-            kind = TRUTH_TOPICS.get(message.topic) or RESULT_TOPICS[message.topic]
-            target = run.truth if truth else run.results
+        single = {topic.name for topic in recording.topics if topic.name.startswith(ONE_MARKER)}
+        for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS, *single}):
+            topic, data = message.topic, message.data
             try:
-                target.add(kind, message.data)
+                if topic in single:
+                    named.add(topic, data)
+                elif topic in TRUTH_TOPICS:
+                    run.truth.add(TRUTH_TOPICS[topic], data)
+                else:
+                    run.results.add(RESULT_TOPICS[topic], data)
             except (MalformedMessageError, AttributeError, KeyError, ValueError):
                 unreadable += 1
         run.errors = list(recording.errors)
+    run.frames = len(run.results.stamps)
+    run.names = named.names(run.results.markers)
     if unreadable:
         run.errors.append(f'{unreadable} messages of truth or results do not decode')
     return run
@@ -127,13 +142,15 @@ def replay(
         RecordingError: the bag cannot be read.
         ParameterError: a parameter is not valid.
     """
-    run = EvaluationRun(text)
+    processors = frames.make_processors(parameters)
+    run = EvaluationRun(text, names=names_of(processors))
+    rejected = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
-    for step in frames.replay(_frames(text, topic, run), frames.make_processors(parameters)):
+    for step in frames.replay(_frames(text, topic, run), processors):
         if isinstance(step, frames.FrameResults) and step.is_frame:
             run.frames += 1
-            run.rejected += bool(step.reasons)
+            rejected += bool(step.reasons)
             reasons.update(step.reasons)
             seconds += [step.seconds] if step.seconds else []
             for name, _, data in step.messages:
@@ -144,6 +161,7 @@ def replay(
     run.errors += [
         f'{count} frames: {why}' for why, count in reasons.items() if why.startswith('internal')
     ]
+    run.rejected = rejected
     run.milliseconds = float(np.median(seconds)) * 1e3
     return run
 

@@ -55,7 +55,12 @@ def metrics_of(run: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
     metrics = [
         Metric('frames', 'frames', '', float(run.frames)),
-        Metric('frames', 'frames rejected', '', float(run.rejected)),
+        Metric(
+            'frames',
+            'frames rejected',
+            '',
+            math.nan if run.rejected is None else float(run.rejected),
+        ),
         Metric('time per frame', 'time per frame', 'ms', run.milliseconds),
     ]
     if run.results.markers:
@@ -104,7 +109,7 @@ def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
         Metric('flag counts', 'theta flags', 'frames', float(summary.theta_flags)),
         Metric('flag counts', 'combined flags', 'frames', float(summary.corrected)),
     ]
-    for number, line in enumerate(summary.lines):
+    for number, line in enumerate(summary.lines, 1):
         theta_mean, theta_std = math.degrees(line.theta_mean), math.degrees(line.theta_std)
         metrics += [
             Metric('average rho', f'line {number} rho mean', 'px', line.rho_mean),

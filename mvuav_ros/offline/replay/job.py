@@ -254,7 +254,8 @@ class _Output:
     @property
     def warnings(self) -> list[str]:
         return [
-            f'{topic} of the input is not copied: it is written anew' for topic in self._left_out
+            f'{topic} of the input is not copied, because the replay writes it'
+            for topic in self._left_out
         ]
 
     def take(self, step: FrameResults | RecordedMessage) -> None:

@@ -164,7 +164,7 @@ _ORDER: dict[bool | None, int] = {False: 0, None: 1, True: 2}
 
 def _verdict(holds: bool | None) -> str:
     if holds is None:
-        return '<span class="unknown">? cannot be told</span>'
+        return '<span class="unknown">? undecided</span>'
     return (
         '<span class="yes">✓ holds</span>' if holds else '<span class="no">✗ does not hold</span>'
     )

@@ -96,7 +96,7 @@ class Head:
         if node is None:
             words = 'Start marker_tracker or runway_detector; it appears here by itself.'
         elif not node.alive and node.controls:
-            words = 'The node is gone. It is taken up again as soon as it is back.'
+            words = 'The node is gone. The panel uses it again as soon as it is back.'
         else:
             words = node.message
         self._words.set_text(words)

@@ -113,7 +113,7 @@ class Images:
 
     def _add(self, key: str) -> None:
         if len(self._tiles) >= MOST_STREAMS:
-            tell(f'There are {MOST_STREAMS} images already, and no more are sent.', bad=True)
+            tell(f'At most {MOST_STREAMS} images can be shown.', bad=True)
             return
         self._set([*self._wishes(), (key, 'm')])
 

@@ -238,7 +238,10 @@ class Parameters:
         """Give the node the values of a set or run."""
         refused = await self._load(dict(values))
         if refused:
-            tell(f'{len(refused)} values of {name} were refused; see there', bad=True)
+            tell(
+                f'{len(refused)} values of {name} were refused; the reasons are beside them',
+                bad=True,
+            )
         else:
             tell(f'{name} is loaded')
 

@@ -133,5 +133,5 @@ def _statistics_rows(statistics: dict[str, dict[str, str]]) -> list[list[str]]:
         if name.startswith('line '):
             counts = [foreign.fixed(values.get(key), 0) for key in ('found', *_COUNTS)]
             means = [foreign.fixed(values.get(key), 2) for key in _MEANS]
-            rows.append([foreign.from_one(name), *counts, *means])
+            rows.append([name, *counts, *means])
     return rows

@@ -10,7 +10,6 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
-from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
@@ -182,7 +181,7 @@ class Runs:
     def _can_start(self) -> bool:
         node = self._page.node
         if node is None or not node.controls:
-            tell('There is no node whose values a run could take.', bad=True)
+            tell('No node is selected whose values a run could use.', bad=True)
         elif (self._bag.value or '') not in self._bags:
             tell('Choose a recording first.', bad=True)
         else:
@@ -262,7 +261,7 @@ class Runs:
         self._result.clear()
         with self._result:
             text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
-            rows = [[foreign.from_one(m.name), number_text(m.value), m.unit] for m in run.metrics]
+            rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
             half = -(-len(rows) // 2)
             with box('charts'):
                 Sheet('Numbers of the run').show(rows[:half])

@@ -161,7 +161,7 @@ class SetBar:
         if self._kind in kinds:
             self._page.chosen_set = name.strip()
         services.sets_changed.emit()
-        tell(f'{name} is taken in for {" and ".join(kinds)}')
+        tell(f'{name} is uploaded for {" and ".join(kinds)}')
         return True
 
     def _compare(self) -> None:

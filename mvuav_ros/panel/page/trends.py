@@ -10,7 +10,6 @@ from nicegui import ui
 
 from mvuav_ros.offline.evaluation.metrics import metric_groups
 from mvuav_ros.offline.report.writing import csv_text
-from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, tell, text
 from mvuav_ros.panel.runs import SavedRun, run_table, varied
@@ -50,8 +49,7 @@ class Trends:
         )
         columns = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
         chosen = [column for column in self._numbers.value or [] if column in columns]
-        shown = {column: foreign.from_one(column) for column in columns}
-        self._numbers.set_options(shown, value=chosen or self._usual())
+        self._numbers.set_options(columns, value=chosen or self._usual())
         self._csv.set_enabled(bool(runs))
         self._draw()
 
@@ -143,7 +141,7 @@ def _title(columns: Sequence[str]) -> tuple[str, str]:
 
 
 def _plain(column: str) -> str:
-    return foreign.from_one(column.split(' [')[0])
+    return column.split(' [')[0]
 
 
 def _numbers(runs: Sequence[SavedRun], column: str) -> list[float | None]:

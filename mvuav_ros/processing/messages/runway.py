@@ -189,7 +189,7 @@ class _Status(NamedTuple):
 
 def encode_corrections(result: Result, header: bytes) -> bytes:
     """A DiagnosticArray: one status per row, for ``ros2 topic echo``."""
-    statuses = [_correction(index, line) for index, line in enumerate(result.lines)]
+    statuses = [_correction(index, line) for index, line in enumerate(result.lines, 1)]
     return _encode_statuses(statuses, header)
 
 
@@ -236,7 +236,7 @@ def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
         )
         | {'frames_with_flags': summary.flag_text},
     )
-    lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines)]
+    lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines, 1)]
     return _encode_statuses([total, *lines], header)
 
 

@@ -65,7 +65,7 @@ class BagImages:
     def warnings(self) -> list[str]:
         """What is unusual about the bag, though nothing of it is lost."""
         skipped = [
-            f'{name} is {encoding or "of no encoding"}, not CDR: skipped'
+            f'{name} is {encoding or "without encoding"}, not CDR: skipped'
             for name, encoding in self._recording.skipped
         ]
         return [*self._recording.warnings, *skipped]

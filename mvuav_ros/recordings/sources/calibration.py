@@ -78,5 +78,5 @@ def _path(url: str) -> Path:
 def _numbers(matrix: Any, count: int | None) -> tuple[float, ...]:
     numbers = tuple(float(v) for v in matrix['data'])
     if count is not None and len(numbers) != count:
-        raise ValueError(f'{len(numbers)} numbers where {count} belong')
+        raise ValueError(f'{len(numbers)} numbers instead of {count}')
     return numbers

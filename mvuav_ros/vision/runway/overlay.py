@@ -58,7 +58,7 @@ def draw_overlay(result: RunwayResult) -> Canvas:
 
     A line believed is solid green. A line that keeps old values is dashed, in the colour of its
     flags (`line_color`), with its rejected measurement as a thin line beside it. Numbers are
-    rows of the result. Brackets at both sides show the rows searched.
+    rows of the result, counted from 1. Brackets at both sides show the rows searched.
     """
     image = _eight_bits(result.workings.image)
     if image.size == 0:

@@ -124,7 +124,7 @@ def test_evaluate_takes_a_bag(tmp_path, command):
     assert 'detected markers, RMS error' in result.output
     report = json.loads((out / 'report.json').read_text())
     assert report['settings']['results'] == "the bag's own"
-    assert {row['marker'] for row in report['tables']['markers']} >= {'rudder', 'all five'}
+    assert {row['marker'] for row in report['tables']['markers']} >= {'rudder', 'all 5'}
     with pytest.raises(RecordingError, match='--force'):
         run(*command, bag, '-o', out)
     changed = run(*command, bag, '-o', out, '--force', '--param', 'marker_tracker:threshold:=0.5')

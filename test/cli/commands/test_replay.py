@@ -353,7 +353,7 @@ def test_mistakes_cost_one_line(
     ('name', 'out', 'words'),
     [
         ('flight.mcap', 'out.bag', 'must end in .mcap'),
-        ('flight.mcap', 'missing/out.mcap', 'No such file'),
+        ('flight.mcap', 'text.txt/out.mcap', 'text.txt cannot be made'),
         ('nothing.mcap', 'out.mcap', 'no such file'),
         ('text.mcap', 'out.mcap', 'holds no readable topic'),
         ('empty.mcap', 'out.mcap', 'is empty'),
@@ -372,6 +372,15 @@ def test_what_cannot_be_read_or_written(
     assert run.status == 1
     assert words in run.error
     assert len(run.err.splitlines()) == 1
+
+
+def test_the_folder_of_the_output_is_made(bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'new' / 'folder'
+    assert mvuav('replay', bag, '-o', out / 'replayed.mcap', *NODE).status == 0
+    assert mvuav('repair', bag, '-o', out / 'more' / 'repaired.mcap').status == 0
+    flight = ('simulate', 'tanker', '-o', out / 'most' / 'flight.mcap', '--frames', 1)
+    assert mvuav(*flight).status == 0
+    assert len(list(out.rglob('*.mcap'))) == 3
 
 
 def test_the_camera_comes_with_the_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3, Vector3Stamped
 from rclpy.serialization import serialize_message
+from support.commands import mvuav
 from support.flights import write_bag
 
+from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
+from mvuav_ros.offline.evaluation.marker_names import NamedPoints
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.processing.messages.sensors import make_header
+from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.vision.markers.results import TANKER_NAMES
 
 TANKER = 'sim:tanker?frames=12&motion=roll&fps=15&noise=0'
 TYPES = {'markers': 'sensor_msgs/msg/PointCloud2', 'rpy': 'geometry_msgs/msg/Vector3Stamped'}
@@ -90,6 +95,62 @@ def test_results_in_a_bag_equal_a_replay_of_it(tmp_path):
     for stamp, rows in stored.results.markers.items():
         assert rows.tobytes() == again.results.markers[stamp].tobytes()
     assert stored.results.rpy == again.results.rpy
+
+
+RIG = """
+name: drone
+markers:
+  left_arm: [0.0, 0.30, 0.0]
+  right_arm: [0.0, -0.30, 0.0]
+  nose: [0.25, 0.10, -0.12]
+  tail: [-0.35, 0.0, 0.05]
+"""
+
+
+def test_a_rig_of_ones_own_has_its_names_and_the_roll_of_its_pose(tmp_path):
+    rig, bag, results = (tmp_path / name for name in ('rig.yaml', 'bag.mcap', 'results.mcap'))
+    rig.write_text(RIG)
+    layout = f'marker_tracker:layout:={rig}'
+    flight = ('--layout', rig, '--no-airframe', '--background', 'plain', '--frames', 6)
+    assert mvuav('simulate', 'tanker', '-o', bag, *flight, '--motion', 'roll').status == 0
+    kept = ('--nodes', 'marker_tracker', '--param', layout, '--keep-inputs')
+    assert mvuav('replay', bag, '-o', results, *kept).status == 0
+    stored = read_bag(results)
+    for run in (stored, replay(str(bag), {'marker_tracker': {'layout': str(rig)}})):
+        assert marker_errors(run).names == ('left arm', 'right arm', 'nose', 'tail')
+        assert values(run)['frames'] == 6
+        assert values(run)['wrong names'] == 0
+        assert 0 < values(run)['roll, RMS error'] < 0.2
+    page = bag_report(stored, {})
+    markers, roll = (section for section in page.sections[1:])
+    assert [row[0] for row in markers.items[0].rows][-2:] == ['tail', 'all 4']
+    assert roll.items[0].rows[0][:2] == (6, 100.0)
+
+
+def test_names_do_not_follow_the_order_of_topics(tmp_path):
+    run = read_bag(write_bag(tmp_path / 'flight.mcap', results=True))
+    turned = NamedPoints()
+    with open_recording(tmp_path / 'flight.mcap') as recording:
+        single = [m for m in recording.messages() if m.topic.startswith('/marker_tracker/marker/')]
+    for message in reversed(single):
+        turned.add(message.topic, message.data)
+    assert turned.names(run.results.markers) == run.names
+    assert [run.names[label] for label in range(5)] == list(TANKER_NAMES)
+
+
+def test_markers_without_topics_of_their_own_have_numbers(tmp_path):
+    run = read_bag(write_bag(tmp_path / 'flight.mcap', results=True))
+    run.names = {}
+    assert marker_errors(run).names[4] == 'marker 4'
+
+
+def test_a_truth_without_roll_is_said(tmp_path):
+    run = read_bag(write_bag(tmp_path / 'flight.mcap', results=True))
+    run.truth.rpy = dict.fromkeys(run.truth.rpy, math.nan)
+    assert roll_errors(run) is None
+    assert bag_report(run, {}).sections[-1].paragraphs == (
+        'The truth holds no roll for these frames.',
+    )
 
 
 def test_an_input_without_frames_is_refused(tmp_path):

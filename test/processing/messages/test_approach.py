@@ -110,7 +110,7 @@ def test_five_rows_with_their_roles_in_their_colours():
     colors = {(c.r, c.g, c.b) for c in marker.colors}
     assert len(colors) == 4, 'left, right, centreline, ends'
     names = [status.name for status in said['corrections'].status]
-    assert names[:2] == ['line 0 (left_edge)', 'line 1 (right_edge)']
+    assert names[:2] == ['line 1 (left_edge)', 'line 2 (right_edge)']
 
 
 def test_vanishing_point_and_pose_agree_with_the_flight():

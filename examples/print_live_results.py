@@ -1,0 +1,29 @@
+"""Print what a live marker_tracker measures: python examples/print_live_results.py [COUNT]."""
+
+import math
+import sys
+
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from rclpy.qos import qos_profile_sensor_data as sensor_data
+
+count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
+
+
+def show_roll(message: Vector3Stamped) -> None:
+    """Right wing down is positive."""
+    print(f'roll {math.degrees(message.vector.x):.1f} deg', flush=True)
+
+
+def show_pose(message: PoseWithCovarianceStamped) -> None:
+    """The tanker, from the camera."""
+    place = message.pose.pose.position
+    print(f'distance {math.hypot(place.x, place.y, place.z):.1f} m', flush=True)
+
+
+rclpy.init()
+node = rclpy.create_node('print_live_results')
+node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, sensor_data)
+node.create_subscription(PoseWithCovarianceStamped, '/marker_tracker/pose', show_pose, sensor_data)
+for _ in range(count):
+    rclpy.spin_once(node)
