@@ -19,6 +19,7 @@ from mvuav_ros.vision.approach.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_edges import EdgeLook
 from mvuav_ros.vision.approach.shape import Shape
+from mvuav_ros.vision.approach.side_lines import edges_by_lines
 from mvuav_ros.vision.approach.strip_geometry import (
     agrees,
     apart,
@@ -164,6 +165,11 @@ class RunwayTrack:
         rows = strip[1] + strip[4:6]
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
+        lines = edges_by_lines(view.image, view.level, strip[:4], (self.far, self.near))
+        if lines is not None:
+            self.points = lines
+            self._take_in(lines, rows, view)
+            return
         wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
         if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
             exact = self._look.find(
@@ -260,9 +266,8 @@ class RunwayTrack:
         self.agreement += memory * (float(shares[near_mean].sum()) - self.agreement)
         self._clear = bool(spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width))
         wide = width >= _WIDE
+        span, through = (float(best[4]), float(best[5])), shape_through(mean, rows)
         if self._clear or wide:
-            span = float(best[4]), float(best[5])
-            through = shape_through(mean, rows)
             exact = self._look.find(view.image, view.level, through, span, self._lead, wide=wide)
             agree = all(map(agrees, exact, points))
             if agree or (wide and min(edge.support for edge in exact) > _LEAST_SUPPORT):
@@ -275,12 +280,18 @@ class RunwayTrack:
                     and self.log_odds > _LOCK_ODDS
                     and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
                 )
-        shape = self.shape
-        shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
-        row, sigma = view.horizon or (None, 1.0)
-        shape.update(*points, row, sigma)
+        if not self.locked:
+            points = edges_by_lines(view.image, view.level, through, span) or points
+        self._take_in(points, rows, view)
         self.points = points
         self._follow_ends(rows)
+
+    def _take_in(
+        self, points: tuple[EdgePoints, EdgePoints], rows: NDArray[np.float64], view: View
+    ) -> None:
+        self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
+        row, sigma = view.horizon or (None, 1.0)
+        self.shape.update(*points, row, sigma)
 
     def _follow_ends(self, rows: NDArray[np.float64]) -> None:
         share = max(_END_MEMORY, 1.0 / self.age)
