@@ -63,6 +63,7 @@ SIDE_LINES = SideLineParameters()
 Numbers = NDArray[np.floating[Any]]
 _ALONG = (np.arange(SIDE_LINES.rows) + 0.5) / SIDE_LINES.rows
 """Where the rows are between the far and the near end."""
+_HALVES = slice(None, SIDE_LINES.rows // 2), slice(SIDE_LINES.rows // 2, None)
 _PLACES = round(SIDE_LINES.reach / SIDE_LINES.step)
 _ACROSS = np.arange(-_PLACES, _PLACES + 1) * SIDE_LINES.step
 """Where the samples are, from inside to outside, widths from the expected edge."""
@@ -107,7 +108,9 @@ def edges_by_lines(
         if clearness <= SIDE_LINES.least_clearness:
             return None
         middle = far + _ALONG * (near - far)
-        offset = middle + _outer_side(brightness[side], middle)
+        # Blur is the same number of px everywhere, and so a larger share of the far end's width.
+        outer = [_outer_side(brightness[side][part], middle[part]) for part in _HALVES]
+        offset = middle + np.interp(_ALONG, (0.25, 0.75), outer)
         weights = np.ones(depth.size)
         edges.append(EdgePoints(y + depth, expected[side] + outwards[side] * offset, weights, 1.0))
     return edges[0], edges[1]
