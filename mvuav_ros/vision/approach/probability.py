@@ -59,6 +59,7 @@ class Report(NamedTuple):
         moved: frames for which it was followed and that differed from the one before.
         attitude: the horizon is known from a sensor.
         rivals: the other tracks' odds over the track's.
+        lines: share of the last frames in which there were clear lines along both sides.
     """
 
     log_odds: float
@@ -66,9 +67,10 @@ class Report(NamedTuple):
     moved: int
     attitude: bool
     rivals: float
+    lines: float
 
     def of_the_runway(self) -> NDArray[np.float64]:
-        """(5,) what speaks for its being the runway."""
+        """(6,) what speaks for its being the runway."""
         return np.array(
             [
                 min(max(self.log_odds, -6.0), _STEADY),
@@ -76,6 +78,7 @@ class Report(NamedTuple):
                 min(self.moved / _LONG, 1.0),
                 float(self.attitude),
                 math.log1p(min(self.rivals, 20.0)),
+                self.lines,
             ]
         )
 
@@ -89,7 +92,7 @@ class ConfidenceWeights:
     """Two logistic functions, whose product is the confidence.
 
     Attributes:
-        runway: (6,) offset and weights of `Report.of_the_runway`.
+        runway: (7,) offset and weights of `Report.of_the_runway`.
         place: (2,) offset and weights of `Report.of_the_place`.
     """
 
@@ -100,8 +103,8 @@ class ConfidenceWeights:
         """Probability that both edges are where they were reported.
 
         Example:
-            >>> weights = ConfidenceWeights(np.zeros(6), np.array([20.0, 0.0]))
-            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0)), 6)
+            >>> weights = ConfidenceWeights(np.zeros(7), np.array([20.0, 0.0]))
+            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0, 0.0)), 6)
             0.5
         """
         return _logistic(self.runway, report.of_the_runway()) * _logistic(

@@ -19,10 +19,12 @@ from mvuav_ros.vision.approach.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_edges import EdgeLook
 from mvuav_ros.vision.approach.shape import Shape
+from mvuav_ros.vision.approach.side_lines import edges_by_lines
 from mvuav_ros.vision.approach.strip_geometry import (
     agrees,
     apart,
     columns_at,
+    is_plausible,
     overlapping,
     points_along,
     shape_through,
@@ -52,8 +54,6 @@ _LOCK_AGREEMENT, _LOCK_SUPPORT = 0.4, 0.7
 alone: near the ground everything around it has straight edges too."""
 _GROWTH_MEMORY, _MOST_GROWTH = 0.1, 0.04
 _MOST_UNSEEN = 3
-_NARROWEST = 5.0
-"""Px of the near end: what is narrower shows too little to be told from specks in clouds."""
 _YOUNG = 5
 """Frames in which a track is weighed every time."""
 _PAINT = FEATURES.index('paint')
@@ -76,6 +76,7 @@ class RunwayTrack:
         locked: it is followed by its edges alone.
         misses: weighings in a row in which it was not seen.
         agreement: probability of the strips that are where the mean is.
+        lines: share of the last frames in which there were clear lines along both sides.
         points: of the left and the right edge in the newest frame, if seen.
     """
 
@@ -90,6 +91,7 @@ class RunwayTrack:
         self.moved = 0
         self.misses = 0
         self.agreement = 1.0
+        self.lines = 0.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._found: list[NDArray[np.float64]] = [strip]
         self._look = EdgeLook()
@@ -164,6 +166,11 @@ class RunwayTrack:
         rows = strip[1] + strip[4:6]
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
+        lines = self._by_lines(view, strip[:4], (self.far, self.near))
+        if lines is not None:
+            self.points = lines
+            self._take_in(lines, rows, view)
+            return
         wide = float(mean[1, 1] - mean[0, 1]) >= _WIDE
         if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
             exact = self._look.find(
@@ -210,19 +217,7 @@ class RunwayTrack:
         return True
 
     def _plausible(self, view: View) -> bool:
-        array = self.shape.as_array()
-        if not np.isfinite(array).all():
-            return False
-        height, columns = view.working.size
-        width = array[3] - array[2]
-        return bool(
-            0.05 < width < 8.0
-            and width * self.near > _NARROWEST
-            and abs(array[2] + array[3]) / 2 < 2.0 * width
-            and -0.5 * columns < array[0] < 1.5 * columns
-            and -0.3 * height < array[1] < height - 6
-            and self.near > self.far
-        )
+        return is_plausible(self.strip(), view.working.size)
 
     def _weigh(self, view: View, share: float) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
@@ -260,9 +255,8 @@ class RunwayTrack:
         self.agreement += memory * (float(shares[near_mean].sum()) - self.agreement)
         self._clear = bool(spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width))
         wide = width >= _WIDE
+        span, through = (float(best[4]), float(best[5])), shape_through(mean, rows)
         if self._clear or wide:
-            span = float(best[4]), float(best[5])
-            through = shape_through(mean, rows)
             exact = self._look.find(view.image, view.level, through, span, self._lead, wide=wide)
             agree = all(map(agrees, exact, points))
             if agree or (wide and min(edge.support for edge in exact) > _LEAST_SUPPORT):
@@ -275,12 +269,25 @@ class RunwayTrack:
                     and self.log_odds > _LOCK_ODDS
                     and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
                 )
-        shape = self.shape
-        shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
-        row, sigma = view.horizon or (None, 1.0)
-        shape.update(*points, row, sigma)
+        if not self.locked:
+            points = self._by_lines(view, through, span) or points
+        self._take_in(points, rows, view)
         self.points = points
         self._follow_ends(rows)
+
+    def _by_lines(
+        self, view: View, shape: NDArray[np.float64], span: tuple[float, float]
+    ) -> tuple[EdgePoints, EdgePoints] | None:
+        found = edges_by_lines(view.image, view.level, shape, span)
+        self.lines += max(_MEMORY, 1.0 / self.age) * (float(found is not None) - self.lines)
+        return found
+
+    def _take_in(
+        self, points: tuple[EdgePoints, EdgePoints], rows: NDArray[np.float64], view: View
+    ) -> None:
+        self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
+        row, sigma = view.horizon or (None, 1.0)
+        self.shape.update(*points, row, sigma)
 
     def _follow_ends(self, rows: NDArray[np.float64]) -> None:
         share = max(_END_MEMORY, 1.0 / self.age)

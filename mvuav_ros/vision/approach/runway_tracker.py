@@ -135,7 +135,7 @@ class RunwayTracker:
             for track in self.tracks
             if track is not best
         )
-        return Report(best.log_odds, best.agreement, best.moved, self._attitude, rivals)
+        return Report(best.log_odds, best.agreement, best.moved, self._attitude, rivals, best.lines)
 
     @property
     def confidence(self) -> float:

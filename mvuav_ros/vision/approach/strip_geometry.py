@@ -10,6 +10,8 @@ from mvuav_ros.vision.approach.strip_search import Strips
 
 _SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
 _POINTS = 12
+_NARROWEST = 5.0
+"""Px of the near end: what is narrower shows too little to be told from specks in clouds."""
 _AGREE = 2.0
 """Px between edges measured on the frame and the mean, at most."""
 
@@ -112,3 +114,25 @@ def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
     apart = np.abs(exact.columns[used] - expected - slope * beyond)
     # The median is that low.
     return bool(2 * np.count_nonzero(apart < _AGREE) > apart.size)
+
+
+def is_plausible(strip: NDArray[np.float64], size: tuple[int, int]) -> bool:
+    """Whether a strip can be a runway that is seen from the air.
+
+    Args:
+        strip: (6,) as `Strips`.
+        size: height and width of the levelled working image, px.
+    """
+    if not np.isfinite(strip).all():
+        return False
+    x, y, left, right, far, near = strip
+    height, columns = size
+    width = right - left
+    return bool(
+        0.05 < width < 8.0
+        and width * near > _NARROWEST
+        and abs(left + right) / 2 < 2.0 * width
+        and -0.5 * columns < x < 1.5 * columns
+        and -0.3 * height < y < height - 6
+        and near > far
+    )
