@@ -59,7 +59,7 @@ class Report(NamedTuple):
         moved: frames for which it was followed and that differed from the one before.
         attitude: the horizon is known from a sensor.
         rivals: the other tracks' odds over the track's.
-        lines: share of the last frames in which there were clear lines along both sides.
+        distinct: share of the last frames with clear lines along both sides, or clear colours.
     """
 
     log_odds: float
@@ -67,7 +67,7 @@ class Report(NamedTuple):
     moved: int
     attitude: bool
     rivals: float
-    lines: float
+    distinct: float
 
     def of_the_runway(self) -> NDArray[np.float64]:
         """(6,) what speaks for its being the runway."""
@@ -78,7 +78,7 @@ class Report(NamedTuple):
                 min(self.moved / _LONG, 1.0),
                 float(self.attitude),
                 math.log1p(min(self.rivals, 20.0)),
-                self.lines,
+                self.distinct,
             ]
         )
 

@@ -36,6 +36,11 @@ class EdgeLook:
         """Pavement and land differ so much that every frame shows the edges."""
         return float(np.linalg.norm(self._contrast)) > _CLEAR_CONTRAST
 
+    @property
+    def coloured(self) -> bool:
+        """Their colours alone differ that much: the edge is the pavement's, not a line's."""
+        return float(np.linalg.norm(self._contrast[1:])) > _CLEAR_CONTRAST
+
     def find(
         self,
         image: NDArray[Any],

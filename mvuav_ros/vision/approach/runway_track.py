@@ -76,7 +76,7 @@ class RunwayTrack:
         locked: it is followed by its edges alone.
         misses: weighings in a row in which it was not seen.
         agreement: probability of the strips that are where the mean is.
-        lines: share of the last frames in which there were clear lines along both sides.
+        distinct: share of the last frames with clear lines along both sides, or clear colours.
         points: of the left and the right edge in the newest frame, if seen.
     """
 
@@ -91,7 +91,7 @@ class RunwayTrack:
         self.moved = 0
         self.misses = 0
         self.agreement = 1.0
-        self.lines = 0.0
+        self.distinct = 0.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._found: list[NDArray[np.float64]] = [strip]
         self._look = EdgeLook()
@@ -278,8 +278,10 @@ class RunwayTrack:
     def _by_lines(
         self, view: View, shape: NDArray[np.float64], span: tuple[float, float]
     ) -> tuple[EdgePoints, EdgePoints] | None:
-        found = edges_by_lines(view.image, view.level, shape, span)
-        self.lines += max(_MEMORY, 1.0 / self.age) * (float(found is not None) - self.lines)
+        coloured = self._clear and self._look.coloured
+        found = None if coloured else edges_by_lines(view.image, view.level, shape, span)
+        distinct = float(coloured or found is not None)
+        self.distinct += max(_MEMORY, 1.0 / self.age) * (distinct - self.distinct)
         return found
 
     def _take_in(

@@ -135,7 +135,9 @@ class RunwayTracker:
             for track in self.tracks
             if track is not best
         )
-        return Report(best.log_odds, best.agreement, best.moved, self._attitude, rivals, best.lines)
+        return Report(
+            best.log_odds, best.agreement, best.moved, self._attitude, rivals, best.distinct
+        )
 
     @property
     def confidence(self) -> float:

@@ -2,7 +2,7 @@
 
 from mvuav_ros.vision.approach.probability import Report, confidence_weights
 
-DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, rivals=0.5, lines=0.0)
+DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, rivals=0.5, distinct=0.0)
 
 
 def confidence(**change):
