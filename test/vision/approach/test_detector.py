@@ -93,8 +93,8 @@ def test_one_image_alone_is_enough(images):
     ],
 )
 def test_grey_and_more_bits_show_the_same_runway(images, change):
-    colour = run(ApproachDetector(APPROACH), images[:12])[-1]
-    other = run(ApproachDetector(APPROACH), [change(image) for image in images[:12]])[-1]
+    colour = run(ApproachDetector(APPROACH), images)[-1]
+    other = run(ApproachDetector(APPROACH), [change(image) for image in images])[-1]
     assert np.allclose(colour.corners[:2], other.corners[:2], atol=4.0)
 
 
@@ -174,8 +174,9 @@ def test_large_frames_give_the_same_runway_in_their_own_pixels(images):
     small = run(ApproachDetector(APPROACH), images)[-1]
     big = run(ApproachDetector(APPROACH), large)[-1]
     for corner, other in zip(small.corners, big.corners, strict=True):
+        # Ends are whole rows of the working image, of which a px is two of these.
         assert ((other[0] + 0.5) / 2 - 0.5, (other[1] + 0.5) / 2 - 0.5) == pytest.approx(
-            corner, abs=1.5
+            corner, abs=2.0
         )
 
 
