@@ -79,10 +79,15 @@ def test_the_tanker_has_a_747s_proportions():
 def test_another_body_flies_too(tmp_path):
     path = tmp_path / 'drone.yaml'
     path.write_text('markers: {a: [0, 0.3, 0], b: [0, -0.3, 0], c: [-0.2, 0, 0.2]}')
-    sim = TankerFlight(TankerSettings(layout=str(path), frames=3, noise=0.0))
+    sim = TankerFlight(
+        TankerSettings(layout=str(path), frames=3, noise=0.0, motion='translation', roll_deg=25.0)
+    )
     frame = sim.frame(1)
     assert [m.name for m in frame.truth.markers] == ['a', 'b', 'c']
-    assert math.isnan(frame.truth.roll)
+    assert math.degrees(frame.truth.roll) == pytest.approx(25.0, abs=1e-6)
+    left, right = frame.truth.markers[:2]
+    seen = math.atan2(right.y - left.y, right.x - left.x)
+    assert math.degrees(seen) == pytest.approx(25.0, abs=2.0)
     gray = frame.image.gray()
     assert all(gray[round(m.y), round(m.x)] > 240 for m in frame.truth.markers)
 
