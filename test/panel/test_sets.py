@@ -82,9 +82,9 @@ def test_shipped_sets_come_first_and_cannot_be_overwritten_or_deleted(tmp_path):
     assert store.names(KIND) == ['default', 'thesis', 'a first one']
     assert store.load('default', KIND) == MarkerTrackerParameters().as_dict()
     for name in ('default', ' thesis '):
-        with pytest.raises(NameRefusedError, match='shipped'):
+        with pytest.raises(NameRefusedError, match='part of the package'):
             store.save(name, KIND, {'threshold': 0.5})
-    with pytest.raises(NameRefusedError, match='shipped'):
+    with pytest.raises(NameRefusedError, match='part of the package'):
         store.delete('default')
 
 
