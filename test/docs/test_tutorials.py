@@ -5,7 +5,7 @@ Shell blocks run in ``bash``; Python blocks are pasted into one ``python -i`` fo
 """
 
 import pytest
-from support.graph import _claim_domain
+from support.graph import claim_domain
 from support.places import ROOT
 from support.printed_output import difference
 from support.tutorial_blocks import TutorialRun, blocks_of
@@ -32,7 +32,7 @@ def follow(page, reader, name):
 @pytest.mark.long
 @pytest.mark.parametrize('name', PAGES)
 def test_every_block_runs_and_prints_what_is_shown(name, tmp_path):
-    number, claim = _claim_domain()
+    number, claim = claim_domain()
     # The quick start is for a fresh clone; the tutorials begin with `mkdir -p out/tutorial`.
     with claim, TutorialRun(tmp_path, number, prepared=name != 'quick-start') as reader:
         follow(PAGES[name].read_text(), reader, name)

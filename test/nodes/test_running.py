@@ -12,7 +12,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from support.graph import CLEAN, ROOT, image_message
+from support.graph import CLEAN, ROOT, claim_domain, image_message
 from support.live_stream import Stream
 from support.marker_scenes import draw, tanker_at
 
@@ -32,12 +32,19 @@ def catches_signals(pid: int) -> bool:
     return False
 
 
-def start(name, how, *arguments, domain=None):
-    number = random.SystemRandom().randint(1, 100) if domain is None else domain.domain_id
+@pytest.fixture
+def domain():
+    """The number of a ROS domain that no other test uses meanwhile."""
+    number, claim = claim_domain()
+    with claim:
+        yield number
+
+
+def start(name, how, *arguments, domain):
     process = subprocess.Popen(
         [sys.executable, *STARTS[how](name), '--ros-args', *arguments],
         cwd=ROOT,
-        env={**CLEAN, 'ROS_DOMAIN_ID': str(number)},
+        env={**CLEAN, 'ROS_DOMAIN_ID': str(domain)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -59,7 +66,7 @@ def check_end(process, context):
 
 @pytest.mark.parametrize('how', STARTS)
 @pytest.mark.parametrize('name', ['marker_tracker', 'vision_process'])
-def test_a_signal_and_a_second_one_at_any_moment(name, how):
+def test_a_signal_and_a_second_one_at_any_moment(name, how, domain):
     """From the first import on, through rclpy's start and the node's, into its clean-up."""
     chance = random.Random(f'{name} {how}')
     folder = str(ROOT / 'bags' / 'tanker.mcap')
@@ -68,7 +75,7 @@ def test_a_signal_and_a_second_one_at_any_moment(name, how):
         delay = 1.4 * index / MOMENTS + chance.uniform(0, 0.1)
         first, second = chance.choices([signal.SIGINT, signal.SIGTERM], k=2)
         pause = chance.choice([None, 0.0, 0.02, 0.1, 0.3])
-        process = start(name, how, *arguments)
+        process = start(name, how, *arguments, domain=domain)
         time.sleep(delay)
         process.send_signal(first)
         if pause is not None:
@@ -115,8 +122,8 @@ def test_the_command_is_interrupted_in_one_line(tmp_path):
         (['-p', 'qos_overrides./image_raw.subscription.history:=forever'], 'history'),
     ],
 )
-def test_a_mistake_on_the_command_line_is_no_traceback(arguments, words):
-    process = start('marker_tracker', 'python -m', *arguments)
+def test_a_mistake_on_the_command_line_is_no_traceback(arguments, words, domain):
+    process = start('marker_tracker', 'python -m', *arguments, domain=domain)
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 2, output
     assert 'Traceback' not in output
@@ -149,7 +156,9 @@ def test_a_dump_of_all_parameters_can_be_loaded_again(graph):
 def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_path):
     settings = tmp_path / 'mine.yaml'
     settings.write_text('/**:\n  ros__parameters:\n    mode: detect\n')
-    process = start('marker_tracker', 'python -m', '--params-file', str(settings), domain=graph)
+    process = start(
+        'marker_tracker', 'python -m', '--params-file', str(settings), domain=graph.domain_id
+    )
     graph.until(lambda: graph.probe.count_subscribers('/image_raw') == 1, 'the node')
     logs = graph.listen('/rosout', Log)
     graph.until(lambda: any('no images' in log.msg for log in logs), 'the warning')

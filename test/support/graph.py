@@ -37,7 +37,7 @@ EVERYTHING = QoSProfile(
 )
 
 
-def _claim_domain() -> tuple[int, IO[str]]:
+def claim_domain() -> tuple[int, IO[str]]:
     """A domain that no other run on this machine uses, until the file is closed."""
     for number in random.SystemRandom().sample(range(1, 101), 100):
         claim = (Path(tempfile.gettempdir()) / f'mvuav_ros_domain_{number}').open('w')
@@ -54,7 +54,7 @@ class Graph:
     """A ROS domain of its own with the processes started in it."""
 
     def __init__(self) -> None:
-        self.domain_id, self._claim = _claim_domain()
+        self.domain_id, self._claim = claim_domain()
         self._processes: list[subprocess.Popen[str]] = []
         self._others: list[tuple[SingleThreadedExecutor, threading.Thread, Any]] = []
         prepare_transport()
