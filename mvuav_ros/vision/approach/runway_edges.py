@@ -18,6 +18,9 @@ _PAINT_BEFORE_STEPS = 1.0
 a runway's edge is the pavement's, where that can be seen."""
 _CLEAR_CONTRAST = 12.0
 """Grey levels of contrast that are plain to see."""
+_COLOUR_CONTRAST = 30.0
+"""Grey levels of the opponent colours between pavement and grass by day; at dusk, or where JPEG has
+blurred weak colours, less. Run 3 and the simulator's flights."""
 _MEMORY = 0.2
 _REGION = 5
 """Share of the samples across an edge, at either end, that are its outside and its inside."""
@@ -38,8 +41,8 @@ class EdgeLook:
 
     @property
     def coloured(self) -> bool:
-        """Their colours alone differ that much: the edge is the pavement's, not a line's."""
-        return float(np.linalg.norm(self._contrast[1:])) > _CLEAR_CONTRAST
+        """Their colours alone tell them apart: the edge is the pavement's, not a line's."""
+        return float(np.linalg.norm(self._contrast[1:])) > _COLOUR_CONTRAST
 
     def find(
         self,
