@@ -81,8 +81,8 @@ def doctests() -> list[list[str]]:
 
 
 def nodes() -> list[list[str]]:
-    """Live nodes on real DDS, each test in a domain of its own; three at a time, as they wait."""
-    return [pytest('-n', '3', '--dist', 'worksteal', '-m', 'not long', 'test/nodes')]
+    """Live nodes on real DDS, each test in a domain of its own; two at a time, as they wait."""
+    return [pytest('-n', '2', '--dist', 'loadfile', '-m', 'not long', 'test/nodes')]
 
 
 def demo_and_panel() -> list[list[str]]:
