@@ -138,19 +138,36 @@ def sample_edges(
     expected = x + np.array(slopes)[:, None] * depth
     columns = expected[:, :, None] + across
     rows = np.broadcast_to((y + depth)[None, :, None], columns.shape)
-    on_x, on_y = level.to_frame(columns, rows)
-    shape2 = (2 * count, across.size)
-    # Fixed-point maps: with others, OpenCV 5 rounds as the arrays happen to lie in memory.
-    places, parts = cv2.convertMaps(
-        on_x.reshape(shape2).astype(np.float32),
-        on_y.reshape(shape2).astype(np.float32),
-        cv2.CV_16SC2,
-    )
-    pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    pixels, on_x, on_y = pixels_at(image, level, columns, rows)
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
     base = int(np.clip((slopes[1] - slopes[0]) * near / _WIDTHS_PER_STEP, 2, 4) / _SAMPLE)
     inside = (on_x > 0) & (on_x < image.shape[1] - 1) & (on_y > 0) & (on_y < image.shape[0] - 1)
     return EdgeSamples(pixels, expected, y + depth, across, inside, 2 * (base // 2))
+
+
+def pixels_at(
+    image: NDArray[Any], level: Derotation, columns: NDArray[Any], rows: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """The frame at places of the levelled working image, interpolated.
+
+    Args:
+        image: the frame, (height, width) or (height, width, 3).
+        level: of the frame.
+        columns: (2, count, places) px.
+        rows: likewise.
+
+    Returns:
+        The pixels, (2 count, places) or (2 count, places, 3), and the frame's columns and rows,
+        each as ``columns``.
+    """
+    on_x, on_y = level.to_frame(columns, rows)
+    flat = (-1, columns.shape[-1])
+    # Fixed-point maps: with others, OpenCV 5 rounds as the arrays happen to lie in memory.
+    places, parts = cv2.convertMaps(
+        on_x.reshape(flat).astype(np.float32), on_y.reshape(flat).astype(np.float32), cv2.CV_16SC2
+    )
+    pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(pixels), on_x, on_y
 
 
 def _direction(

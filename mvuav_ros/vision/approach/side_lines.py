@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at
 from mvuav_ros.vision.approach.evidence import opponent_channels
 
 
@@ -151,13 +151,8 @@ def _brightness(
     image: NDArray[Any], level: Derotation, columns: NDArray[Any], rows: NDArray[Any]
 ) -> NDArray[np.float32]:
     """(2, rows, places) grey levels of the frame at places of the levelled working image."""
-    on_x, on_y = level.to_frame(columns, np.broadcast_to(rows[:, None], columns.shape))
-    flat = (2 * len(rows), -1)
-    # Fixed-point maps: with others, OpenCV 5 rounds as the arrays happen to lie in memory.
-    places, parts = cv2.convertMaps(
-        on_x.reshape(flat).astype(np.float32), on_y.reshape(flat).astype(np.float32), cv2.CV_16SC2
-    )
-    pixels = cv2.remap(image, places, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    on_rows = np.broadcast_to(rows[:, None], columns.shape)
+    pixels, _, _ = pixels_at(image, level, columns, on_rows)
     levels = pixels / 256.0 if image.dtype == np.uint16 else pixels
     return opponent_channels(np.asarray(levels))[0].reshape(columns.shape)
 
