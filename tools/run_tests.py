@@ -1,4 +1,6 @@
-"""Runs the tests part by part, all of them even if one fails, with one verdict at the end.
+"""Runs all parts of the tests even if one fails, with one verdict at the end.
+
+Parts that mostly wait (live nodes, the browser) run beside those that compute.
 
 Usage: run_tests.py test|fast|rest|all|footage|robot (see the Makefile).
 """
@@ -8,10 +10,14 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +28,8 @@ WITHOUT_GRAPH = ['test', *(f'--ignore=test/{name}' for name in ('nodes', 'cli/de
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
 QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
+_running: set[subprocess.Popen[str]] = set()
+_ending = threading.Event()
 _COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
 
 
@@ -137,43 +145,39 @@ def robot() -> list[list[str]]:
     return [install, library, live]
 
 
-def parts(which: str) -> list[Part]:
-    """The parts of a target of the Makefile."""
+def stages(which: str) -> list[list[list[Part]]]:
+    """A target of the Makefile: stage after stage, each of lanes side by side, each of parts."""
     here = f'{sys.version_info.major}.{sys.version_info.minor}'
-    test = [
-        Part('lint and types', lint),
-        Part('without a graph', without_graph),
-        Part("docstrings' examples", doctests),
-        Part('live nodes', nodes),
-        Part('demo and panel', demo_and_panel),
-    ]
+    style, examples = Part('lint and types', lint), Part("docstrings' examples", doctests)
+    computing = [Part('without a graph', without_graph), examples]
+    waiting = [style, Part('live nodes', nodes), Part('demo and panel', demo_and_panel)]
     others = [
         Part(f'Python {version}', lambda version=version: other_python(version))
         for version in PYTHONS
         if version != here
     ]
-    rest = [Part('the longest', longest), *others, Part("a robot's libraries", robot)]
-    fast = [test[0], Part('quick tests', quick), test[2]]
+    of_a_robot = Part("a robot's libraries", robot)
+    test = [[computing, waiting]]
+    rest = [[[Part('the longest', longest), *others, of_a_robot]]]
     return {
         'test': test,
-        'fast': fast,
+        'fast': [[[style, Part('quick tests', quick), examples]]],
         'rest': rest,
         'all': test + rest,
-        'footage': [Part('real footage', footage)],
-        'robot': rest[-1:],
+        'footage': [[[Part('real footage', footage)]]],
+        'robot': [[[of_a_robot]]],
     }[which]
 
 
 def run(part: Part) -> Outcome:
-    """Run a part to its end, passing its output on."""
-    print(f'\n== {part.name}', flush=True)
+    """Run a part to its end, passing its output on with its name before each line."""
     started = time.monotonic()
     counts = {'passed': 0, 'failed': 0, 'skipped': 0, 'error': 0}
     commands = part.commands()
     if not commands:
         return Outcome(part.name, 0, 0, 1, 0.0, 'not checked: no such Python on this machine')
     for command in commands:
-        status, last = _pass_on(command)
+        status, last = _pass_on(part.name, command)
         found = {word: int(number) for number, word in _COUNT.findall(last)}
         for word, number in found.items():
             counts[word] += number
@@ -187,6 +191,20 @@ def run(part: Part) -> Outcome:
     return Outcome(
         part.name, counts['passed'], failed, counts['skipped'], time.monotonic() - started
     )
+
+
+def run_lanes(lanes: Sequence[Sequence[Part]]) -> list[Outcome]:
+    """Run lanes of parts side by side; the outcomes in the parts' order."""
+    with ThreadPoolExecutor(len(lanes)) as pool:
+        futures = [pool.submit(lambda lane: [run(part) for part in lane], lane) for lane in lanes]
+        try:
+            return [outcome for future in futures for outcome in future.result()]
+        except BaseException:
+            _ending.set()
+            for process in list(_running):
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGINT)
+            raise
 
 
 def environment() -> dict[str, str]:
@@ -205,9 +223,11 @@ def environment() -> dict[str, str]:
     return kept | ({'LD_LIBRARY_PATH': os.pathsep.join(paths)} if paths else {})
 
 
-def _pass_on(command: Sequence[str]) -> tuple[int, str]:
+def _pass_on(name: str, command: Sequence[str]) -> tuple[int, str]:
     """A command's exit status and its last line, everything shown as it comes."""
     last = ''
+    if _ending.is_set():
+        return 1, last
     with subprocess.Popen(
         command,
         cwd=ROOT,
@@ -215,11 +235,16 @@ def _pass_on(command: Sequence[str]) -> tuple[int, str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        # Ends with all of its children; and Linux shares the cores among sessions first, so that
+        # busy neighbours of this terminal do not starve the tests.
+        start_new_session=True,
     ) as process:
+        _running.add(process)
         assert process.stdout is not None
         for line in process.stdout:
-            print(line, end='', flush=True)
+            print(f'{name} | {line.rstrip()}', flush=True)
             last = line.strip() or last
+    _running.discard(process)
     return process.returncode, last
 
 
@@ -241,7 +266,12 @@ def summarize(outcomes: Sequence[Outcome]) -> int:
 def main() -> int:
     """Run what the command line names."""
     which = sys.argv[1] if len(sys.argv) > 1 else 'test'
-    outcomes = [run(part) for part in parts(which)]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        outcomes = [outcome for lanes in stages(which) for outcome in run_lanes(lanes)]
+    except KeyboardInterrupt:
+        print('\ninterrupted', file=sys.stderr)
+        return 130
     if which in ('test', 'all'):
         print('\nReal footage was not looked at: make test-footage FOOTAGE=FOLDER does that.')
     return summarize(outcomes)

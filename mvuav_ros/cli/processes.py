@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import random
 import signal
@@ -10,11 +11,37 @@ import sys
 import tempfile
 import time
 from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import IO
 
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _LOOK = 0.02
 _ENDING_TIME = 10.0
+
+
+def claim_domain() -> tuple[int, IO[str]]:
+    """A ROS domain that nothing else of ours uses on this machine, until the file is closed.
+
+    Two that played images in one domain would answer each other's.
+
+    Raises:
+        SourceError: all hundred are in use.
+    """
+    for number in random.SystemRandom().sample(range(1, 101), 100):
+        path = Path(tempfile.gettempdir()) / f'mvuav_ros_domain_{number}'
+        try:
+            # Closed by whoever uses the domain; another user's file cannot be opened.
+            claim = path.open('w')
+        except OSError:
+            continue
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            claim.close()
+        else:
+            return number, claim
+    raise SourceError('the ROS domains 1 to 100 are all in use')
 
 
 class NodeProcess:
@@ -82,7 +109,7 @@ class NodeProcesses(AbstractContextManager['NodeProcesses']):
     """
 
     def __init__(self) -> None:
-        self.domain_id = random.SystemRandom().randint(1, 100)
+        self.domain_id, self._claim = claim_domain()
         self._running: list[NodeProcess] = []
 
     def start(self, module: str, *arguments: str) -> NodeProcess:
@@ -99,3 +126,4 @@ class NodeProcesses(AbstractContextManager['NodeProcesses']):
             process.interrupt()
         for process in self._running:
             process.end()
+        self._claim.close()

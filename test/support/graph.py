@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import random
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,6 +21,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
+from mvuav_ros.cli.processes import claim_domain
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.vision.image import Image
 from support.node_outputs import image_of
@@ -35,19 +32,6 @@ CLEAN = dict(os.environ)
 EVERYTHING = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE, depth=1
 )
-
-
-def claim_domain() -> tuple[int, IO[str]]:
-    """A domain that no other run on this machine uses, until the file is closed."""
-    for number in random.SystemRandom().sample(range(1, 101), 100):
-        claim = (Path(tempfile.gettempdir()) / f'mvuav_ros_domain_{number}').open('w')
-        try:
-            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            claim.close()
-        else:
-            return number, claim
-    raise AssertionError('all domains are taken')
 
 
 class Graph:

@@ -33,7 +33,9 @@ def peak_kib(*arguments: object) -> int:
     return peak
 
 
-@pytest.mark.parametrize('options', [(), ('--keep-inputs', '--start', '0.5')])
+@pytest.mark.parametrize(
+    'options', [pytest.param((), marks=pytest.mark.long), ('--keep-inputs', '--start', '0.5')]
+)
 def test_replay(tmp_path: Path, options: tuple[str, ...]) -> None:
     peaks = []
     for frames in (600, LONG):

@@ -26,10 +26,10 @@ def fly(parameters=None, **settings):
 @pytest.mark.parametrize(
     'hidden',
     [
-        'left_wing@1.5-3.5',
-        'rudder@1-3, right_stabilizer@4-6',
+        pytest.param('left_wing@1.5-3.5', marks=pytest.mark.long),
+        pytest.param('rudder@1-3, right_stabilizer@4-6', marks=pytest.mark.long),
         'left_wing@1.5-3.5, right_wing@1.5-3.5',
-        'left_stabilizer@1.5-3.5, rudder@1.5-3.5',
+        pytest.param('left_stabilizer@1.5-3.5, rudder@1.5-3.5', marks=pytest.mark.long),
         'left_wing@2-4, left_stabilizer@2-4, rudder@2-4',
     ],
 )
@@ -81,7 +81,14 @@ def test_hidden_among_hot_pixels_and_glares(hidden, settings):
     assert flown.slowest <= 5
 
 
-@pytest.mark.parametrize(('seed', 'shake'), [(1, 0), (105, 2), (2, 3)])
+@pytest.mark.parametrize(
+    ('seed', 'shake'),
+    [
+        pytest.param(1, 0, marks=pytest.mark.long),
+        (105, 2),
+        pytest.param(2, 3, marks=pytest.mark.long),
+    ],
+)
 def test_two_markers_pass_at_five_pixels(seed, shake):
     flown = fly(motion='crossing', frames=400, seed=seed, shake=shake)
     assert flown.wrong == flown.imagined == ()
@@ -105,7 +112,10 @@ def test_both_wings_hidden_upside_down():
     assert flown.slowest <= 3
 
 
-@pytest.mark.parametrize('hidden', ['', 'left_wing@2-4, rudder@2-4', 'all@3-4'])
+@pytest.mark.parametrize(
+    'hidden',
+    [pytest.param('', marks=pytest.mark.long), 'left_wing@2-4, rudder@2-4', 'all@3-4'],
+)
 def test_dropped_frames(hidden):
     flown = fly(motion='roll', drop_probability=0.3, shake=2, failures=hidden, seed=6)
     assert flown.wrong == flown.imagined == ()
