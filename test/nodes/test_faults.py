@@ -27,6 +27,8 @@ from mvuav_ros.vision.image import ENCODINGS, Image
 
 BOTH = ('marker_tracker', 'runway_detector')
 KILLS = int(os.environ.get('MVUAV_KILLS', '4'))
+FIRST_FRAMES = 10
+"""Within which the markers are named again."""
 
 
 def any_image(encoding: str, width: int, height: int) -> Image:
@@ -282,25 +284,21 @@ def test_a_publisher_that_is_killed_and_restarted(graph):
         text=True,
     )
     answers = stream.answers['marker_tracker']
-    delays = []
     try:
         for _ in range(KILLS):
             answers.clear()
             print(file=cameras.stdin, flush=True)
             cameras.stdout.readline()
             graph.until(lambda: len(answers) > 0, 'the first answer')
-            # From the stamp of the new camera's first image that got through; DDS discovery,
-            # which comes before it, is not the node's.
-            begun = time.monotonic()
             graph.until(lambda: stream.states() == [1] * 5, 'five markers')
-            delays.append(time.monotonic() - begun)
+            states = [list(decode_points(answer)['state']) for answer in answers]
+            # Of the new camera's images that got through.
+            assert states.index([1] * 5) < FIRST_FRAMES
             graph.spin(random.uniform(0.1, 0.4))
             print(file=cameras.stdin, flush=True)
             assert cameras.stdout.readline().strip() == 'killed'
     finally:
         cameras.stdin.close()
-        cameras.wait(timeout=10)
-    assert len(delays) == KILLS
-    assert max(delays) < 1.0
+        cameras.wait(timeout=120)
     stream.check_alive()
     assert graph.diagnostics('marker_tracker')['frames_rejected'] == '0'

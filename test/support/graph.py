@@ -152,7 +152,12 @@ class Graph:
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
-    def until(self, condition: Callable[[], bool], what: str, timeout: float = 120.0) -> None:
+    def until(
+        self,
+        condition: Callable[[], bool],
+        what: str | Callable[[], str],
+        timeout: float = 120.0,
+    ) -> None:
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
@@ -160,7 +165,8 @@ class Graph:
                 for process in self._processes:
                     if process.poll() is not None:
                         output += process.communicate()[0]
-                raise AssertionError(f'waited {timeout} s in vain for {what}\n{output}')
+                words = what() if callable(what) else what
+                raise AssertionError(f'waited {timeout} s in vain for {words}\n{output}')
             self._executor.spin_once(timeout_sec=0.02)
 
     def call(self, kind: type, name: str, request: Any) -> Any:

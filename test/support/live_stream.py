@@ -74,11 +74,11 @@ class Stream:
     def counts(self) -> dict[str, int]:
         return {name: len(answers) for name, answers in self.answers.items()}
 
-    def until_answered(self, count: int, timeout: float = 20.0) -> None:
+    def until_answered(self, count: int, timeout: float = 120.0) -> None:
         """Wait until every node has answered that many frames in all."""
         self.graph.until(
             lambda: all(len(answers) >= count for answers in self.answers.values()),
-            f'{count} answers, got {self.counts()}',
+            lambda: f'{count} answers, got {self.counts()}',
             timeout,
         )
 

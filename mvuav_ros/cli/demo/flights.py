@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
+from mvuav_ros.recordings.images import IMAGE
+from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
@@ -29,12 +31,14 @@ class Flight:
         bag: the file, whose name is the namespace of its images.
         processor: the node.
         main_topic: result topic that has one message per frame.
+        frames: images in the bag.
         make_table: from the newest message of each topic below ``~/`` what the terminal shows.
     """
 
     bag: Path
     processor: type[Processor]
     main_topic: str
+    frames: int
     make_table: Callable[[dict[str, Any]], Table]
 
     @property
@@ -59,14 +63,28 @@ class Flight:
     def start_node(self, nodes: NodeProcesses) -> None:
         """Start the node that looks at the bag's images."""
         remapping = ('--ros-args', '-r', f'image_raw:={self.image_topic}')
-        nodes.start('mvuav_ros', self.processor.name, *remapping)
+        images = _losing_nothing([self.image_topic], 'subscription')
+        results = _losing_nothing(map(self.topic, self.processor.topics), 'publisher')
+        nodes.start('mvuav_ros', self.processor.name, *remapping, *images, *results)
 
     def start_source(self, nodes: NodeProcesses, **parameters: str) -> None:
         """Start the node that plays the bag."""
         arguments = ['--ros-args', '-r', f'__ns:=/{self.name}']
+        arguments += _losing_nothing([self.image_topic], 'publisher')
         for name, value in {'source': self.bag, **parameters}.items():
             arguments += ['-p', f'{name}:={value}']
         nodes.start('mvuav_ros', 'video_source', *arguments)
+
+
+def _losing_nothing(topics: Iterable[str], end: str) -> list[str]:
+    """Arguments by which a publisher or subscription keeps all, however busy the machine is."""
+    policies = {'reliability': 'reliable', 'history': 'keep_all'}
+    overrides = [
+        f'qos_overrides.{topic}.{end}.{policy}:={value}'
+        for topic in topics
+        for policy, value in policies.items()
+    ]
+    return [word for override in overrides for word in ('-p', override)]
 
 
 def marker_table(newest: dict[str, Any]) -> Table:
@@ -128,11 +146,20 @@ def sample_flights(bags: Path) -> list[Flight]:
     Raises:
         SourceError: there are none.
     """
-    flights = [
-        Flight(bags / 'tanker.mcap', MarkerTrackerProcessor, 'markers', marker_table),
-        Flight(bags / 'runway.mcap', RunwayDetectorProcessor, 'line_params', runway_table),
+    known: list[tuple[Path, type[Processor], str, Callable[[dict[str, Any]], Table]]] = [
+        (bags / 'tanker.mcap', MarkerTrackerProcessor, 'markers', marker_table),
+        (bags / 'runway.mcap', RunwayDetectorProcessor, 'line_params', runway_table),
     ]
-    present = [flight for flight in flights if flight.bag.is_file()]
-    if not present:
+    flights = [
+        Flight(bag, processor, topic, _images_in(bag), make_table)
+        for bag, processor, topic, make_table in known
+        if bag.is_file()
+    ]
+    if not flights:
         raise SourceError(f'{bags}: no sample bags there')
-    return present
+    return flights
+
+
+def _images_in(bag: Path) -> int:
+    with open_recording(bag) as recording:
+        return sum(message.type == IMAGE for message in recording.messages())

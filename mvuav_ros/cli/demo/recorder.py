@@ -9,7 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 
@@ -17,6 +17,7 @@ from mvuav_ros.recordings.serialization.type_name import type_name
 from mvuav_ros.recordings.writing import RecordingWriter
 
 RATE_WINDOW = 2.0
+EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 
 
 class Recorder(Node):
@@ -37,9 +38,7 @@ class Recorder(Node):
         self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
         self._writer = writer
         for topic, kind in topics.items():
-            self.create_subscription(
-                kind, topic, self._keeper(topic, kind), QoSProfile(depth=100), raw=True
-            )
+            self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def hears(self, topics: Iterable[str]) -> bool:

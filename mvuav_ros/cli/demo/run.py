@@ -25,8 +25,8 @@ LONGEST = 50.0
 """Seconds; the demo ends by itself within a minute whatever happens."""
 SETTLING_TIME = 0.5
 """Seconds from the moment that a node is seen until its messages surely arrive."""
-SILENCE = 2.5
-"""Seconds without a message after which the bags have been played."""
+SILENCE = 0.5
+"""Seconds without a message after which nothing follows the last frame's results."""
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
@@ -74,7 +74,7 @@ def _topics(flights: list[Flight]) -> dict[str, type]:
 def _watch(
     flights: list[Flight], recorder: Recorder, nodes: NodeProcesses, console: Console
 ) -> None:
-    """Play the bags once the recorder hears every node, until all is silent."""
+    """Play the bags once the recorder hears every node, until every frame is answered."""
     executor = SingleThreadedExecutor(context=recorder.context)
     executor.add_node(recorder)
     end = time.monotonic() + LONGEST
@@ -97,8 +97,11 @@ def _watch(
                     flight.start_source(nodes, wait_for_subscribers='2')
             if reason := nodes.failure():
                 raise SourceError(reason)
-            started = any(recorder.counts.values())
-            if started and now - recorder.changed_at > SILENCE:
+            answered = all(
+                recorder.counts[flight.topic(flight.main_topic)] >= flight.frames
+                for flight in flights
+            )
+            if answered and now - recorder.changed_at > SILENCE:
                 break
     executor.shutdown()
 

@@ -56,10 +56,10 @@ def test_demo_with_the_panel_serves_it_until_ctrl_c():
     try:
         assert 'panel' in process.stdout.readline()
         url = process.stdout.readline().strip()
-        with urllib.request.urlopen(url, timeout=60) as answer:
+        with urllib.request.urlopen(url, timeout=120) as answer:
             assert b'Tuning panel' in answer.read()
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 0
+        assert process.wait(timeout=120) == 0
     finally:
         process.kill()
         process.communicate()
