@@ -24,9 +24,10 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / '.venv' / 'bin'
 PYTHONS = ('3.11', '3.12', '3.13')
-WITHOUT_GRAPH = ['test', *(f'--ignore=test/{name}' for name in ('nodes', 'cli/demo', 'panel'))]
+WITH_GRAPH = ('nodes', 'cli/demo', 'panel')
+LIBRARY = ('vision', 'parameters', 'processing', 'recordings', 'simulation', 'package')
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
-QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
+QUICK = [f'test/{name}' for name in LIBRARY if name != 'simulation']
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
 _running: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()
@@ -73,9 +74,19 @@ def lint() -> list[list[str]]:
     ]
 
 
-def without_graph() -> list[list[str]]:
-    """All that needs no ROS graph."""
-    return [parallel('-m', 'not long', '--ignore=test/footage', *WITHOUT_GRAPH)]
+def all_but(*folders: str) -> list[str]:
+    """Arguments for the tests outside of some folders and of those on real footage."""
+    return ['test', *(f'--ignore=test/{name}' for name in ('footage', *folders))]
+
+
+def library() -> list[list[str]]:
+    """The vision library, the recordings, the simulation, the package itself."""
+    return [parallel('-m', 'not long', *(f'test/{name}' for name in LIBRARY))]
+
+
+def commands() -> list[list[str]]:
+    """Replay, evaluation, reports and whatever else needs no ROS graph."""
+    return [parallel('-m', 'not long', *all_but(*LIBRARY, *WITH_GRAPH))]
 
 
 def quick() -> list[list[str]]:
@@ -127,7 +138,7 @@ def other_python(version: str) -> list[list[str]]:
         return []
     folder = f'.venv-{version}'
     tests = parallel(
-        *('-m', 'not long', '--ignore=test/footage', '--ignore=test/package', *WITHOUT_GRAPH),
+        *('-m', 'not long', *all_but('package', *WITH_GRAPH)),
         python=ROOT / folder / 'bin' / 'python',
     )
     return [[str(python), 'tools/install.py', folder, 'ros,dask,remote,parquet,test'], tests]
@@ -149,7 +160,6 @@ def stages(which: str) -> list[list[list[Part]]]:
     """A target of the Makefile: stage after stage, each of lanes side by side, each of parts."""
     here = f'{sys.version_info.major}.{sys.version_info.minor}'
     style, examples = Part('lint and types', lint), Part("docstrings' examples", doctests)
-    computing = [Part('without a graph', without_graph), examples]
     waiting = [style, Part('live nodes', nodes), Part('demo and panel', demo_and_panel)]
     others = [
         Part(f'Python {version}', lambda version=version: other_python(version))
@@ -157,7 +167,7 @@ def stages(which: str) -> list[list[list[Part]]]:
         if version != here
     ]
     of_a_robot = Part("a robot's libraries", robot)
-    test = [[computing, waiting]]
+    test = [[[Part('library', library), examples], [Part('commands', commands)], waiting]]
     rest = [[[Part('the longest', longest), *others, of_a_robot]]]
     return {
         'test': test,

@@ -1,6 +1,9 @@
 """One verdict over all parts, whatever fails."""
 
 import importlib.util
+import os
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -61,3 +64,52 @@ def test_another_python_does_not_take_this_ones_libraries_of_ros(runner, monkeyp
     assert environment['LD_LIBRARY_PATH'] == '/opt/ros/jazzy/lib'
     monkeypatch.setenv('LD_LIBRARY_PATH', f'{ROOT}/.venv/lib')
     assert 'LD_LIBRARY_PATH' not in runner.environment()
+
+
+WAITING = """
+import sys, time
+from pathlib import Path
+end = time.monotonic() + 120
+while not Path(sys.argv[1]).exists():
+    assert time.monotonic() < end
+    time.sleep(0.01)
+"""
+
+
+def test_lanes_run_side_by_side_and_are_told_in_order(runner, tmp_path):
+    there = tmp_path / 'there'
+    first = runner.Part('first', lambda: [[sys.executable, '-c', WAITING, str(there)]])
+    second = runner.Part('second', lambda: [[sys.executable, '-c', f'open({str(there)!r}, "w")']])
+    outcomes = runner.run_lanes([[first], [second]])
+    assert [(o.name, o.passed, o.failed) for o in outcomes] == [('first', 1, 0), ('second', 1, 0)]
+
+
+INTERRUPTED = """
+import importlib.util, sys
+spec = importlib.util.spec_from_file_location('run_tests', 'tools/run_tests.py')
+runner = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(runner)
+code = 'import os, time; print(os.getpid(), flush=True); time.sleep(600)'
+lane = [runner.Part('asleep', lambda: [[sys.executable, '-c', code]])]
+runner.stages = lambda which: [[lane, lane]]
+sys.exit(runner.main())
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_all_parts(number):
+    with subprocess.Popen(
+        [sys.executable, '-c', INTERRUPTED], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    ) as process:
+        sleeping: list[int] = []
+        while len(sleeping) < 2:
+            line = process.stdout.readline()
+            assert line, 'it ended before both parts ran'
+            if line.startswith('asleep | '):
+                sleeping.append(int(line.split()[-1]))
+        process.send_signal(number)
+        process.stdout.read()
+    assert process.returncode == 130
+    for pid in sleeping:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
