@@ -25,7 +25,7 @@ def test_where_the_time_goes(graph):
     assert all(stage > 0 for stage in stages)
     assert float(values['latency_p50_ms']) >= max(stages)
     assert float(values['latency_p99_ms']) >= float(values['latency_p50_ms'])
-    assert 0 < float(values['transport_p50_ms']) < 1000
+    assert 0 < float(values['transport_p50_ms']) < 60_000
     assert float(values['stamp_rate_hz']) == pytest.approx(60.0, abs=0.2)
     assert values['image'] == '640x480 mono8'
     assert values['image_publishers'] == '/probe'

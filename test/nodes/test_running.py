@@ -61,7 +61,7 @@ def check_end(process, context):
     assert process.returncode == 0, (context, output)
     assert 'Traceback' not in output and 'Error' not in output, (context, output)
     assert 'Exception' not in output and 'terminate' not in output, (context, output)
-    assert time.monotonic() - begun < 10, context
+    assert time.monotonic() - begun < 60, context
 
 
 @pytest.mark.parametrize('how', STARTS)
