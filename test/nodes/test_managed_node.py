@@ -160,7 +160,7 @@ def test_a_source_lets_go_of_its_file_and_plays_it_again(graph):
     for _ in range(CYCLES):
         assert change(graph, 'video_source', 'deactivate')
         assert not opened()
-        graph.spin(0.1)
+        graph.until_silent(images)
         images.clear()
         graph.spin(0.1)
         assert images == []
@@ -191,7 +191,7 @@ def test_detectors_of_one_process_are_managed_one_by_one(graph):
     graph.start('vision_process', wait_for='video_source', source=source, rate=60.0, loop=True)
     graph.until(lambda: all(len(kept) > 5 for kept in answers.values()), 'answers')
     assert change(graph, NODE, 'deactivate')
-    graph.spin(0.2)
+    graph.until_silent(answers[NODE])
     for kept in answers.values():
         kept.clear()
     graph.until(lambda: len(answers['runway_detector']) > 10, 'answers of the other')

@@ -152,6 +152,13 @@ class Graph:
         while (left := end - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
+    def until_silent(self, messages: list[Any]) -> None:
+        """Wait until what was on its way has come."""
+        count = -1
+        while count != len(messages):
+            count = len(messages)
+            self.spin(0.3)
+
     def until(
         self,
         condition: Callable[[], bool],
