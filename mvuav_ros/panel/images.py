@@ -7,16 +7,17 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.panel.live_system import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recordings.serialization.serialized_image import (
     stamp_ns_in,
@@ -155,58 +156,47 @@ class ImageFeed:
     def __init__(self, ros: RosThread) -> None:
         self._ros = ros
         self._taps: dict[str, _Tap] = {}
-        self._viewers: dict[str, list[Look]] = {}
 
     def look(self, stream: Stream, topic: str, compressed: bool, viewer: Look) -> None:
         """Begin to look; a stream whose topic has changed is subscribed anew."""
         tap = self._taps.get(stream.key)
-        if tap is not None and (tap.topic, tap.compressed) != (topic, compressed):
-            self._close(stream.key)
-            tap = None
-        viewers = self._viewers.setdefault(stream.key, [])
-        if viewer not in viewers:
-            viewers.append(viewer)
-        if tap is None:
-            self._taps[stream.key] = _Tap(self._ros, stream.key, topic, compressed, self._arrived)
+        if tap is None or (tap.topic, tap.compressed) != (topic, compressed):
+            viewers = tap.viewers if tap is not None else set()
+            if tap is not None:
+                tap.close()
+            tap = self._taps[stream.key] = _Tap(self._ros, stream.key, topic, compressed, viewers)
+        tap.viewers.add(viewer)
 
     def look_away(self, key: str, viewer: Look) -> None:
         """End `look`; the last viewer ends the subscription."""
-        viewers = self._viewers.get(key, [])
-        if viewer in viewers:
-            viewers.remove(viewer)
-        if not viewers:
-            self._viewers.pop(key, None)
-            self._close(key)
+        tap = self._taps.get(key)
+        if tap is not None:
+            tap.viewers.discard(viewer)
+            if not tap.viewers:
+                self._taps.pop(key).close()
 
     def newest(self, key: str) -> Image | None:
         """The image that was shown last, at its full size."""
         tap = self._taps.get(key)
         return tap.newest() if tap is not None else None
 
-    def _close(self, key: str) -> None:
-        tap = self._taps.pop(key, None)
-        if tap is not None:
-            tap.close()
-
-    def _arrived(self, key: str, shot: Shot) -> None:
-        for viewer in list(self._viewers.get(key, ())):
-            viewer(key, shot)
-
 
 class _Tap:
     """One subscription, with the rate capped before anything is decoded."""
 
     def __init__(
-        self, ros: RosThread, key: str, topic: str, compressed: bool, arrived: Look
+        self, ros: RosThread, key: str, topic: str, compressed: bool, viewers: set[Look]
     ) -> None:
-        self.topic, self.compressed = topic, compressed
-        self._ros, self._key, self._arrived = ros, key, arrived
+        self.topic, self.compressed, self.viewers = topic, compressed, viewers
+        self._ros, self._key = ros, key
         self._due = 0.0
         self._arrivals: deque[float] = deque(maxlen=200)
         self._data: bytes | None = None
         self._closed = False
-        self._subscription: Any = None
-        ros.do(self._open)
+        self._subscription = Subscriptions(ros.node)
+        kind = CompressedImage if compressed else RosImage
+        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        ros.do(partial(self._subscription.add, kind, topic, self._on_image, qos, raw=True))
 
     def newest(self) -> Image | None:
         data = self._data
@@ -214,22 +204,7 @@ class _Tap:
 
     def close(self) -> None:
         self._closed = True
-        self._ros.do(self._destroy)
-
-    def _open(self) -> None:
-        qos = QoSProfile(
-            depth=1,
-            reliability=qos_profile_sensor_data.reliability,
-            history=qos_profile_sensor_data.history,
-        )
-        kind = CompressedImage if self.compressed else RosImage
-        self._subscription = self._ros.node.create_subscription(
-            kind, self.topic, self._on_image, qos, raw=True
-        )
-
-    def _destroy(self) -> None:
-        if self._subscription is not None:
-            self._ros.node.destroy_subscription(self._subscription)
+        self._ros.do(self._subscription.close)
 
     def _on_image(self, data: bytes) -> None:
         now = time.monotonic()
@@ -246,7 +221,11 @@ class _Tap:
             return
         self._data = data
         shot = Shot(image.width, image.height, jpeg, self._rate(now), _age_ms(data))
-        self._ros.tell(self._arrived, self._key, shot)
+        self._ros.tell(self._show, shot)
+
+    def _show(self, shot: Shot) -> None:
+        for viewer in list(self.viewers):
+            viewer(self._key, shot)
 
     def _rate(self, now: float) -> float:
         while self._arrivals[0] < now - _RATE_WINDOW:

@@ -7,7 +7,6 @@ from typing import Any
 
 from rcl_interfaces.msg import ListParametersResult
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from mvuav_ros.panel import foreign
@@ -42,10 +41,10 @@ class RemoteParameters:
             for service, kind in _SERVICES.items()
         }
 
-    def close(self, node: Node) -> None:
+    def close(self) -> None:
         """Destroy the clients."""
         for client in self._clients.values():
-            node.destroy_client(client)
+            self._ros.node.destroy_client(client)
 
     async def describe(self) -> list[Control]:
         """Every parameter's control, in the order of declaration where the node keeps it.

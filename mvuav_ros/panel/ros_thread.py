@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 T = TypeVar('T')
@@ -17,6 +18,31 @@ T = TypeVar('T')
 
 class NoAnswerError(RuntimeError):
     """A node did not answer in time."""
+
+
+class Subscriptions:
+    """Those of one purpose, which end together; used in the ROS thread."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._open: list[Any] = []
+
+    def add(
+        self,
+        kind: type,
+        topic: str,
+        heard: Callable[[Any], None],
+        qos: QoSProfile | int = 10,
+        *,
+        raw: bool = False,
+    ) -> None:
+        """Subscribe."""
+        self._open.append(self._node.create_subscription(kind, topic, heard, qos, raw=raw))
+
+    def close(self) -> None:
+        """Unsubscribe from all."""
+        while self._open:
+            self._node.destroy_subscription(self._open.pop())
 
 
 class RosThread:
