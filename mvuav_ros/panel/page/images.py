@@ -43,7 +43,7 @@ class Images:
         self._wished: list[Wish] = []
         self._recorder: Recorder | None = None
         self._recording_ended = 0.0
-        with box('part images', 'section').props('role=tabpanel aria-label=Images'):
+        with box('part images'):
             with box('bar'):
                 button('All windows', lambda: self._preset('all'), 'grid_view')
                 button('Raw and result', lambda: self._preset('pair'), 'compare')

@@ -11,7 +11,18 @@ from nicegui import ui
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import Sheet, ask, box, button, choice, dialog, tell, text
+from mvuav_ros.panel.page.elements import (
+    box,
+    button,
+    choice,
+    confirmed,
+    dialog,
+    fill,
+    set_class,
+    sheet,
+    tell,
+    text,
+)
 from mvuav_ros.panel.sets import LARGEST_SET, differences
 from mvuav_ros.parameters.declaration import ParameterError, Value
 
@@ -44,7 +55,7 @@ class SetBar:
                         ui.menu_item('Compare two sets', self._compare)
                         self._download = ui.menu_item('Download the set', self._send_file)
                         ui.menu_item('Upload a set', self._ask_file)
-                        self._delete = ui.menu_item('Delete the set', self._ask_delete)
+                        self._delete = ui.menu_item('Delete the set', self._delete_chosen)
             self._match = text('', 'match').props('role=status')
         self.reload()
 
@@ -77,10 +88,10 @@ class SetBar:
             tell(str(error), bad=True)
             return {}
 
-    def refresh(self, live: Mapping[str, object]) -> dict[str, Value]:
-        """Say whether the live values are the chosen set's; returns that set."""
-        name = self._page.chosen_set
-        count = len(differences(self._values, live))
+    def compare(self, live: Mapping[str, object]) -> dict[str, str]:
+        """Say whether the live values are the chosen set's; returns the set's that differ."""
+        name, differing = self._page.chosen_set, differences(self._values, live)
+        count = len(differing)
         if not name:
             words = 'Choose a set to load it, or to see what differs from it.'
         elif count:
@@ -88,8 +99,8 @@ class SetBar:
         else:
             words = f'The live values are those of {name}.'
         self._match.set_text(words)
-        self._match.classes(add='differs') if count else self._match.classes(remove='differs')
-        return self._values
+        set_class(self._match, 'differs', count > 0)
+        return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
 
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
@@ -116,14 +127,11 @@ class SetBar:
                 button('Save', save, main=True)
                 button('Cancel', asking.close)
 
-    def _ask_delete(self) -> None:
+    async def _delete_chosen(self) -> None:
         name, services = self._page.chosen_set, self._page.services
-
-        def delete() -> None:
+        if await confirmed(f'Delete the set {name}?', 'Delete'):
             services.sets.delete(name)
             services.sets_changed.emit()
-
-        ask(f'Delete the set {name}?', 'Delete', delete)
 
     def _send_file(self) -> None:
         name = self._page.chosen_set
@@ -172,11 +180,11 @@ class SetBar:
                 left = choice(names, 'One set', LIVE).classes('grow')
                 right = choice(names, 'Another set', chosen).classes('grow')
             whole = ui.switch('Also what is equal').props('dense')
-            place = box('comparison')
+            found = box('comparison')
 
             def show() -> None:
-                place.clear()
-                with place:
+                found.clear()
+                with found:
                     self._comparison(left.value, right.value, all_of_them=bool(whole.value))
 
             for each in (left, right, whole):
@@ -186,11 +194,11 @@ class SetBar:
 
     def _comparison(self, left: str, right: str, *, all_of_them: bool) -> None:
         found = differences(self._values_of(left), self._values_of(right), all_of_them=all_of_them)
-        if not found:
+        if found:
+            rows = ((each.name, value_text(each.left), value_text(each.right)) for each in found)
+            fill(sheet('The difference', ('parameter', left, right)), rows)
+        else:
             text('No parameter differs.', 'soft')
-            return
-        sheet = Sheet('The difference', ('parameter', left, right))
-        sheet.show([[d.name, value_text(d.left), value_text(d.right)] for d in found])
 
 
 def save_set(page: Page, name: str) -> bool:
