@@ -35,8 +35,9 @@ _RATE_WINDOW = 2.0
 _OLDEST_LIVE = 10.0
 """Seconds; a stamp from longer ago is a recording's."""
 
+INPUT = 'input'
 TITLES = {
-    'input': 'Input',
+    INPUT: 'Input',
     'debug/confined': 'Confined',
     'debug/edges': 'Edges',
     'debug/hough': 'Hough',
@@ -45,24 +46,27 @@ TITLES = {
 }
 RESULT_OF_KIND = {'marker_tracker': 'debug_image', 'runway_detector': 'debug/overlay'}
 """The image with the results drawn in."""
-_OF_KIND = {
-    'marker_tracker': ('input', 'debug_image'),
-    'runway_detector': (
-        'input',
-        'debug/confined',
-        'debug/edges',
-        'debug/overlay',
-        'debug/hough',
-    ),
+_DRAWN = {
+    'marker_tracker': ('debug_image',),
+    'runway_detector': ('debug/confined', 'debug/edges', 'debug/overlay', 'debug/hough'),
 }
 
 
 @dataclass(frozen=True)
 class Stream:
-    """An image that can be shown: a node's input or one of its debug images."""
+    """An image that can be shown: a node's input or one of its debug images.
+
+    Attributes:
+        node: its name.
+        name: of the image.
+        topic: empty while it has none.
+        compressed: whether that has compressed images.
+    """
 
     node: str
     name: str
+    topic: str
+    compressed: bool = False
 
     @property
     def key(self) -> str:
@@ -96,14 +100,9 @@ class Shot:
 
 def streams_of(node: LiveNode) -> list[Stream]:
     """The images of a node."""
-    return [Stream(node.name, name) for name in _OF_KIND.get(node.kind, ())]
-
-
-def source_of(stream: Stream, node: LiveNode) -> tuple[str, bool]:
-    """The topic of a stream and whether it has compressed images; '' while it has none."""
-    if stream.name == 'input':
-        return node.image_topic, node.found.compressed
-    return f'{stream.node}/{stream.name}', False
+    given = Stream(node.name, INPUT, node.image_topic, node.found.compressed)
+    drawn = _DRAWN[node.kind]
+    return [given, *(Stream(node.name, name, f'{node.name}/{name}') for name in drawn)]
 
 
 def decode(data: bytes, compressed: bool) -> Image:
@@ -157,14 +156,14 @@ class ImageFeed:
         self._ros = ros
         self._taps: dict[str, _Tap] = {}
 
-    def look(self, stream: Stream, topic: str, compressed: bool, viewer: Look) -> None:
+    def look(self, stream: Stream, viewer: Look) -> None:
         """Begin to look; a stream whose topic has changed is subscribed anew."""
         tap = self._taps.get(stream.key)
-        if tap is None or (tap.topic, tap.compressed) != (topic, compressed):
+        if tap is None or tap.stream != stream:
             viewers = tap.viewers if tap is not None else set()
             if tap is not None:
                 tap.close()
-            tap = self._taps[stream.key] = _Tap(self._ros, stream.key, topic, compressed, viewers)
+            tap = self._taps[stream.key] = _Tap(self._ros, stream, viewers)
         tap.viewers.add(viewer)
 
     def look_away(self, key: str, viewer: Look) -> None:
@@ -184,23 +183,20 @@ class ImageFeed:
 class _Tap:
     """One subscription, with the rate capped before anything is decoded."""
 
-    def __init__(
-        self, ros: RosThread, key: str, topic: str, compressed: bool, viewers: set[Look]
-    ) -> None:
-        self.topic, self.compressed, self.viewers = topic, compressed, viewers
-        self._ros, self._key = ros, key
+    def __init__(self, ros: RosThread, stream: Stream, viewers: set[Look]) -> None:
+        self.stream, self.viewers, self._ros = stream, viewers, ros
         self._due = 0.0
         self._arrivals: deque[float] = deque(maxlen=200)
         self._data: bytes | None = None
         self._closed = False
         self._subscription = Subscriptions(ros.node)
-        kind = CompressedImage if compressed else RosImage
+        kind = CompressedImage if stream.compressed else RosImage
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        ros.do(partial(self._subscription.add, kind, topic, self._on_image, qos, raw=True))
+        ros.do(partial(self._subscription.add, kind, stream.topic, self._on_image, qos, raw=True))
 
     def newest(self) -> Image | None:
         data = self._data
-        return decode(data, self.compressed) if data is not None else None
+        return decode(data, self.stream.compressed) if data is not None else None
 
     def close(self) -> None:
         self._closed = True
@@ -214,7 +210,7 @@ class _Tap:
         # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
         self._due = max(self._due + 1.0 / HIGHEST_RATE, now)
         try:
-            image = decode(data, self.compressed)
+            image = decode(data, self.stream.compressed)
             jpeg = encode_jpeg(image)
         except ImageError:
             # The node itself says so in its diagnostics.
@@ -225,7 +221,7 @@ class _Tap:
 
     def _show(self, shot: Shot) -> None:
         for viewer in list(self.viewers):
-            viewer(self._key, shot)
+            viewer(self.stream.key, shot)
 
     def _rate(self, now: float) -> float:
         while self._arrivals[0] < now - _RATE_WINDOW:

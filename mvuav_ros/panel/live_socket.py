@@ -12,7 +12,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from mvuav_ros.panel.images import ImageFeed, Shot, Stream, source_of, streams_of
+from mvuav_ros.panel.images import ImageFeed, Shot, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.series import Point, SeriesFeed
@@ -78,19 +78,16 @@ class LiveSocket:
 
     def _look_at(self, keys: list[str]) -> None:
         """Known streams only: what a page asks for never becomes a topic by itself."""
-        known: dict[str, tuple[Stream, str, bool]] = {}
-        for node in self._system.nodes.values():
-            for stream in streams_of(node):
-                topic, compressed = source_of(stream, node)
-                if topic and stream.key in keys and len(known) < MOST_STREAMS:
-                    known[stream.key] = (stream, topic, compressed)
-        for key in self._looking - known.keys():
+        streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
+        wanted = [each for each in streams if each.topic and each.key in keys][:MOST_STREAMS]
+        looking = {stream.key for stream in wanted}
+        for key in self._looking - looking:
             self._feed.look_away(key, self._arrived)
             self._waiting.pop(key, None)
             self._under_way.pop(key, None)
-        for stream, topic, compressed in known.values():
-            self._feed.look(stream, topic, compressed, self._arrived)
-        self._looking = set(known)
+        for stream in wanted:
+            self._feed.look(stream, self._arrived)
+        self._looking = looking
 
     def _follow(self, name: str) -> None:
         node = self._system.nodes.get(name)

@@ -11,6 +11,9 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
+from mvuav_ros.panel.names import NameRefusedError
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.errors import RecordingError
 
 _CHART = Path(__file__).parent.with_name('static') / 'chart.json'
 
@@ -94,6 +97,15 @@ def tell(words: str, *, bad: bool = False) -> None:
     """A short message at the bottom."""
     shown = foreign.words(words)
     ui.notify(shown, type='negative' if bad else None, position='bottom', timeout=5000)
+
+
+@contextmanager
+def errors_told() -> Iterator[None]:
+    """Tell what is refused, or cannot be read or written; the rest of the block is left out."""
+    try:
+        yield
+    except (NameRefusedError, ParameterError, RecordingError, OSError) as error:
+        tell(str(error), bad=True)
 
 
 def sheet(label: str, heads: Sequence[str]) -> ui.table:

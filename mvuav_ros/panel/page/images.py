@@ -11,11 +11,11 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.images import RESULT_OF_KIND, Stream, streams_of
+from mvuav_ros.panel.images import INPUT, RESULT_OF_KIND, Stream, streams_of
 from mvuav_ros.panel.live_socket import MOST_STREAMS
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, empty, tell, text
-from mvuav_ros.panel.page.tile import INPUT, Tile
+from mvuav_ros.panel.page.elements import box, button, empty, errors_told, tell, text
+from mvuav_ros.panel.page.tile import Tile
 from mvuav_ros.panel.recorder import Recorder
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.errors import RecordingError
@@ -159,10 +159,8 @@ class Images:
             tell('There is no node to record.', bad=True)
             return
         name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
-        try:
+        with errors_told():
             self._recorder = Recorder(services.ros, node, services.recordings / name)
-        except (RecordingError, OSError) as error:
-            tell(str(error), bad=True)
         self.show_recording()
 
     def show_recording(self) -> None:

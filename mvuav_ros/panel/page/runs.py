@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
@@ -11,9 +12,18 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, choice, confirmed, fill, sheet, tell, text
+from mvuav_ros.panel.page.elements import (
+    box,
+    button,
+    choice,
+    confirmed,
+    errors_told,
+    fill,
+    sheet,
+    tell,
+    text,
+)
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.page.trends import Trends
 from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
@@ -167,8 +177,10 @@ class Runs:
             services.runs_changed.emit()
 
     def _save_and_run(self) -> None:
-        if self._can_start() and save_set(self._page, self._name.value or ''):
-            self._start(keep=True)
+        if self._can_start():
+            with errors_told():
+                save_set(self._page, self._name.value or '')
+                self._start(keep=True)
 
     def _can_start(self) -> bool:
         node = self._page.node
@@ -181,16 +193,23 @@ class Runs:
         return False
 
     def _start(self, *, keep: bool) -> None:
+        if not self._can_start():
+            return
+        with errors_told():
+            request = self._request(keep=keep)
+            self._process = RunProcess()
+            background_tasks.create(self._work(self._process, request))
+
+    def _request(self, *, keep: bool) -> RunRequest:
+        """With a folder made for its results."""
         node = self._page.node
-        if not self._can_start() or node is None:
-            return
-        try:
-            folder = self._folder(keep)
-        except (NameRefusedError, OSError) as error:
-            tell(str(error), bad=True)
-            return
+        assert node is not None
+        if keep:
+            folder = self._page.services.runs.new_folder(self._name.value or '')
+        else:
+            folder = Path(tempfile.mkdtemp(dir=self._page.services.scratch))
         known = PROCESSORS[node.kind].parameters_type.names()
-        request = RunRequest(
+        return RunRequest(
             name=folder.name if keep else '',
             kind=node.kind,
             source=self._bags[self._bag.value],
@@ -198,15 +217,6 @@ class Runs:
             output=folder / RESULTS,
             settings=self._page.chosen_set,
         )
-        self._process = RunProcess()
-        background_tasks.create(self._work(self._process, request))
-
-    def _folder(self, keep: bool) -> Path:
-        if keep:
-            return self._page.services.runs.new_folder(self._name.value or '')
-        folder = self._page.services.scratch / f'run_{time.time_ns()}'
-        folder.mkdir(parents=True)
-        return folder
 
     async def _work(self, process: RunProcess, request: RunRequest) -> None:
         keep = bool(request.name)

@@ -9,7 +9,6 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import (
     box,
@@ -17,6 +16,7 @@ from mvuav_ros.panel.page.elements import (
     choice,
     confirmed,
     dialog,
+    errors_told,
     fill,
     set_class,
     sheet,
@@ -24,7 +24,7 @@ from mvuav_ros.panel.page.elements import (
     text,
 )
 from mvuav_ros.panel.sets import LARGEST_SET, differences
-from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.declaration import Value
 
 LIVE = 'live values'
 Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
@@ -82,11 +82,9 @@ class SetBar:
     def _values_of(self, name: str) -> dict[str, Value]:
         if name == LIVE:
             return dict(self._page.own_values())
-        try:
+        with errors_told():
             return self._page.services.sets.load(name, self._kind)
-        except (ParameterError, NameRefusedError) as error:
-            tell(str(error), bad=True)
-            return {}
+        return {}
 
     def compare(self, live: Mapping[str, object]) -> dict[str, str]:
         """Say whether the live values are the chosen set's; returns the set's that differ."""
@@ -119,7 +117,8 @@ class SetBar:
             text(sets.folder, 'small soft number breaks')
 
             def save() -> None:
-                if save_set(self._page, field.value or ''):
+                with errors_told():
+                    save_set(self._page, field.value or '')
                     asking.close()
 
             field.on('keydown.enter', save)
@@ -135,19 +134,17 @@ class SetBar:
 
     def _send_file(self) -> None:
         name = self._page.chosen_set
-        try:
+        with errors_told():
             content = self._page.services.sets.content(name)
-        except (OSError, NameRefusedError) as error:
-            tell(str(error), bad=True)
-            return
-        ui.download.content(content, f'{name}.yaml', 'application/yaml')
+            ui.download.content(content, f'{name}.yaml', 'application/yaml')
 
     def _ask_file(self) -> None:
         with dialog('Upload a set') as asking:
             text('A ROS 2 parameter file (.yaml) of our nodes.', 'small soft')
 
             async def take(event: Any) -> None:
-                if self._take_file(event.file.name, await event.file.read()):
+                with errors_told():
+                    self._take_file(Path(event.file.name).stem, await event.file.read())
                     asking.close()
 
             ui.upload(
@@ -159,18 +156,13 @@ class SetBar:
             ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
             button('Cancel', asking.close)
 
-    def _take_file(self, file_name: str, content: bytes) -> bool:
-        services, name = self._page.services, Path(file_name).stem
-        try:
-            kinds = services.sets.add(name, content)
-        except (NameRefusedError, ParameterError, OSError) as error:
-            tell(str(error), bad=True)
-            return False
+    def _take_file(self, name: str, content: bytes) -> None:
+        services = self._page.services
+        kinds = services.sets.add(name, content)
         if self._kind in kinds:
             self._page.chosen_set = name.strip()
         services.sets_changed.emit()
         tell(f'{name} is uploaded for {" and ".join(kinds)}')
-        return True
 
     def _compare(self) -> None:
         names = [LIVE, *self._page.services.sets.names(self._kind)]
@@ -201,15 +193,15 @@ class SetBar:
             text('No parameter differs.', 'soft')
 
 
-def save_set(page: Page, name: str) -> bool:
-    """Save the selected node's values as a set; says why where that cannot be."""
+def save_set(page: Page, name: str) -> None:
+    """Save the selected node's values as a set.
+
+    Raises:
+        NameRefusedError: the name cannot be given.
+        OSError: the file cannot be written.
+    """
     kind = page.node.kind if page.node is not None else ''
-    try:
-        page.services.sets.save(name, kind, page.own_values())
-    except (NameRefusedError, OSError) as error:
-        tell(str(error), bad=True)
-        return False
+    page.services.sets.save(name, kind, page.own_values())
     page.chosen_set = name.strip()
     page.services.sets_changed.emit()
     tell(f'{name.strip()} is saved')
-    return True

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from mvuav_ros.panel.images import Stream, encode_png
+from mvuav_ros.panel.images import INPUT, Stream, encode_png
 from mvuav_ros.panel.page.elements import box, icon_button, set_prop, tell, text
 from mvuav_ros.vision.image import Image, ImageError
 
 if TYPE_CHECKING:
     from mvuav_ros.panel.page.images import Images
 
-INPUT = 'input'
 SHOW_VALUE, THRESHOLD, START_ROW, END_ROW = 'Value', 'threshold', 'start_row', 'end_row'
 _ACTIONS = {THRESHOLD: 'Threshold', START_ROW: 'Start row', END_ROW: 'End row'}
 
