@@ -42,7 +42,6 @@ class Images:
         self._tiles: list[Tile] = []
         self._wished: list[Wish] = []
         self._recorder: Recorder | None = None
-        self._recording_ended = 0.0
         with box('part images'):
             with box('bar'):
                 button('All windows', lambda: self._preset('all'), 'grid_view')

@@ -172,25 +172,18 @@ class SetBar:
                 left = choice(names, 'One set', LIVE).classes('grow')
                 right = choice(names, 'Another set', chosen).classes('grow')
             whole = ui.switch('Also what is equal').props('dense')
-            found = box('comparison')
+            table = sheet('The difference', ('parameter', 'one set', 'another set'))
+            table.props['no-data-label'] = 'No parameter differs.'
 
             def show() -> None:
-                found.clear()
-                with found:
-                    self._comparison(left.value, right.value, all_of_them=bool(whole.value))
+                sets = (self._values_of(left.value), self._values_of(right.value))
+                found = differences(*sets, all_of_them=bool(whole.value))
+                fill(table, [[d.name, value_text(d.left), value_text(d.right)] for d in found])
 
             for each in (left, right, whole):
                 each.on_value_change(show)
             show()
             button('Close', comparing.close)
-
-    def _comparison(self, left: str, right: str, *, all_of_them: bool) -> None:
-        found = differences(self._values_of(left), self._values_of(right), all_of_them=all_of_them)
-        if found:
-            rows = ((each.name, value_text(each.left), value_text(each.right)) for each in found)
-            fill(sheet('The difference', ('parameter', left, right)), rows)
-        else:
-            text('No parameter differs.', 'soft')
 
 
 def save_set(page: Page, name: str) -> None:
