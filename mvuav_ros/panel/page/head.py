@@ -43,8 +43,8 @@ class Head:
         self._dark.value = not dark
 
     def _node_button(self, name: str) -> ui.button:
-        made = ui.button(name, icon='circle', on_click=lambda: self._page.select(name))
-        return made.props('flat rounded no-caps')
+        made = ui.button(name, icon='circle', color=None)
+        return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
 
     def refresh(self) -> None:
         """After nodes came or went, or another was selected."""
