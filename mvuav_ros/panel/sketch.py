@@ -140,4 +140,5 @@ def _metres(value: float) -> str:
 
 
 def _degrees(value: float) -> str:
-    return f'{math.degrees(value):.1f}°' if math.isfinite(value) else '-'
+    # Adding 0 makes -0.0 a 0.0.
+    return f'{round(math.degrees(value), 1) + 0.0:.1f}°' if math.isfinite(value) else '-'

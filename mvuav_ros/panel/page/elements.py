@@ -111,7 +111,7 @@ def errors_told() -> Iterator[None]:
 def sheet(label: str, heads: Sequence[str]) -> ui.table:
     """A table of text for `fill`; without a line of headings where all are empty."""
     # A region that scrolls must be reached by the keyboard.
-    with box('scroll').props('tabindex=0 role=region') as region:
+    with box('sheet').props('tabindex=0 role=region') as region:
         region.props['aria-label'] = label
         columns = [
             {'name': str(i), 'label': head, 'field': str(i), 'align': 'right' if i else 'left'}
