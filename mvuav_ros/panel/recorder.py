@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,22 +68,19 @@ class Recorder:
         for topic, kind in self._topics.items():
             image = kind in (RosImage, CompressedImage)
             qos: Any = qos_profile_sensor_data if image else QoSProfile(depth=100)
-            keep = self._keeper(topic, type_name(kind))
+            keep = partial(self._keep, topic, type_name(kind))
             self._subscriptions.add(kind, topic, keep, qos, raw=True)
 
-    def _keeper(self, topic: str, kind: str) -> Any:
-        def keep(data: bytes) -> None:
-            if self.error:
-                return
-            try:
-                self._writer.write(topic, kind, time.time_ns(), data)
-                self.messages += 1
-            except RecordingError as error:
-                self.error = str(error)
-            if self.seconds > LONGEST:
-                self.error = f'ended after {LONGEST:.0f} s'
-
-        return keep
+    def _keep(self, topic: str, kind: str, data: bytes) -> None:
+        if self.error:
+            return
+        try:
+            self._writer.write(topic, kind, time.time_ns(), data)
+            self.messages += 1
+        except RecordingError as error:
+            self.error = str(error)
+        if self.seconds > LONGEST:
+            self.error = f'ended after {LONGEST:.0f} s'
 
 
 def _topics(node: LiveNode) -> dict[str, type]:
