@@ -22,11 +22,12 @@ def main() -> None:
     except ImportError:
         sys.exit('tuning_panel needs NiceGUI: pip install "mvuav_ros[panel]"')
     try:
-        family = socket.AF_INET6 if ':' in arguments.host else socket.AF_INET
-        listening = socket.create_server((arguments.host, arguments.port), family=family)
+        listening = _listen(arguments.host, arguments.port)
     except OSError as error:
-        place = f'{arguments.host}:{arguments.port}'
-        print(f'{place}: {error.strerror or error}; choose another --port', file=sys.stderr)
+        print(
+            f'{arguments.host}:{arguments.port}: {error.strerror or error}; choose another --port',
+            file=sys.stderr,
+        )
         sys.exit(2)
     sys.exit(_serve(arguments, listening))
 
@@ -81,6 +82,15 @@ def _existing(text: str) -> Path:
 def _data_folder() -> Path:
     base = os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share'
     return Path(base) / 'mvuav_ros'
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listening.bind((host, port))
+    listening.listen(64)
+    return listening
 
 
 def address(host: str, port: int, token: str) -> str:
