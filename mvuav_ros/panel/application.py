@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
 from fastapi.responses import FileResponse, Response
-from jinja2 import BaseLoader, Environment
+from jinja2 import Environment, FunctionLoader
 from nicegui import Client, app, core, ui
 from nicegui.client import templates
 from starlette.staticfiles import StaticFiles
@@ -89,20 +89,16 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
     return Guard(application, token)
 
 
-class _WithNonce(BaseLoader):
-    """Puts the nonce into a template before any data are: data can never bring a script."""
-
-    def __init__(self, inner: BaseLoader) -> None:
-        self._inner = inner
-
-    def get_source(
-        self, environment: Environment, template: str
-    ) -> tuple[str, str | None, Callable[[], bool] | None]:
-        source, path, fresh = self._inner.get_source(environment, template)
-        return source.replace('<script', '<script nonce="{{ csp_nonce() }}"'), path, fresh
-
-
 def _give_scripts_a_nonce(environment: Environment) -> None:
-    if environment.loader is not None and not isinstance(environment.loader, _WithNonce):
-        environment.loader = _WithNonce(environment.loader)
-        environment.globals['csp_nonce'] = NONCE.get
+    """Put the nonce into templates before any data are: data can never bring a script."""
+    if 'csp_nonce' in environment.globals:
+        return
+    inner = environment.loader
+    assert inner is not None
+
+    def source(template: str) -> str:
+        plain = inner.get_source(environment, template)[0]
+        return plain.replace('<script', '<script nonce="{{ csp_nonce() }}"')
+
+    environment.loader = FunctionLoader(source)
+    environment.globals['csp_nonce'] = NONCE.get

@@ -15,6 +15,7 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from mvuav_ros.panel import foreign
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.descriptor_text import DescriptorText, default_text, read_description
+from mvuav_ros.parameters.parameter_file import is_every_nodes
 
 _CHOICES = 'one of '
 _LOGARITHMIC = 40
@@ -77,10 +78,7 @@ class Control:
     @property
     def foreign(self) -> bool:
         """Whether every ROS node has it, without a meaning for vision."""
-        return self.name.startswith('qos_overrides.') or self.name in (
-            'use_sim_time',
-            'start_type_description_service',
-        )
+        return is_every_nodes(self.name)
 
     @property
     def stage(self) -> str:

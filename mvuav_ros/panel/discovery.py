@@ -45,7 +45,7 @@ def find_nodes(node: Node) -> dict[str, Found]:
         try:
             kind = _kind(node, name, namespace, full)
             if kind and len(found) < _MOST_NODES:
-                found[full] = _with_input(node, name, namespace, Found(full, kind))
+                found[full] = Found(full, kind, *_input(node, name, namespace))
         except Exception as error:
             # It went away meanwhile; rclpy has no public exception for that.
             if 'NameNonExistent' not in type(error).__name__:
@@ -61,8 +61,9 @@ def _kind(node: Node, name: str, namespace: str, full: str) -> str:
     return ''
 
 
-def _with_input(node: Node, name: str, namespace: str, found: Found) -> Found:
+def _input(node: Node, name: str, namespace: str) -> tuple[str, bool]:
+    """The topic of its images, and whether they are compressed."""
     for topic, types in node.get_subscriber_names_and_types_by_node(name, namespace):
         if (RAW in types or COMPRESSED in types) and foreign.is_ros_name(topic):
-            return Found(found.name, found.kind, topic, COMPRESSED in types)
-    return found
+            return topic, COMPRESSED in types
+    return '', False

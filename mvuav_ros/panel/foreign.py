@@ -12,7 +12,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
 LONGEST_WORDS = 200
 LONGEST_DESCRIPTION = 2000
@@ -25,13 +25,6 @@ _MOST_NUMBERS = 16
 _MOST_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-
-
-class KeyValue(Protocol):
-    """As diagnostic_msgs has it."""
-
-    key: str
-    value: str
 
 
 def words(text: object, longest: int = LONGEST_WORDS) -> str:
@@ -86,8 +79,8 @@ def is_ros_name(text: str) -> bool:
     return len(text) <= LONGEST_NAME and _ROS_NAME.fullmatch(text) is not None
 
 
-def key_values(pairs: Iterable[KeyValue]) -> dict[str, str]:
-    """Keys and values of a diagnostic status."""
+def key_values(pairs: Iterable[Any]) -> dict[str, str]:
+    """Keys and values of a diagnostic status, diagnostic_msgs/KeyValue."""
     return {words(pair.key): words(pair.value) for pair in islice(pairs, _MOST_VALUES)}
 
 

@@ -6,12 +6,12 @@ import hashlib
 import hmac
 import ipaddress
 import secrets
-from collections.abc import Awaitable, Callable, MutableMapping
 from contextvars import ContextVar
-from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
-from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
+
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 NONCE: ContextVar[str] = ContextVar('NONCE', default='')
 """Of the request that is being answered; scripts written in its page bear it, others do not run."""
@@ -22,11 +22,6 @@ _POLICY = (
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 """Vue compiles its templates in the page, hence eval; other hosts are never asked."""
-
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
 def is_loopback(host: str) -> bool:
@@ -44,14 +39,6 @@ def make_token(host: str) -> str:
     return '' if is_loopback(host) else secrets.token_urlsafe(24)
 
 
-@dataclass(frozen=True)
-class Refusal:
-    """An answer instead of the page."""
-
-    status: int
-    words: str
-
-
 class Guard:
     """ASGI application around another one that answers only those who may.
 
@@ -61,7 +48,7 @@ class Guard:
     changes something) must come from a page of ours.
     """
 
-    def __init__(self, app: App, token: str) -> None:
+    def __init__(self, app: ASGIApp, token: str) -> None:
         """Put a guard in front of an application.
 
         Args:
@@ -79,53 +66,36 @@ class Guard:
             await self.app(scope, receive, send)
             return
         NONCE.set(secrets.token_urlsafe(16))
-        headers = {name.decode('latin-1'): value for name, value in scope['headers']}
-        headers = {name: value.decode('latin-1') for name, value in headers.items()}
-        given = parse_qs(scope.get('query_string', b'').decode('latin-1')).get('token', [''])[0]
-        refusal = self.refusal(scope['type'], scope.get('method', 'GET'), headers, given)
-        if refusal is not None:
-            await _refuse(scope['type'], refusal, receive, send)
-        elif scope['type'] == 'http' and self._token and given:
-            await _answer(send, 303, b'', [(b'location', b'/'), (b'set-cookie', self._cookie())])
-        elif scope['type'] == 'http':
-            await self.app(scope, receive, _with_headers(send))
-        else:
-            await self.app(scope, receive, send)
+        visitor = HTTPConnection(scope)
+        answer = self._refusal(visitor)
+        if answer is None and scope['type'] == 'http' and self._token and _given(visitor):
+            # The token does not stay in the address bar and its history.
+            cookie = f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
+            answer = RedirectResponse('/', 303, {'set-cookie': cookie})
+        await (answer or self.app)(scope, receive, _with_headers(send))
 
-    def refusal(
-        self, kind: str, method: str, headers: MutableMapping[str, str], given: str = ''
-    ) -> Refusal | None:
-        """Why a visitor is turned away; None where he is not.
-
-        Args:
-            kind: ``http`` or ``websocket``.
-            method: of the request.
-            headers: with names in lower case.
-            given: the token in the address.
-        """
-        host = headers.get('host', '')
+    def _refusal(self, visitor: HTTPConnection) -> Response | None:
+        """What a visitor gets who is turned away; None where he is not."""
+        host, origin = visitor.headers.get('host', ''), visitor.headers.get('origin')
         if not self._token and not is_loopback(_name_of(host)):
-            return Refusal(403, f'{host or "no host"} is not a name of this machine')
-        origin = headers.get('origin')
-        changes = kind == 'websocket' or method not in _SAFE_METHODS
-        if changes and (origin is None or not _same_origin(origin, host)):
-            return Refusal(403, 'the request comes from a page of another site')
-        if self._token and not self._knows(given) and not self._knows(self._kept(headers)):
-            return Refusal(401, 'open the address with ?token= that the panel printed')
+            return PlainTextResponse(f'{host or "no host"} is not a name of this machine\n', 403)
+        scope = visitor.scope
+        reads = scope['type'] == 'http' and scope['method'] in _SAFE_METHODS
+        if not reads and (origin is None or not _same_origin(origin, host)):
+            return PlainTextResponse('the request comes from a page of another site\n', 403)
+        known = (_given(visitor), visitor.cookies.get(self.cookie, ''))
+        if self._token and not any(map(self._knows, known)):
+            words = 'open the address with ?token= that the panel printed\n'
+            return PlainTextResponse(words, 401)
         return None
 
     def _knows(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode('latin-1', 'replace'), self._token.encode())
+        return hmac.compare_digest(given.encode('utf-8', 'replace'), self._token.encode())
 
-    def _cookie(self) -> bytes:
-        return f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'.encode()
 
-    def _kept(self, headers: MutableMapping[str, str]) -> str:
-        try:
-            cookies = SimpleCookie(headers.get('cookie', ''))
-        except CookieError:
-            return ''
-        return cookies[self.cookie].value if self.cookie in cookies else ''
+def _given(visitor: HTTPConnection) -> str:
+    """The token in the address."""
+    return visitor.query_params.get('token', '')
 
 
 def _name_of(host: str) -> str:
@@ -143,33 +113,17 @@ def _same_origin(origin: str, host: str) -> bool:
     return parts.scheme in ('http', 'https') and parts.netloc.lower() == host.lower()
 
 
-def _headers() -> list[tuple[bytes, bytes]]:
-    return [
+def _with_headers(send: Send) -> Send:
+    headers = [
         (b'content-security-policy', _POLICY.format(nonce=NONCE.get()).encode()),
         (b'x-content-type-options', b'nosniff'),
         (b'referrer-policy', b'no-referrer'),
     ]
 
-
-def _with_headers(send: Send) -> Send:
-    async def send_more(message: MutableMapping[str, Any]) -> None:
-        if message['type'] == 'http.response.start':
-            message['headers'] = [*message.get('headers', ()), *_headers()]
+    async def send_more(message: Message) -> None:
+        # Of a refused WebSocket too: websocket.http.response.start.
+        if message['type'].endswith('http.response.start'):
+            message['headers'] = [*message.get('headers', ()), *headers]
         await send(message)
 
     return send_more
-
-
-async def _refuse(kind: str, refusal: Refusal, receive: Receive, send: Send) -> None:
-    if kind == 'websocket':
-        await receive()
-        await send({'type': 'websocket.close', 'code': 1008, 'reason': refusal.words})
-        return
-    await _answer(send, refusal.status, f'{refusal.words}\n'.encode(), [])
-
-
-async def _answer(send: Send, status: int, body: bytes, more: list[tuple[bytes, bytes]]) -> None:
-    headers = [(b'content-type', b'text/plain; charset=utf-8'), *_headers(), *more]
-    headers.append((b'content-length', str(len(body)).encode()))
-    await send({'type': 'http.response.start', 'status': status, 'headers': headers})
-    await send({'type': 'http.response.body', 'body': body})

@@ -7,16 +7,17 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.panel.live_system import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.recordings.serialization.serialized_image import (
     stamp_ns_in,
@@ -34,8 +35,9 @@ _RATE_WINDOW = 2.0
 _OLDEST_LIVE = 10.0
 """Seconds; a stamp from longer ago is a recording's."""
 
+INPUT = 'input'
 TITLES = {
-    'input': 'Input',
+    INPUT: 'Input',
     'debug/confined': 'Confined',
     'debug/edges': 'Edges',
     'debug/hough': 'Hough',
@@ -44,24 +46,27 @@ TITLES = {
 }
 RESULT_OF_KIND = {'marker_tracker': 'debug_image', 'runway_detector': 'debug/overlay'}
 """The image with the results drawn in."""
-_OF_KIND = {
-    'marker_tracker': ('input', 'debug_image'),
-    'runway_detector': (
-        'input',
-        'debug/confined',
-        'debug/edges',
-        'debug/overlay',
-        'debug/hough',
-    ),
+_DRAWN = {
+    'marker_tracker': ('debug_image',),
+    'runway_detector': ('debug/confined', 'debug/edges', 'debug/overlay', 'debug/hough'),
 }
 
 
 @dataclass(frozen=True)
 class Stream:
-    """An image that can be shown: a node's input or one of its debug images."""
+    """An image that can be shown: a node's input or one of its debug images.
+
+    Attributes:
+        node: its name.
+        name: of the image.
+        topic: empty while it has none.
+        compressed: whether that has compressed images.
+    """
 
     node: str
     name: str
+    topic: str
+    compressed: bool = False
 
     @property
     def key(self) -> str:
@@ -95,14 +100,9 @@ class Shot:
 
 def streams_of(node: LiveNode) -> list[Stream]:
     """The images of a node."""
-    return [Stream(node.name, name) for name in _OF_KIND.get(node.kind, ())]
-
-
-def source_of(stream: Stream, node: LiveNode) -> tuple[str, bool]:
-    """The topic of a stream and whether it has compressed images; '' while it has none."""
-    if stream.name == 'input':
-        return node.image_topic, node.found.compressed
-    return f'{stream.node}/{stream.name}', False
+    given = Stream(node.name, INPUT, node.image_topic, node.found.compressed)
+    drawn = _DRAWN[node.kind]
+    return [given, *(Stream(node.name, name, f'{node.name}/{name}') for name in drawn)]
 
 
 def decode(data: bytes, compressed: bool) -> Image:
@@ -155,81 +155,52 @@ class ImageFeed:
     def __init__(self, ros: RosThread) -> None:
         self._ros = ros
         self._taps: dict[str, _Tap] = {}
-        self._viewers: dict[str, list[Look]] = {}
 
-    def look(self, stream: Stream, topic: str, compressed: bool, viewer: Look) -> None:
+    def look(self, stream: Stream, viewer: Look) -> None:
         """Begin to look; a stream whose topic has changed is subscribed anew."""
         tap = self._taps.get(stream.key)
-        if tap is not None and (tap.topic, tap.compressed) != (topic, compressed):
-            self._close(stream.key)
-            tap = None
-        viewers = self._viewers.setdefault(stream.key, [])
-        if viewer not in viewers:
-            viewers.append(viewer)
-        if tap is None:
-            self._taps[stream.key] = _Tap(self._ros, stream.key, topic, compressed, self._arrived)
+        if tap is None or tap.stream != stream:
+            viewers = tap.viewers if tap is not None else set()
+            if tap is not None:
+                tap.close()
+            tap = self._taps[stream.key] = _Tap(self._ros, stream, viewers)
+        tap.viewers.add(viewer)
 
     def look_away(self, key: str, viewer: Look) -> None:
         """End `look`; the last viewer ends the subscription."""
-        viewers = self._viewers.get(key, [])
-        if viewer in viewers:
-            viewers.remove(viewer)
-        if not viewers:
-            self._viewers.pop(key, None)
-            self._close(key)
+        tap = self._taps.get(key)
+        if tap is not None:
+            tap.viewers.discard(viewer)
+            if not tap.viewers:
+                self._taps.pop(key).close()
 
     def newest(self, key: str) -> Image | None:
         """The image that was shown last, at its full size."""
         tap = self._taps.get(key)
         return tap.newest() if tap is not None else None
 
-    def _close(self, key: str) -> None:
-        tap = self._taps.pop(key, None)
-        if tap is not None:
-            tap.close()
-
-    def _arrived(self, key: str, shot: Shot) -> None:
-        for viewer in list(self._viewers.get(key, ())):
-            viewer(key, shot)
-
 
 class _Tap:
     """One subscription, with the rate capped before anything is decoded."""
 
-    def __init__(
-        self, ros: RosThread, key: str, topic: str, compressed: bool, arrived: Look
-    ) -> None:
-        self.topic, self.compressed = topic, compressed
-        self._ros, self._key, self._arrived = ros, key, arrived
+    def __init__(self, ros: RosThread, stream: Stream, viewers: set[Look]) -> None:
+        self.stream, self.viewers, self._ros = stream, viewers, ros
         self._due = 0.0
         self._arrivals: deque[float] = deque(maxlen=200)
         self._data: bytes | None = None
         self._closed = False
-        self._subscription: Any = None
-        ros.do(self._open)
+        self._subscription = Subscriptions(ros.node)
+        kind = CompressedImage if stream.compressed else RosImage
+        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        ros.do(partial(self._subscription.add, kind, stream.topic, self._on_image, qos, raw=True))
 
     def newest(self) -> Image | None:
         data = self._data
-        return decode(data, self.compressed) if data is not None else None
+        return decode(data, self.stream.compressed) if data is not None else None
 
     def close(self) -> None:
         self._closed = True
-        self._ros.do(self._destroy)
-
-    def _open(self) -> None:
-        qos = QoSProfile(
-            depth=1,
-            reliability=qos_profile_sensor_data.reliability,
-            history=qos_profile_sensor_data.history,
-        )
-        kind = CompressedImage if self.compressed else RosImage
-        self._subscription = self._ros.node.create_subscription(
-            kind, self.topic, self._on_image, qos, raw=True
-        )
-
-    def _destroy(self) -> None:
-        if self._subscription is not None:
-            self._ros.node.destroy_subscription(self._subscription)
+        self._ros.do(self._subscription.close)
 
     def _on_image(self, data: bytes) -> None:
         now = time.monotonic()
@@ -239,14 +210,18 @@ class _Tap:
         # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
         self._due = max(self._due + 1.0 / HIGHEST_RATE, now)
         try:
-            image = decode(data, self.compressed)
+            image = decode(data, self.stream.compressed)
             jpeg = encode_jpeg(image)
         except ImageError:
             # The node itself says so in its diagnostics.
             return
         self._data = data
         shot = Shot(image.width, image.height, jpeg, self._rate(now), _age_ms(data))
-        self._ros.tell(self._arrived, self._key, shot)
+        self._ros.tell(self._show, shot)
+
+    def _show(self, shot: Shot) -> None:
+        for viewer in list(self.viewers):
+            viewer(self.stream.key, shot)
 
     def _rate(self, now: float) -> float:
         while self._arrivals[0] < now - _RATE_WINDOW:

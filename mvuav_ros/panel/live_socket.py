@@ -7,15 +7,15 @@ import json
 import math
 import struct
 import time
+from collections import Counter
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from mvuav_ros.panel import foreign
-from mvuav_ros.panel.images import ImageFeed, Shot, Stream, source_of, streams_of
+from mvuav_ros.panel.images import ImageFeed, Shot, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.panel.series import Listener, Point, SeriesFeed
+from mvuav_ros.panel.series import Point, SeriesFeed
 from mvuav_ros.panel.sketch import Sketch
 
 _CURVE_INTERVAL = 0.2
@@ -40,7 +40,7 @@ class LiveSocket:
         self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
         self._looking: set[str] = set()
         self._waiting: dict[str, Shot] = {}
-        self._under_way: dict[str, int] = {}
+        self._under_way: Counter[str] = Counter()
         self._series: SeriesFeed | None = None
         self._series_of = ''
         self._points: list[Point] = []
@@ -68,7 +68,7 @@ class LiveSocket:
     def _take(self, request: dict[str, Any]) -> None:
         if 'drawn' in request:
             key = str(request['drawn'])
-            if self._under_way.get(key, 0) > 0:
+            if self._under_way[key] > 0:
                 self._under_way[key] -= 1
                 self._something.set()
         if 'images' in request:
@@ -78,19 +78,16 @@ class LiveSocket:
 
     def _look_at(self, keys: list[str]) -> None:
         """Known streams only: what a page asks for never becomes a topic by itself."""
-        known: dict[str, tuple[Stream, str, bool]] = {}
-        for node in self._system.nodes.values():
-            for stream in streams_of(node):
-                topic, compressed = source_of(stream, node)
-                if topic and stream.key in keys and len(known) < MOST_STREAMS:
-                    known[stream.key] = (stream, topic, compressed)
-        for key in self._looking - known.keys():
+        streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
+        wanted = [each for each in streams if each.topic and each.key in keys][:MOST_STREAMS]
+        looking = {stream.key for stream in wanted}
+        for key in self._looking - looking:
             self._feed.look_away(key, self._arrived)
             self._waiting.pop(key, None)
             self._under_way.pop(key, None)
-        for stream, topic, compressed in known.values():
-            self._feed.look(stream, topic, compressed, self._arrived)
-        self._looking = set(known)
+        for stream in wanted:
+            self._feed.look(stream, self._arrived)
+        self._looking = looking
 
     def _follow(self, name: str) -> None:
         node = self._system.nodes.get(name)
@@ -103,12 +100,7 @@ class LiveSocket:
         self._pose = None
         self._series_of, self._series = name, None
         if node is not None:
-            listener = Listener(
-                self._point_arrived,
-                self._pose_arrived,
-                lambda: foreign.number(node.values.get('runway_width', 0.0)),
-            )
-            self._series = SeriesFeed(self._ros, name, node.kind, listener)
+            self._series = SeriesFeed(self._ros, node, self._point_arrived, self._pose_arrived)
 
     def _arrived(self, key: str, shot: Shot) -> None:
         self._waiting[key] = shot
@@ -127,9 +119,9 @@ class LiveSocket:
             await self._something.wait()
             self._something.clear()
             for key, shot in list(self._waiting.items()):
-                if self._under_way.get(key, 0) < _UNANSWERED:
+                if self._under_way[key] < _UNANSWERED:
                     self._waiting.pop(key, None)
-                    self._under_way[key] = self._under_way.get(key, 0) + 1
+                    self._under_way[key] += 1
                     await self._socket.send_bytes(_message(key, shot))
             now = time.monotonic()
             if (self._points or self._pose) and now - self._sent_curves >= _CURVE_INTERVAL:

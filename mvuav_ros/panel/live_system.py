@@ -17,7 +17,7 @@ from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import Control
 from mvuav_ros.panel.discovery import Found, find_nodes
 from mvuav_ros.panel.remote_parameters import RemoteParameters, value_of
-from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
+from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread, Subscriptions
 from mvuav_ros.parameters.declaration import Value
 
 _SCAN_INTERVAL = 1.0
@@ -99,8 +99,8 @@ class LiveSystem:
         self.nodes: dict[str, LiveNode] = {}
         self._remotes: dict[str, RemoteParameters] = {}
         self._listeners: list[Listener] = []
-        self._subscriptions: list[Any] = []
-        self._statistics: dict[str, Any] = {}
+        self._subscriptions = Subscriptions(ros.node)
+        self._statistics: dict[str, Subscriptions] = {}
         self._scanning: asyncio.Task[None] | None = None
         self._reading: set[str] = set()
         self._unread: set[str] = set()
@@ -171,14 +171,12 @@ class LiveSystem:
         now = time.monotonic()
         for name, each in found.items():
             node = self.nodes.get(name)
-            if node is None:
-                node = self.nodes[name] = LiveNode(each)
-                self._tell('nodes', node)
-            elif node.found != each:
+            if node is None or node.found != each:
+                node = self.nodes.setdefault(name, LiveNode(each))
                 node.found = each
                 self._tell('nodes', node)
             if name not in self._remotes:
-                self._remotes[name] = await self._ros.call(partial(self._connect, name))
+                await self._ros.call(partial(self._connect, name))
             if (not node.alive or name in self._unread) and name not in self._reading:
                 self._reading.add(name)
                 asyncio.create_task(self._read(node))  # noqa: RUF006 - kept in _reading
@@ -213,40 +211,23 @@ class LiveSystem:
 
     # In the ROS thread:
 
-    def _connect(self, name: str) -> RemoteParameters:
-        self._statistics[name] = self._ros.node.create_subscription(
-            DiagnosticArray,
-            f'{name}/statistics',
-            lambda message: self._ros.tell(self._on_statistics, name, message),
-            10,
-        )
-        return RemoteParameters(self._ros, name)
+    def _connect(self, name: str) -> None:
+        heard = partial(self._ros.tell, self._on_statistics, name)
+        self._statistics[name] = Subscriptions(self._ros.node)
+        self._statistics[name].add(DiagnosticArray, f'{name}/statistics', heard)
+        self._remotes[name] = RemoteParameters(self._ros, name)
 
     def _disconnect(self, name: str) -> None:
-        self._ros.node.destroy_subscription(self._statistics.pop(name))
-        self._remotes.pop(name).close(self._ros.node)
+        self._statistics.pop(name).close()
+        self._remotes.pop(name).close()
 
     def _subscribe(self) -> None:
-        node = self._ros.node
-        self._subscriptions = [
-            node.create_subscription(
-                DiagnosticArray,
-                '/diagnostics',
-                lambda message: self._ros.tell(self._on_diagnostics, message),
-                10,
-            ),
-            node.create_subscription(
-                ParameterEvent,
-                '/parameter_events',
-                lambda message: self._ros.tell(self._on_parameters, message),
-                100,
-            ),
-        ]
+        add, tell = self._subscriptions.add, self._ros.tell
+        add(DiagnosticArray, '/diagnostics', partial(tell, self._on_diagnostics))
+        add(ParameterEvent, '/parameter_events', partial(tell, self._on_parameters), 100)
 
     def _unsubscribe(self) -> None:
-        for subscription in self._subscriptions:
-            self._ros.node.destroy_subscription(subscription)
-        self._subscriptions = []
+        self._subscriptions.close()
         for name in list(self._remotes):
             self._disconnect(name)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from pathlib import Path
 
 import mvuav_ros
@@ -12,18 +11,11 @@ from mvuav_ros.offline.evaluation.evaluation_run import read_bag
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.replay.job import ReplayOutcome
 from mvuav_ros.offline.report.writing import write_report
+from mvuav_ros.panel.run_process import RunRequest
 from mvuav_ros.panel.runs import REPORT, SavedRun
-from mvuav_ros.parameters.declaration import Value
 
 
-def measured_run(
-    name: str,
-    kind: str,
-    source: str,
-    parameters: Mapping[str, Value],
-    outcome: ReplayOutcome,
-    settings: str = '',
-) -> SavedRun:
+def measured_run(request: RunRequest, outcome: ReplayOutcome) -> SavedRun:
     """The numbers of a replay that has ended.
 
     A run with a name gets a report beside its results.
@@ -32,22 +24,21 @@ def measured_run(
         RecordingError: the results or the recording cannot be read.
     """
     observed = read_bag(Path(outcome.output))
-    observed.truth = read_bag(Path(source)).truth
+    observed.truth = read_bag(request.source).truth
     observed.frames = outcome.frames
     observed.rejected = outcome.frames - outcome.processed
-    if name:
-        described = {key: str(value) for key, value in parameters.items()}
+    if request.name:
+        described = {key: str(value) for key, value in request.parameters.items()}
         write_report(bag_report(observed, described), Path(outcome.output).parent / REPORT)
-    metrics = [metric for metric in metrics_of(observed) if metric.name != 'time per frame']
     return SavedRun(
-        name=name,
-        kind=kind,
-        source=source,
-        parameters=dict(parameters),
-        metrics=tuple(metrics),
+        name=request.name,
+        kind=request.kind,
+        source=str(request.source),
+        parameters=dict(request.parameters),
+        metrics=tuple(m for m in metrics_of(observed) if m.name != 'time per frame'),
         version=mvuav_ros.__version__,
         made=time.time(),
         frames=outcome.frames,
         answered=outcome.processed,
-        settings=settings,
+        settings=request.settings,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.panel.live_system import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.serialization.type_name import type_name
@@ -45,7 +46,7 @@ class Recorder:
         self.path, self.messages, self.error = path, 0, ''
         self._ros, self._began = ros, time.monotonic()
         self._writer = RecordingWriter(path, metadata={'recorded': {'node': node.name}})
-        self._subscriptions: list[Any] = []
+        self._subscriptions = Subscriptions(ros.node)
         self._topics = _topics(node)
         ros.do(self._open)
 
@@ -60,37 +61,26 @@ class Recorder:
         Raises:
             RecordingError: the file could not be completed.
         """
-        await self._ros.call(self._unsubscribe)
+        await self._ros.call(self._subscriptions.close)
         self._writer.close()
 
     def _open(self) -> None:
         for topic, kind in self._topics.items():
             image = kind in (RosImage, CompressedImage)
             qos: Any = qos_profile_sensor_data if image else QoSProfile(depth=100)
-            self._subscriptions.append(
-                self._ros.node.create_subscription(
-                    kind, topic, self._keeper(topic, type_name(kind)), qos, raw=True
-                )
-            )
+            keep = partial(self._keep, topic, type_name(kind))
+            self._subscriptions.add(kind, topic, keep, qos, raw=True)
 
-    def _unsubscribe(self) -> None:
-        for subscription in self._subscriptions:
-            self._ros.node.destroy_subscription(subscription)
-        self._subscriptions = []
-
-    def _keeper(self, topic: str, kind: str) -> Any:
-        def keep(data: bytes) -> None:
-            if self.error:
-                return
-            try:
-                self._writer.write(topic, kind, time.time_ns(), data)
-                self.messages += 1
-            except RecordingError as error:
-                self.error = str(error)
-            if self.seconds > LONGEST:
-                self.error = f'ended after {LONGEST:.0f} s'
-
-        return keep
+    def _keep(self, topic: str, kind: str, data: bytes) -> None:
+        if self.error:
+            return
+        try:
+            self._writer.write(topic, kind, time.time_ns(), data)
+            self.messages += 1
+        except RecordingError as error:
+            self.error = str(error)
+        if self.seconds > LONGEST:
+            self.error = f'ended after {LONGEST:.0f} s'
 
 
 def _topics(node: LiveNode) -> dict[str, type]:

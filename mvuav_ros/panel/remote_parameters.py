@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rcl_interfaces.msg import ListParametersResult
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from mvuav_ros.panel import foreign
@@ -23,7 +21,6 @@ _SERVICES = {
 }
 _MOST = 500
 """Parameters shown; more are no vision node's."""
-_LONGEST = foreign.LONGEST_NAME
 
 
 class RemoteParameters:
@@ -42,10 +39,10 @@ class RemoteParameters:
             for service, kind in _SERVICES.items()
         }
 
-    def close(self, node: Node) -> None:
+    def close(self) -> None:
         """Destroy the clients."""
         for client in self._clients.values():
-            node.destroy_client(client)
+            self._ros.node.destroy_client(client)
 
     async def describe(self) -> list[Control]:
         """Every parameter's control, in the order of declaration where the node keeps it.
@@ -53,10 +50,9 @@ class RemoteParameters:
         Raises:
             NoAnswerError: the node does not answer.
         """
-        listed: ListParametersResult = (
-            await self._ask('list_parameters', ListParameters.Request())
-        ).result
-        names = [name for name in dict.fromkeys(listed.names) if 0 < len(name) <= _LONGEST][:_MOST]
+        listed = (await self._ask('list_parameters', ListParameters.Request())).result.names
+        short = [name for name in dict.fromkeys(listed) if 0 < len(name) <= foreign.LONGEST_NAME]
+        names = short[:_MOST]
         answer = await self._ask('describe_parameters', DescribeParameters.Request(names=names))
         controls = {each.name: control_of(each) for each in answer.descriptors}
         return [controls[name] for name in names if name in controls]

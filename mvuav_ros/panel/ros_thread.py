@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 T = TypeVar('T')
@@ -17,6 +19,31 @@ T = TypeVar('T')
 
 class NoAnswerError(RuntimeError):
     """A node did not answer in time."""
+
+
+class Subscriptions:
+    """Those of one purpose, which end together; used in the ROS thread."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._open: list[Any] = []
+
+    def add(
+        self,
+        kind: type,
+        topic: str,
+        heard: Callable[[Any], None],
+        qos: QoSProfile | int = 10,
+        *,
+        raw: bool = False,
+    ) -> None:
+        """Subscribe."""
+        self._open.append(self._node.create_subscription(kind, topic, heard, qos, raw=raw))
+
+    def close(self) -> None:
+        """Unsubscribe from all."""
+        while self._open:
+            self._node.destroy_subscription(self._open.pop())
 
 
 class RosThread:
@@ -63,7 +90,7 @@ class RosThread:
 
     async def call(self, function: Callable[[], T]) -> T:
         """Call a function in the ROS thread; from the loop."""
-        value: T = await self._await(lambda done: done(function()))
+        value: T = await self._answer(lambda answer: answer.set_result(function()))
         return value
 
     async def request(self, client: Any, request: Any, timeout: float = 3.0) -> Any:
@@ -73,33 +100,30 @@ class RosThread:
             NoAnswerError: nothing came within ``timeout`` seconds.
         """
 
-        def ask(done: Callable[[Any], None]) -> None:
+        def ask(answer: Future[Any]) -> None:
             if not client.service_is_ready():
                 raise NoAnswerError('the node does not answer')
-            future = client.call_async(request)
-            future.add_done_callback(lambda answered: done(answered.result()))
+            asked = client.call_async(request)
+            asked.add_done_callback(lambda answered: answer.set_result(answered.result()))
 
         try:
-            return await asyncio.wait_for(self._await(ask), timeout)
+            return await asyncio.wait_for(self._answer(ask), timeout)
         except TimeoutError:
             raise NoAnswerError(f'the node did not answer within {timeout:g} s') from None
 
-    async def _await(self, begin: Callable[[Callable[[Any], None]], None]) -> Any:
-        loop = asyncio.get_running_loop()
-        answer: asyncio.Future[Any] = loop.create_future()
-
-        def settle(set_it: Callable[[Any], None], value: Any) -> None:
-            if not answer.done():
-                set_it(value)
+    async def _answer(self, begin: Callable[[Future[Any]], None]) -> Any:
+        answer: Future[Any] = Future()
+        # From now on it cannot be cancelled: an answer may come after nobody waits any more.
+        answer.set_running_or_notify_cancel()
 
         def run() -> None:
             try:
-                begin(lambda value: self.tell(settle, answer.set_result, value))
+                begin(answer)
             except Exception as error:
-                self.tell(settle, answer.set_exception, error)
+                answer.set_exception(error)
 
         self._executor.create_task(run)
-        return await answer
+        return await asyncio.wrap_future(answer)
 
     def _spin(self) -> None:
         while rclpy.ok() and not self._stopping:

@@ -96,6 +96,4 @@ def _measured_replay(request: RunRequest, report: Report, stop: Stop) -> SavedRu
         raise RecordingError(outcome.failure or 'interrupted')
     from mvuav_ros.panel.measuring import measured_run
 
-    return measured_run(
-        request.name, request.kind, job.source, request.parameters, outcome, request.settings
-    )
+    return measured_run(request, outcome)

@@ -6,14 +6,16 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
-from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.panel import foreign
+from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
 from mvuav_ros.panel.sketch import Sketch, rotation_of, sketch_runway, sketch_tanker
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
@@ -30,53 +32,43 @@ _HIGHEST_RATE = 30.0
 _MOST_VALUES = 100_000
 _LARGEST = 1e9
 
+Charts = dict[str, dict[str, float]]
+"""Values by chart and curve."""
 Point = tuple[float, str, dict[str, float]]
 """Time (s), chart, value by curve; NaN where there is none."""
-
-
-@dataclass(frozen=True)
-class Listener:
-    """Called in the loop with what a node has found.
-
-    Attributes:
-        point: with points of the curves.
-        pose: with the newest pose.
-        runway_width: gives the width of the runway, m; 0: not known.
-    """
-
-    point: Callable[[Point], None]
-    pose: Callable[[Sketch], None]
-    runway_width: Callable[[], float]
 
 
 class SeriesFeed:
     """Follows one node's results; made, and closed, in the loop."""
 
-    def __init__(self, ros: RosThread, name: str, kind: str, listener: Listener) -> None:
+    def __init__(
+        self,
+        ros: RosThread,
+        node: LiveNode,
+        point: Callable[[Point], None],
+        pose: Callable[[Sketch], None],
+    ) -> None:
         """Subscribe.
 
         Args:
             ros: our own node.
-            name: the other node's.
-            kind: what it is.
-            listener: is told.
+            node: the other node.
+            point: called in the loop with points of the curves.
+            pose: called in the loop with the newest pose.
         """
-        self._ros, self._name, self._kind, self._listener = ros, name, kind, listener
-        self._subscriptions: list[Any] = []
+        self._ros, self._node, self._point, self._sketch = ros, node, point, pose
+        self._subscriptions = Subscriptions(ros.node)
         self._due: dict[str, float] = {}
         ros.do(self._open)
 
     def close(self) -> None:
         """Unsubscribe."""
-        self._ros.do(self._destroy)
+        self._ros.do(self._subscriptions.close)
 
     def _open(self) -> None:
-        if self._kind == 'marker_tracker':
-            self._subscribe('markers', PointCloud2, self._curves(_marker_points))
-            self._subscribe('rpy', Vector3Stamped, self._curves(_roll_points))
-        else:
-            self._subscribe('line_params', PointCloud2, self._curves(_line_points))
-        self._subscribe('pose', PoseWithCovarianceStamped, self._pose)
+        for topic, kind, points in _SOURCES[self._node.kind]:
+            self._subscribe(topic, kind, partial(self._tell_points, points))
+        self._subscribe('pose', PoseWithCovarianceStamped, self._tell_pose)
 
     def _subscribe(self, topic: str, kind: type, take: Callable[[Any, float], None]) -> None:
         def arrived(message: Any) -> None:
@@ -89,35 +81,23 @@ class SeriesFeed:
                 take(message, now)
 
         # Best effort connects to every publisher and never slows one down.
-        qos = QoSProfile(depth=5)
-        qos.reliability = qos.reliability.BEST_EFFORT
-        self._subscriptions.append(
-            self._ros.node.create_subscription(kind, f'{self._name}/{topic}', arrived, qos)
-        )
+        qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._subscriptions.add(kind, f'{self._node.name}/{topic}', arrived, qos)
 
-    def _curves(
-        self, points: Callable[[Any], dict[str, dict[str, float]]]
-    ) -> Callable[[Any, float], None]:
-        def take(message: Any, now: float) -> None:
-            for chart, values in points(message).items():
-                self._ros.tell(self._listener.point, (now, chart, values))
+    def _tell_points(self, points: Callable[[Any], Charts], message: Any, now: float) -> None:
+        for chart, values in points(message).items():
+            self._ros.tell(self._point, (now, chart, values))
 
-        return take
-
-    def _pose(self, message: PoseWithCovarianceStamped, _: float) -> None:
+    def _tell_pose(self, message: PoseWithCovarianceStamped, _: float) -> None:
         pose = message.pose.pose
         position = (pose.position.x, pose.position.y, pose.position.z)
         rotation = rotation_of(pose.orientation)
-        if self._kind == 'marker_tracker':
+        if self._node.kind == 'marker_tracker':
             sketch = sketch_tanker(position, rotation)
         else:
-            sketch = sketch_runway(position, rotation, self._listener.runway_width())
-        self._ros.tell(self._listener.pose, sketch)
-
-    def _destroy(self) -> None:
-        for subscription in self._subscriptions:
-            self._ros.node.destroy_subscription(subscription)
-        self._subscriptions = []
+            width = foreign.number(self._node.values.get('runway_width', 0.0))
+            sketch = sketch_runway(position, rotation, width)
+        self._ros.tell(self._sketch, sketch)
 
 
 def _rows(message: PointCloud2) -> Any:
@@ -132,8 +112,8 @@ def _number(value: float) -> float:
     return number if abs(number) < _LARGEST else math.nan
 
 
-def _marker_points(message: PointCloud2) -> dict[str, dict[str, float]]:
-    charts: dict[str, dict[str, float]] = {'x': {}, 'y': {}}
+def _marker_points(message: PointCloud2) -> Charts:
+    charts: Charts = {'x': {}, 'y': {}}
     for index, row in enumerate(_rows(message), 1):
         label = int(row['label'])
         known = label != Label.UNLABELLED and label < len(TANKER_NAMES)
@@ -144,14 +124,24 @@ def _marker_points(message: PointCloud2) -> dict[str, dict[str, float]]:
     return charts
 
 
-def _roll_points(message: Vector3Stamped) -> dict[str, dict[str, float]]:
+def _roll_points(message: Vector3Stamped) -> Charts:
     return {'roll': {'roll': math.degrees(_number(message.vector.x))}}
 
 
-def _line_points(message: PointCloud2) -> dict[str, dict[str, float]]:
-    charts: dict[str, dict[str, float]] = {'rho': {}, 'theta': {}}
+def _line_points(message: PointCloud2) -> Charts:
+    charts: Charts = {'rho': {}, 'theta': {}}
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(_rows(message), 1):
         charts['rho'][f'line {index}'] = _number(row['rho'])
         charts['theta'][f'line {index}'] = math.degrees(_number(row['theta']))
     return charts
+
+
+_SOURCES: dict[str, tuple[tuple[str, type, Callable[[Any], Charts]], ...]] = {
+    'marker_tracker': (
+        ('markers', PointCloud2, _marker_points),
+        ('rpy', Vector3Stamped, _roll_points),
+    ),
+    'runway_detector': (('line_params', PointCloud2, _line_points),),
+}
+"""Topic, type and what is drawn of a message."""

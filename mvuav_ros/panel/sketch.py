@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, rpy
 
 Array = NDArray[np.float64]
 Segment = tuple[str, float, float, float, float]
@@ -52,14 +52,11 @@ def sketch_runway(position: Sequence[float], rotation: Array, width: float) -> S
         width: of the runway, m; 0: not known.
     """
     x, y, z = position
-    roll, pitch, yaw = _angles(rotation)
     numbers = (
         ('before the near end', _metres(-x)),
         ('left of the centreline', _metres(y)),
         ('height', _metres(z)),
-        ('roll', _degrees(roll)),
-        ('pitch', _degrees(pitch)),
-        ('heading error', _degrees(yaw)),
+        *_attitude(rotation, 'heading error'),
     )
     if not all(map(math.isfinite, (y, z, *rotation.flat))):
         return Sketch(numbers)
@@ -90,14 +87,11 @@ def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
         rotation: (3, 3), optical frame from the body's.
     """
     x, y, z = position
-    roll, pitch, yaw = _angles(OPTICAL_FROM_BODY.T @ rotation)
     numbers = (
         ('ahead', _metres(z)),
         ('to the right', _metres(x)),
         ('below', _metres(y)),
-        ('roll', _degrees(roll)),
-        ('pitch', _degrees(pitch)),
-        ('yaw', _degrees(yaw)),
+        *_attitude(OPTICAL_FROM_BODY.T @ rotation, 'yaw'),
     )
     if not all(map(math.isfinite, (x, y, z, *rotation.flat))):
         return Sketch(numbers)
@@ -137,11 +131,8 @@ def _segment(color: str, ends: Array) -> Segment:
     return color, x1, y1, x2, y2
 
 
-def _angles(rotation: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw, rad: about x, then y, then z."""
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    pitch = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
-    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+def _attitude(rotation: Array, yaw: str) -> list[tuple[str, str]]:
+    return list(zip(('roll', 'pitch', yaw), map(_degrees, rpy(rotation)), strict=True))
 
 
 def _metres(value: float) -> str:
@@ -149,4 +140,5 @@ def _metres(value: float) -> str:
 
 
 def _degrees(value: float) -> str:
-    return f'{math.degrees(value):.1f}°' if math.isfinite(value) else '-'
+    # Adding 0 makes -0.0 a 0.0.
+    return f'{round(math.degrees(value), 1) + 0.0:.1f}°' if math.isfinite(value) else '-'

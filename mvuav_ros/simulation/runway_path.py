@@ -9,7 +9,7 @@ import numpy as np
 from mvuav_ros.simulation.runway_truth import CameraPose
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.waves import random_wave
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy, rpy
 
 GLIDE = math.tan(math.radians(3.5))
 AIMING_POINT = 150.0
@@ -57,7 +57,7 @@ class RunwayPath:
         rotation = from_rpy(roll, pitch, yaw) @ OPTICAL_FROM_BODY.T
         if shaken is not None:
             rotation = rotation @ shaken.T
-            roll, pitch, yaw = _rpy(rotation @ OPTICAL_FROM_BODY)
+            roll, pitch, yaw = rpy(rotation @ OPTICAL_FROM_BODY)
         return CameraPose(position, roll, pitch, yaw, rotation)
 
     def _x(self, time: float) -> float:
@@ -80,12 +80,3 @@ class RunwayPath:
         # A smooth maximum of the glide path and the height of the flare.
         above = glide - FLARE_HEIGHT
         return FLARE_HEIGHT + 0.5 * (above + math.hypot(above, 3.0)) + 0.5 * wander
-
-
-def _rpy(rotation: Matrix) -> tuple[float, float, float]:
-    """The inverse of `from_rpy`, rad."""
-    return (
-        math.atan2(rotation[2, 1], rotation[2, 2]),
-        -math.asin(max(-1.0, min(1.0, float(rotation[2, 0])))),
-        math.atan2(rotation[1, 0], rotation[0, 0]),
-    )

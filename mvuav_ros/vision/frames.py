@@ -45,6 +45,13 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Matrix:
     return about_z(yaw) @ about_y(pitch) @ about_x(roll)
 
 
+def rpy(rotation: Matrix) -> tuple[float, float, float]:
+    """The inverse of `from_rpy`."""
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = math.asin(max(-1.0, min(1.0, -float(rotation[2, 0]))))
+    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
 def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
     """A rotation matrix as x, y, z, w with w >= 0 (Shepperd: the largest part first)."""
     m = rotation.tolist()

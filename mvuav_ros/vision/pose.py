@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
 from mvuav_ros.vision.pose_ambiguity import choose, meets_another
 from mvuav_ros.vision.reprojection import (
     FEWEST,
@@ -82,10 +82,7 @@ class Pose:
 
         REP-103's fixed-axis angles: right wing down, nose down and nose left are positive.
         """
-        r = OPTICAL_FROM_BODY.T @ self.rotation
-        pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))
-        roll = math.atan2(float(r[2, 1]), float(r[2, 2]))
-        return roll, pitch, math.atan2(float(r[1, 0]), float(r[0, 0]))
+        return rpy(OPTICAL_FROM_BODY.T @ self.rotation)
 
     @property
     def quaternion(self) -> tuple[float, float, float, float]:

@@ -76,18 +76,19 @@ class Page:
     def chosen_set(self, name: str) -> None:
         self.kept.setdefault('sets', {})[self.selected] = name
 
-    @property
-    def edits(self) -> MutableMapping[str, Value]:
-        """Values entered for the selected node that it has not taken (yet)."""
-        edits: MutableMapping[str, Value] = self.kept.setdefault('edits', {}).setdefault(
-            self.selected, {}
-        )
+    def edits_of(self, node: str) -> MutableMapping[str, Value]:
+        """Values entered for a node that it has not taken (yet)."""
+        edits: MutableMapping[str, Value] = self.kept.setdefault('edits', {}).setdefault(node, {})
         return edits
 
     @property
-    def history(self) -> History:
-        """What was changed on the selected node."""
-        return self._histories.setdefault(self.selected, History())
+    def edits(self) -> MutableMapping[str, Value]:
+        """Those of the selected node."""
+        return self.edits_of(self.selected)
+
+    def history_of(self, node: str) -> History:
+        """What was changed on a node."""
+        return self._histories.setdefault(node, History())
 
     @property
     def node(self) -> LiveNode | None:

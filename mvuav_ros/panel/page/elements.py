@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,9 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
+from mvuav_ros.panel.names import NameRefusedError
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.errors import RecordingError
 
 _CHART = Path(__file__).parent.with_name('static') / 'chart.json'
 
@@ -32,6 +35,11 @@ def set_prop(element: ui.element, name: str, value: object) -> None:
     """Set an attribute; unlike by ``props`` itself, nothing is sent where it is that already."""
     if element.props.get(name) != value:
         element.props[name] = value
+
+
+def set_class(element: ui.element, name: str, on: bool) -> None:
+    """Give an element a class, or take it away."""
+    element.classes(add=name) if on else element.classes(remove=name)
 
 
 def button(
@@ -77,17 +85,12 @@ def dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
     made.open()
 
 
-def ask(question: str, yes: str, act: Callable[[], None]) -> None:
-    """Call ``act`` if the user says so."""
+async def confirmed(question: str, yes: str) -> bool:
+    """Whether the user says yes."""
     with dialog(question) as asking, box('line'):
-
-        def confirmed() -> None:
-            # First: what act() draws anew may hold the dialog.
-            asking.close()
-            act()
-
-        button(yes, confirmed, main=True)
+        button(yes, lambda: asking.submit(True), main=True)
         button('Cancel', asking.close)
+    return bool(await asking)
 
 
 def tell(words: str, *, bad: bool = False) -> None:
@@ -96,34 +99,37 @@ def tell(words: str, *, bad: bool = False) -> None:
     ui.notify(shown, type='negative' if bad else None, position='bottom', timeout=5000)
 
 
-class Sheet:
-    """A small table of text whose cells change."""
+@contextmanager
+def errors_told() -> Iterator[None]:
+    """Tell what is refused, or cannot be read or written; the rest of the block is left out."""
+    try:
+        yield
+    except (NameRefusedError, ParameterError, RecordingError, OSError) as error:
+        tell(str(error), bad=True)
 
-    def __init__(self, label: str, heads: Sequence[str] = (), classes: str = '') -> None:
-        self._cells: list[list[ui.label]] = []
-        # A region that scrolls must be reached by the keyboard.
-        with box(f'scroll {classes}').props('tabindex=0 role=region') as region:
-            region.props['aria-label'] = label
-            with box('sheet', 'table'):
-                if heads:
-                    with box(tag='thead'), box(tag='tr'):
-                        for head in heads:
-                            text(head, tag='th').props('scope=col')
-                self._body = box(tag='tbody')
 
-    def show(self, rows: Sequence[Sequence[str]]) -> None:
-        """Show these rows; only what has changed goes to the page."""
-        if [len(row) for row in rows] != [len(row) for row in self._cells]:
-            self._body.clear()
-            self._cells = []
-            with self._body:
-                for row in rows:
-                    with box(tag='tr'):
-                        self._cells.append([text(words, tag='td') for words in row])
-            return
-        for labels, row in zip(self._cells, rows, strict=True):
-            for label, words in zip(labels, row, strict=True):
-                label.set_text(words)
+def sheet(label: str, heads: Sequence[str]) -> ui.table:
+    """A table of text for `fill`; without a line of headings where all are empty."""
+    # A region that scrolls must be reached by the keyboard.
+    with box('sheet').props('tabindex=0 role=region') as region:
+        region.props['aria-label'] = label
+        columns = [
+            {'name': str(i), 'label': head, 'field': str(i), 'align': 'right' if i else 'left'}
+            for i, head in enumerate(heads)
+        ]
+        table = ui.table(rows=[], columns=columns, row_key='row').props('flat dense')
+        table.props['hide-header'] = not any(heads)
+    return table
+
+
+def fill(table: ui.table, rows: Iterable[Sequence[object]]) -> None:
+    """Show these rows; nothing is sent where they are shown already."""
+    shown = [
+        {'row': number, **{str(i): foreign.words(cell) for i, cell in enumerate(row)}}
+        for number, row in enumerate(rows)
+    ]
+    if shown != table.rows:
+        table.rows = shown
 
 
 def axes(title: str, unit: str, categories: Sequence[str] | None = None) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import box, icon_button, set_prop, text
 
@@ -15,29 +14,6 @@ _FIGURES = {
     'latency_p95_ms': ('p95', 'ms'),
     'frames_rejected': ('rejected', ''),
 }
-
-
-class _NodeButton:
-    """Chooses a node and shows whether it lives."""
-
-    def __init__(self, name: str, page: Page) -> None:
-        self._button = box('node', 'button').props('type=button aria-pressed=false')
-        self._button.on('click', lambda: page.select(name))
-        with self._button:
-            self._dot = box('dot')
-            text(name)
-            self._state = text('', 'state')
-        self._shown: tuple[object, ...] = ()
-
-    def show(self, node: LiveNode, *, chosen: bool) -> None:
-        """Follow the node."""
-        state = '' if node.alive else 'gone' if node.controls else 'starting'
-        color = 'bad' if state == 'gone' else 'warn' if state or node.level else 'good'
-        if (state, color, chosen) != self._shown:
-            self._shown = (state, color, chosen)
-            self._state.set_text(state)
-            self._dot.classes(replace=f'dot {color}')
-            set_prop(self._button, 'aria-pressed', str(chosen).lower())
 
 
 class Head:
@@ -58,13 +34,17 @@ class Head:
                     self._figures[key] = text('-', 'number')
                     text(unit, 'soft small')
             self._words = text('', 'words soft small')
-        self._buttons: dict[str, _NodeButton] = {}
+        self._buttons: dict[str, ui.button] = {}
         page.on_select.append(self.refresh)
         self.refresh()
 
     async def _toggle(self) -> None:
         dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
         self._dark.value = not dark
+
+    def _node_button(self, name: str) -> ui.button:
+        made = ui.button(name, icon='circle', color=None)
+        return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
 
     def refresh(self) -> None:
         """After nodes came or went, or another was selected."""
@@ -79,11 +59,16 @@ class Head:
             # Only then: a button that is made anew loses the keyboard's focus.
             self._nodes.clear()
             with self._nodes:
-                self._buttons = {name: _NodeButton(name, self._page) for name in nodes}
+                self._buttons = {name: self._node_button(name) for name in nodes}
                 if not nodes:
                     text('looking for nodes …', 'soft')
         for name, button in self._buttons.items():
-            button.show(nodes[name], chosen=name == self._page.selected)
+            node = nodes[name]
+            state = '' if node.alive else 'gone' if node.controls else 'starting'
+            color = 'bad' if state == 'gone' else 'warn' if state or node.level else 'good'
+            button.set_text(f'{name} {state}'.rstrip())
+            button.classes(replace=f'node {color}')
+            set_prop(button, 'aria-pressed', str(name == self._page.selected).lower())
         self.show_status()
 
     def show_status(self) -> None:

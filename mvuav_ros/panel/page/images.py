@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.images import RESULT_OF_KIND, Stream, streams_of
+from mvuav_ros.panel.images import INPUT, RESULT_OF_KIND, Stream, streams_of
 from mvuav_ros.panel.live_socket import MOST_STREAMS
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, empty, tell, text
-from mvuav_ros.panel.page.tile import INPUT, Tile
+from mvuav_ros.panel.page.elements import box, button, empty, errors_told, tell, text
+from mvuav_ros.panel.page.tile import Tile
 from mvuav_ros.panel.recorder import Recorder
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.errors import RecordingError
@@ -42,11 +42,10 @@ class Images:
         self._tiles: list[Tile] = []
         self._wished: list[Wish] = []
         self._recorder: Recorder | None = None
-        self._recording_ended = 0.0
-        with box('part images', 'section').props('role=tabpanel aria-label=Images'):
+        with box('part images'):
             with box('bar'):
-                button('All windows', lambda: self._preset('all'), 'grid_view')
-                button('Raw and result', lambda: self._preset('pair'), 'compare')
+                button('All windows', lambda: self._wish([]), 'grid_view')
+                button('Raw and result', lambda: self._wish(self._usual(pair=True)), 'compare')
                 with button('Add image', lambda: None, 'add'):
                     self._menu = ui.menu().on('before-show', self._offer)
                 self._record = button('Record', self._toggle_recording, 'fiber_manual_record')
@@ -60,9 +59,10 @@ class Images:
     def restore(self, kept: Any) -> None:
         """Take the arrangement that the browser has kept."""
         try:
-            self._wished = [(str(key), str(size)) for key, size in json.loads(kept)][:MOST_STREAMS]
+            wishes = [(str(key), str(size)) for key, size in json.loads(kept)][:MOST_STREAMS]
         except (TypeError, ValueError, RecursionError):
-            self._wished = []
+            wishes = []
+        self._wished = [wish for wish in wishes if wish[1] in _SIZES]
         self.refresh()
 
     def _streams(self) -> dict[str, Stream]:
@@ -72,34 +72,32 @@ class Images:
     def refresh(self) -> None:
         """After nodes came or went, or another was selected."""
         streams = self._streams()
-        wished = [wish for wish in self._wished if wish[0] in streams]
-        self._arrange(wished or self._usual('all'), streams)
+        wishes = [wish for wish in self._wished if wish[0] in streams] or self._usual()
+        if wishes != self._shown():
+            self._grid.clear()
+            with self._grid:
+                self._tiles = [Tile(streams[key], self, size) for key, size in wishes]
         self._empty.set_visibility(not self._tiles)
 
-    def _usual(self, preset: str) -> list[Wish]:
+    def _usual(self, *, pair: bool = False) -> list[Wish]:
         """The selected node's images: the thesis's five windows, or input and result."""
         node = self.page.node
         if node is None:
             return []
         large = (INPUT, RESULT_OF_KIND[node.kind])
-        streams = [stream for stream in streams_of(node) if preset == 'all' or stream.name in large]
+        streams = [stream for stream in streams_of(node) if stream.name in large or not pair]
         streams.sort(key=lambda stream: stream.name not in large)
         return [(stream.key, 'm' if stream.name in large else 's') for stream in streams]
 
-    def _arrange(self, wished: Iterable[Wish], streams: dict[str, Stream]) -> None:
-        wishes = list(wished)
-        if [(tile.stream.key, tile.size) for tile in self._tiles] == wishes:
-            return
-        self._grid.clear()
-        with self._grid:
-            self._tiles = [
-                Tile(streams[key], self, size if size in _SIZES else 'm') for key, size in wishes
-            ]
+    def _shown(self) -> list[Wish]:
+        return [(tile.stream.key, tile.size) for tile in self._tiles]
 
-    def _preset(self, name: str) -> None:
-        # None wished: the images of whatever node is selected.
-        self._wished = [] if name == 'all' else self._usual(name)
-        self._keep()
+    def _wish(self, wishes: list[Wish]) -> None:
+        """Show these, on the next visit too; none: the usual ones of whatever node is selected."""
+        self._wished = wishes
+        self.refresh()
+        kept = json.dumps(wishes)
+        ui.run_javascript(f'localStorage.setItem({json.dumps(_KEPT)}, {json.dumps(kept)})')
 
     def _offer(self) -> None:
         shown = {tile.stream.key for tile in self._tiles}
@@ -115,19 +113,7 @@ class Images:
         if len(self._tiles) >= MOST_STREAMS:
             tell(f'At most {MOST_STREAMS} images can be shown.', bad=True)
             return
-        self._set([*self._wishes(), (key, 'm')])
-
-    def _wishes(self) -> list[Wish]:
-        return [(tile.stream.key, tile.size) for tile in self._tiles]
-
-    def _set(self, wishes: list[Wish]) -> None:
-        self._wished = wishes
-        self._keep()
-
-    def _keep(self) -> None:
-        self.refresh()
-        kept = json.dumps(self._wished)
-        ui.run_javascript(f'localStorage.setItem({json.dumps(_KEPT)}, {json.dumps(kept)})')
+        self._wish([*self._shown(), (key, 'm')])
 
     def show_values(self) -> None:
         """After a node's values changed."""
@@ -136,19 +122,19 @@ class Images:
 
     def remove(self, tile: Tile) -> None:
         """Show one less."""
-        self._set([wish for wish in self._wishes() if wish[0] != tile.stream.key])
+        self._wish([wish for wish in self._shown() if wish[0] != tile.stream.key])
 
     def move(self, tile: Tile, by: int) -> None:
         """Put a tile further to the front or to the back."""
-        wishes = self._wishes()
+        wishes = self._shown()
         old = self._tiles.index(tile)
         wishes.insert(min(max(old + by, 0), len(wishes) - 1), wishes.pop(old))
-        self._set(wishes)
+        self._wish(wishes)
 
     def resize(self, tile: Tile) -> None:
         """A third, a half and the whole of the width in turn."""
         size = _SIZES[(_SIZES.index(tile.size) + 1) % len(_SIZES)]
-        self._set([(k, size if k == tile.stream.key else old) for k, old in self._wishes()])
+        self._wish([(k, size if k == tile.stream.key else old) for k, old in self._shown()])
 
     async def _toggle_recording(self) -> None:
         if self._recorder is not None:
@@ -159,10 +145,8 @@ class Images:
             tell('There is no node to record.', bad=True)
             return
         name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
-        try:
+        with errors_told():
             self._recorder = Recorder(services.ros, node, services.recordings / name)
-        except (RecordingError, OSError) as error:
-            tell(str(error), bad=True)
         self.show_recording()
 
     def show_recording(self) -> None:

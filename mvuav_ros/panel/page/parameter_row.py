@@ -8,9 +8,9 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.controls import Control, Kind, Scale, scale_of, value_text
+from mvuav_ros.panel.controls import Control, Kind, scale_of, value_text
 from mvuav_ros.panel.live_system import same_value
-from mvuav_ros.panel.page.elements import box, text
+from mvuav_ros.panel.page.elements import box, set_class, text
 from mvuav_ros.panel.page.range_slider import RangeSlider
 from mvuav_ros.panel.page.value_field import ValueField
 from mvuav_ros.parameters.declaration import Value
@@ -38,7 +38,6 @@ class ParameterRow:
         self._refused = ''
         self._difference = ''
         self._slider: RangeSlider | None = None
-        self._scale: Scale | None = None
         with box(f'param of-{control.kind.value}') as self._row:
             # As an item: `props` would read a name as markup of its own.
             self._row.props['data-parameter'] = control.label
@@ -47,7 +46,7 @@ class ParameterRow:
             with box('edit'):
                 self._field = ValueField(control, value, self._entered, self.refuse)
             if control.kind is Kind.SLIDER and not control.read_only:
-                self._slider = RangeSlider(control.label, control.text.unit, self._slid)
+                self._slider = RangeSlider(control.label, control.text.unit, self._entered)
             self._hint = text('', 'hint').props('aria-live=polite')
         self.fit(image_size)
         self._say()
@@ -78,56 +77,42 @@ class ParameterRow:
     def place(self, *, visible: bool, counts: bool) -> None:
         """Show or hide the line; one that does not count is drawn back."""
         self._row.set_visibility(visible)
-        self._row.classes(remove='idle') if counts else self._row.classes(add='idle')
+        set_class(self._row, 'idle', not counts)
 
     def fit(self, image_size: int) -> None:
         """Let a slider for places and lengths in the image end where the image does."""
         if self._slider is not None and image_size != self._image_size:
             self._image_size = image_size
-            self._scale = scale_of(self.control, image_size)
-            self._place_slider()
+            self._slider.set_scale(scale_of(self.control, image_size))
+            self._slider.show(self._shown)
 
     def show(self, value: Any, edit: Value | None = None) -> None:
         """Show the node's value, and beside it the user's where the node has not taken that."""
         if not same_value(value, self._current):
             self._current = value
             self._now.set_text(value_text(value))
-        self._shown = value if edit is None else edit
-        self._field.show(self._shown)
-        self._place_slider()
-        if edit is None:
-            self._refused = ''
-        self._mark()
+        self._show_new(value if edit is None else edit, self._refused if edit is not None else '')
 
     def refuse(self, reason: str) -> None:
         """Show why the edited value was not taken; it stays in its field."""
         self._refused = foreign.words(reason)
-        self._mark()
+        self._say()
 
     def mark_difference(self, other: str) -> None:
         """Mark a value other than the chosen set's, which ``other`` names; '' where it is that."""
         if other != self._difference:
             self._difference = other
-            self._row.classes(add='off-set') if other else self._row.classes(remove='off-set')
             self._say()
 
     def _entered(self, value: Value) -> None:
-        self._shown = value
-        self._refused = ''
-        self._place_slider()
-        self._mark()
+        self._show_new(value, '')
         self._edited(self.control.name, value)
 
-    def _slid(self, value: float) -> None:
-        self._shown = value
-        self._refused = ''
+    def _show_new(self, value: Any, refused: str) -> None:
+        self._shown, self._refused = value, refused
         self._field.show(value)
-        self._mark()
-        self._edited(self.control.name, value)
-
-    def _mark(self) -> None:
-        pending = bool(self._refused) or not same_value(self._shown, self._current)
-        self._row.classes(add='pending') if pending else self._row.classes(remove='pending')
+        if self._slider is not None:
+            self._slider.show(value)
         self._say()
 
     def _say(self) -> None:
@@ -138,12 +123,7 @@ class ParameterRow:
         words += ['set at the start only'] if control.read_only else []
         plain = ' · '.join(word for word in words if word)
         self._hint.set_text(self._refused or foreign.words(plain or said.description))
-        if self._refused:
-            self._hint.classes(add='refused')
-        else:
-            self._hint.classes(remove='refused')
-
-    def _place_slider(self) -> None:
-        shown = isinstance(self._shown, (int, float))
-        if self._slider is not None and self._scale is not None and shown:
-            self._slider.show(self._scale, self._shown)
+        set_class(self._hint, 'refused', bool(self._refused))
+        set_class(self._row, 'off-set', bool(self._difference))
+        pending = bool(self._refused) or not same_value(self._shown, self._current)
+        set_class(self._row, 'pending', pending)

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import ui
 
-from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.history import History
 from mvuav_ros.panel.images import RESULT_OF_KIND
 from mvuav_ros.panel.live_system import LiveNode, same_value
 from mvuav_ros.panel.page.context import Page
@@ -47,6 +47,10 @@ class Parameters:
     def _at_once(self) -> bool:
         return bool(self._page.kept.get('at_once', True))
 
+    @property
+    def _history(self) -> History:
+        return self._page.history_of(self._page.selected)
+
     def refresh(self) -> None:
         """Build the list anew where another node is chosen or a node has come back."""
         node = self._page.node
@@ -79,11 +83,13 @@ class Parameters:
     def _apply_bar(self) -> None:
         with box('apply'):
             ui.switch('At once', value=self._at_once, on_change=self._switch).props('dense')
-            self._undo = icon_button('undo', 'Undo', lambda: self._step(self._page.history.undo()))
-            self._redo = icon_button('redo', 'Redo', lambda: self._step(self._page.history.redo()))
+            self._undo = icon_button('undo', 'Undo', lambda: self._step(self._history.undo()))
+            self._redo = icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
             box('grow')
             self._discard = button('Discard', self._forget_edits).props('flat')
-            self._apply = button('Apply', self._apply_all, main=True)
+            self._apply = button(
+                'Apply', lambda: self._set(self._page.selected, dict(self._page.edits)), main=True
+            )
         with box('filter'):
             self._filter = ui.input(placeholder='Find a parameter', on_change=self._arrange)
             self._filter.props('dense borderless clearable type=search')
@@ -106,20 +112,21 @@ class Parameters:
     def _arrange(self) -> None:
         """Show what counts now, or what is looked for."""
         node = self._page.node
-        if node is None or not self._rows:
+        if node is None:
             return
         sought = str(self._filter.value or '')
-        shown: dict[str, int] = {}
-        hidden = 0
+        hidden, stages = 0, set()
         for row in self._rows.values():
             stage, counts = row.control.stage, row.control.counts(node.values)
             wanted = row.matches(sought) if sought else counts and stage not in _FOLDED
-            row.place(visible=wanted or (self._whole and not sought), counts=counts)
-            shown[stage] = shown.get(stage, 0) + (wanted or (self._whole and not sought))
-            hidden += not wanted and not sought
+            hidden += not wanted
+            visible = wanted or (self._whole and not sought)
+            row.place(visible=visible, counts=counts)
+            if visible:
+                stages.add(stage)
         for stage, label in self._stages.items():
-            label.set_visibility(shown.get(stage, 0) > 0)
-        self._more.set_visibility(hidden > 0)
+            label.set_visibility(stage in stages)
+        self._more.set_visibility(hidden > 0 and not sought)
         what = f'{hidden} that have no effect in this mode, or belong to the node'
         self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
 
@@ -158,15 +165,11 @@ class Parameters:
 
     def mark_differences(self) -> None:
         """Mark the rows whose value is not the chosen set's."""
-        if not self._rows:
-            return
-        values = self._page.own_values()
-        chosen = self._sets.refresh(values)
-        for name, row in self._rows.items():
-            other = name in chosen and name in values and not same_value(chosen[name], values[name])
-            words = f'{self._page.chosen_set}: {value_text(chosen.get(name))}'
-            row.mark_difference(words if other else '')
-        self._arrange()
+        if self._rows:
+            differing = self._sets.compare(self._page.own_values())
+            for name, row in self._rows.items():
+                row.mark_difference(differing.get(name, ''))
+            self._arrange()
 
     def _edited(self, name: str, value: Value) -> None:
         self._page.edits[name] = value
@@ -181,76 +184,59 @@ class Parameters:
         try:
             while name in edits:
                 value = edits[name]
-                refused = await self._set(node, {name: value})
+                await self._set(node, {name: value})
                 if same_value(edits.get(name), value):
-                    if not refused:
-                        del edits[name]
-                    self._judge(node, {name: refused.get(name, '')})
                     break
         finally:
             self._sending.discard(name)
 
-    async def _set(self, node: str, values: Mapping[str, Value]) -> dict[str, str]:
-        """Set values, to be undone; returns the reason for each that was refused."""
+    async def _set(
+        self, node: str, values: Mapping[str, Value], *, undoable: bool = True
+    ) -> dict[str, str]:
+        """Set values and show what the node says.
+
+        Returns:
+            The reason for each that it has refused; those stay edits.
+        """
         live = self._page.services.system.nodes.get(node)
         before = dict(live.values) if live is not None else {}
-        history = self._page.history
-        refused = await self._page.services.system.set(node, values)
+        edits = self._page.edits_of(node)
+        edits.update(values)
+        refused = await self._page.services.system.set(node, values) if values else {}
         taken = {name: value for name, value in values.items() if name not in refused}
-        history.record({name: before[name] for name in taken if name in before}, taken)
+        if undoable:
+            known = {name: before[name] for name in taken if name in before}
+            self._page.history_of(node).record(known, taken)
+        for name, value in taken.items():
+            if same_value(edits.get(name), value):
+                del edits[name]
+        if node == self._page.selected:
+            self.show_values()
+            for name, reason in refused.items():
+                if name in self._rows and same_value(edits.get(name), values[name]):
+                    self._rows[name].refuse(reason)
         return refused
 
-    def _judge(self, node: str, reasons: Mapping[str, str]) -> None:
-        """Show what the node said: reasons, empty where it has taken the value."""
-        if node != self._page.selected:
-            return
-        self.show_values()
-        for name, reason in reasons.items():
-            if reason and name in self._rows:
-                self._rows[name].refuse(reason)
-
-    async def _apply_all(self) -> None:
-        node, edits = self._page.selected, self._page.edits
-        values = dict(edits)
-        refused = await self._set(node, values)
-        for name in values.keys() - refused.keys():
-            edits.pop(name, None)
-        self._judge(node, refused)
-
-    async def _load(self, values: dict[str, Value]) -> dict[str, str]:
+    async def load(self, values: Mapping[str, Value], name: str) -> None:
+        """Give the node the values of a set or run."""
         node = self._page.node
         if node is None:
-            return {}
-        settable = {c.name for c in node.controls if not c.read_only}
+            return
+        settable = {control.name for control in node.controls if not control.read_only}
+        self._page.edits.clear()
         changes = {
             name: value
             for name, value in values.items()
             if name in settable and not same_value(node.values.get(name), value)
         }
-        edits = self._page.edits
-        edits.clear()
-        refused = await self._set(node.name, changes) if changes else {}
-        edits.update({name: changes[name] for name in refused})
-        self._judge(node.name, refused)
-        return refused
-
-    async def load(self, values: Mapping[str, Value], name: str) -> None:
-        """Give the node the values of a set or run."""
-        refused = await self._load(dict(values))
+        refused = len(await self._set(node.name, changes))
         if refused:
-            tell(
-                f'{len(refused)} values of {name} were refused; the reasons are beside them',
-                bad=True,
-            )
+            tell(f'{refused} values of {name} were refused; the reasons are beside them', bad=True)
         else:
             tell(f'{name} is loaded')
 
     async def _step(self, values: Mapping[str, Value]) -> None:
-        node = self._page.selected
-        for name in values:
-            self._page.edits.pop(name, None)
-        refused = await self._page.services.system.set(node, values) if values else {}
-        self._judge(node, refused)
+        await self._set(self._page.selected, values, undoable=False)
 
     def _forget_edits(self) -> None:
         self._page.edits.clear()
@@ -268,8 +254,8 @@ class Parameters:
         self._apply.set_text(f'Apply {waiting}' if waiting else 'Apply')
         self._apply.set_enabled(waiting > 0)
         self._discard.set_enabled(bool(self._page.edits))
-        self._undo.set_enabled(self._page.history.can_undo)
-        self._redo.set_enabled(self._page.history.can_redo)
+        self._undo.set_enabled(self._history.can_undo)
+        self._redo.set_enabled(self._history.can_redo)
 
 
 def _rank(stage: str) -> int:

@@ -33,13 +33,16 @@ class RangeSlider:
             'input', self._on_input, js_handler='(e) => emit(e.target.value)', throttle=0.05
         )
 
-    def show(self, scale: Scale, value: float) -> None:
-        """Place the thumb, on another scale where that has changed."""
-        if scale != self._scale:
-            self._scale = scale
-            set_prop(self.element, 'max', len(scale.values) - 1)
-            set_prop(self.element, 'data-values', ' '.join(map(value_text, scale.values)))
-        set_prop(self.element, 'data-index', scale.position(value))
+    def set_scale(self, scale: Scale) -> None:
+        """Change the values."""
+        self._scale = scale
+        set_prop(self.element, 'max', len(scale.values) - 1)
+        set_prop(self.element, 'data-values', ' '.join(map(value_text, scale.values)))
+
+    def show(self, value: object) -> None:
+        """Place the thumb; what is no number has no place."""
+        if isinstance(value, (int, float)):
+            set_prop(self.element, 'data-index', self._scale.position(value))
 
     def _on_input(self, event: Any) -> None:
         position = int(event.args)

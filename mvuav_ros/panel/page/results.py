@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import Sheet, axes, box, button, empty, tell, text
+from mvuav_ros.panel.page.elements import axes, box, button, empty, fill, sheet, tell, text
 from mvuav_ros.panel.series import CURVES
 
 _COUNTS = {
@@ -50,10 +52,8 @@ class Results:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._built: tuple[object, ...] = ('nothing yet',)
-        self._statistics: Sheet | None = None
-        self._frames: Sheet | None = None
-        self._times: Sheet | None = None
-        self._place = box('part results', 'section').props('role=tabpanel aria-label=Results')
+        self._sheets: list[tuple[ui.table, Callable[[LiveNode], list[list[str]]]]] = []
+        self._place = box('part results')
         page.on_select.append(self.refresh)
         self.refresh()
 
@@ -63,7 +63,7 @@ class Results:
         built = (node.name, node.kind) if node is not None else ()
         if built != self._built:
             self._built = built
-            self._statistics = self._frames = self._times = None
+            self._sheets = []
             self._place.clear()
             with self._place, box('stack'):
                 self._build(node)
@@ -88,7 +88,7 @@ class Results:
                     text('Statistics since the last reset', 'title grow', tag='h2')
                     button('Reset', self._reset, 'restart_alt')
                 heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
-                self._statistics = Sheet('Statistics of the lines', heads)
+                self._sheets.append((sheet('Statistics of the lines', heads), _statistics_rows))
         with box('charts'):
             for chart, (title, unit) in CURVES[node.kind].items():
                 with box('card'):
@@ -98,25 +98,17 @@ class Results:
                     made.props['aria-label'] = f'Curve of {title}'
                     made.props['data-node'] = node.name
         with box('charts'):
-            with box('card'):
-                text('Frames', tag='h2')
-                self._frames = Sheet('Frames')
-            with box('card'):
-                text('Time per frame', tag='h2')
-                self._times = Sheet('Time per frame')
+            for title, rows in (('Frames', _frame_rows), ('Time per frame', _time_rows)):
+                with box('card'):
+                    text(title, tag='h2')
+                    self._sheets.append((sheet(title, ('', '')), rows))
 
     def show(self) -> None:
         """After new statistics or diagnostics."""
         node = self._page.node
-        if node is None or self._frames is None or self._times is None:
-            return
-        status = node.status
-        self._frames.show([[words, status.get(key, '-')] for key, words in _FRAMES.items()])
-        self._times.show(
-            [[words, foreign.fixed(status.get(key), 2)] for key, words in _TIMES.items()]
-        )
-        if self._statistics is not None:
-            self._statistics.show(_statistics_rows(node.statistics))
+        if node is not None:
+            for table, rows in self._sheets:
+                fill(table, rows(node))
 
     async def _reset(self) -> None:
         reason = await self._page.services.system.trigger(f'{self._page.selected}/reset_statistics')
@@ -124,12 +116,20 @@ class Results:
             tell(reason, bad=True)
 
 
-def _statistics_rows(statistics: dict[str, dict[str, str]]) -> list[list[str]]:
+def _frame_rows(node: LiveNode) -> list[list[str]]:
+    return [[words, node.status.get(key, '-')] for key, words in _FRAMES.items()]
+
+
+def _time_rows(node: LiveNode) -> list[list[str]]:
+    return [[words, foreign.fixed(node.status.get(key), 2)] for key, words in _TIMES.items()]
+
+
+def _statistics_rows(node: LiveNode) -> list[list[str]]:
     """All lines, and each; numbered from 1, as in the images."""
-    total = statistics.get('runway', {})
+    total = node.statistics.get('runway', {})
     keys = ('frames', *_COUNTS)
     rows = [['all lines', *(foreign.fixed(total.get(key), 0) for key in keys), *[''] * len(_MEANS)]]
-    for name, values in statistics.items():
+    for name, values in node.statistics.items():
         if name.startswith('line '):
             counts = [foreign.fixed(values.get(key), 0) for key in ('found', *_COUNTS)]
             means = [foreign.fixed(values.get(key), 2) for key in _MEANS]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
@@ -11,9 +12,18 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import Sheet, ask, box, button, choice, empty, tell, text
+from mvuav_ros.panel.page.elements import (
+    box,
+    button,
+    choice,
+    confirmed,
+    errors_told,
+    fill,
+    sheet,
+    tell,
+    text,
+)
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.page.trends import Trends
 from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
@@ -49,12 +59,11 @@ class Runs:
         self._process: RunProcess | None = None
         self._bags: dict[str, Path] = {}
         self._runs: list[SavedRun] = []
-        with box('part runs', 'section').props('role=tabpanel aria-label=Runs'), box('stack'):
+        with box('part runs'), box('stack'):
             with box('card'):
                 text('A run over a recording, with the values that the node has now', tag='h2')
                 self._form()
-            self._result = box('card')
-            self._result.set_visibility(False)
+            self._result = box('stack')
             with box('card'):
                 self._saved()
             self._trends = Trends()
@@ -92,7 +101,7 @@ class Runs:
                 button('Load its values', self._load_run),
                 button('Report', self._show_report),
             ]
-            self._with_any = button('Delete', self._ask_to_delete)
+            self._with_any = button('Delete', self._delete)
         self._table = ui.table(
             rows=[],
             columns=[
@@ -102,12 +111,10 @@ class Runs:
             row_key='name',
             selection='multiple',
             on_select=self._tick,
-        ).props('flat dense hide-pagination :rows-per-page-options="[0]" binary-state-sort')
+        ).props('flat dense binary-state-sort')
+        self._table.props['no-data-label'] = 'No run saved yet. “Run and save” keeps one.'
         self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
         self._table.add_slot('body-selection', _CHECKBOX.format('props.row.name'))
-        self._none = box()
-        with self._none:
-            empty('No run saved yet', '“Run and save” keeps parameters, results and input.')
 
     def refresh(self) -> None:
         """Look for recordings and runs."""
@@ -122,8 +129,6 @@ class Runs:
         rows = [_row(run) for run in reversed(self._runs)]
         self._table.rows = rows
         self._table.selected = [row for row in rows if row['name'] in self._ticked]
-        self._table.set_visibility(bool(rows))
-        self._none.set_visibility(not rows)
         self._show_ticked()
 
     def _other_node(self) -> None:
@@ -164,19 +169,18 @@ class Runs:
             return
         ui.navigate.to(f'/report/{run.name}', new_tab=True)
 
-    def _ask_to_delete(self) -> None:
+    async def _delete(self) -> None:
         names, services = [run.name for run in self._chosen()], self._page.services
-
-        def delete() -> None:
+        if await confirmed(f'Delete {", ".join(names)} with all results?', 'Delete'):
             for name in names:
                 services.runs.delete(name)
             services.runs_changed.emit()
 
-        ask(f'Delete {", ".join(names)} with all results?', 'Delete', delete)
-
     def _save_and_run(self) -> None:
-        if self._can_start() and save_set(self._page, self._name.value or ''):
-            self._start(keep=True)
+        if self._can_start():
+            with errors_told():
+                save_set(self._page, self._name.value or '')
+                self._start(keep=True)
 
     def _can_start(self) -> bool:
         node = self._page.node
@@ -189,51 +193,46 @@ class Runs:
         return False
 
     def _start(self, *, keep: bool) -> None:
+        if not self._can_start():
+            return
+        with errors_told():
+            request = self._request(keep=keep)
+            self._process = RunProcess()
+            background_tasks.create(self._work(self._process, request))
+
+    def _request(self, *, keep: bool) -> RunRequest:
+        """With a folder made for its results."""
         node = self._page.node
-        if not self._can_start() or node is None:
-            return
-        try:
-            folder = self._folder(keep)
-        except (NameRefusedError, OSError) as error:
-            tell(str(error), bad=True)
-            return
-        known = PROCESSORS[node.kind].parameters_type.names()
-        values = {k: v for k, v in self._page.own_values().items() if k in known}
-        self._process = RunProcess()
-        bag = self._bags[self._bag.value]
-        background_tasks.create(self._work(self._process, node.kind, bag, values, folder, keep))
-
-    def _folder(self, keep: bool) -> Path:
+        assert node is not None
         if keep:
-            return self._page.services.runs.new_folder(self._name.value or '')
-        folder = self._page.services.scratch / f'run_{time.time_ns()}'
-        folder.mkdir(parents=True)
-        return folder
+            folder = self._page.services.runs.new_folder(self._name.value or '')
+        else:
+            folder = Path(tempfile.mkdtemp(dir=self._page.services.scratch))
+        known = PROCESSORS[node.kind].parameters_type.names()
+        return RunRequest(
+            name=folder.name if keep else '',
+            kind=node.kind,
+            source=self._bags[self._bag.value],
+            parameters={k: v for k, v in self._page.own_values().items() if k in known},
+            output=folder / RESULTS,
+            settings=self._page.chosen_set,
+        )
 
-    async def _work(
-        self,
-        process: RunProcess,
-        kind: str,
-        bag: Path,
-        values: dict[str, Any],
-        folder: Path,
-        keep: bool,
-    ) -> None:
-        name = folder.name if keep else ''
+    async def _work(self, process: RunProcess, request: RunRequest) -> None:
+        keep = bool(request.name)
         self._busy(True)
         try:
-            request = RunRequest(name, kind, bag, values, folder / RESULTS, self._page.chosen_set)
             run = await process.run(request, self._progress)
             if keep:
                 self._page.services.runs.finish(run)
                 self._page.kept['ticks'] = [*self._ticked, run.name]
-            self._done(run)
+            self._show_numbers(run)
         except (RunFailedError, RecordingError, OSError) as error:
             self._words.set_text('cancelled' if process.cancelled else f'failed: {error}')
             keep = False
         finally:
             if not keep:
-                shutil.rmtree(folder, ignore_errors=True)
+                shutil.rmtree(request.output.parent, ignore_errors=True)
             self._process = None
             self._busy(False)
             self._page.services.runs_changed.emit()
@@ -254,18 +253,17 @@ class Runs:
         if self._process is not None:
             self._process.cancel()
 
-    def _done(self, run: SavedRun) -> None:
+    def _show_numbers(self, run: SavedRun) -> None:
         self._bar.set_value(1.0)
         self._words.set_text(f'{run.answered} of {run.frames} frames')
-        self._result.set_visibility(True)
+        rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
+        half = -(-len(rows) // 2)
         self._result.clear()
-        with self._result:
+        with self._result, box('card'):
             text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
-            rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
-            half = -(-len(rows) // 2)
             with box('charts'):
-                Sheet('Numbers of the run').show(rows[:half])
-                Sheet('More numbers of the run').show(rows[half:])
+                fill(sheet('Numbers of the run', ('', '', '')), rows[:half])
+                fill(sheet('More numbers of the run', ('', '', '')), rows[half:])
 
 
 def changed_values(run: SavedRun) -> dict[str, Any]:

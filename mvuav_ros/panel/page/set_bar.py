@@ -9,11 +9,22 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import Sheet, ask, box, button, choice, dialog, tell, text
+from mvuav_ros.panel.page.elements import (
+    box,
+    button,
+    choice,
+    confirmed,
+    dialog,
+    errors_told,
+    fill,
+    set_class,
+    sheet,
+    tell,
+    text,
+)
 from mvuav_ros.panel.sets import LARGEST_SET, differences
-from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.declaration import Value
 
 LIVE = 'live values'
 Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
@@ -44,7 +55,7 @@ class SetBar:
                         ui.menu_item('Compare two sets', self._compare)
                         self._download = ui.menu_item('Download the set', self._send_file)
                         ui.menu_item('Upload a set', self._ask_file)
-                        self._delete = ui.menu_item('Delete the set', self._ask_delete)
+                        self._delete = ui.menu_item('Delete the set', self._delete_chosen)
             self._match = text('', 'match').props('role=status')
         self.reload()
 
@@ -71,16 +82,14 @@ class SetBar:
     def _values_of(self, name: str) -> dict[str, Value]:
         if name == LIVE:
             return dict(self._page.own_values())
-        try:
+        with errors_told():
             return self._page.services.sets.load(name, self._kind)
-        except (ParameterError, NameRefusedError) as error:
-            tell(str(error), bad=True)
-            return {}
+        return {}
 
-    def refresh(self, live: Mapping[str, object]) -> dict[str, Value]:
-        """Say whether the live values are the chosen set's; returns that set."""
-        name = self._page.chosen_set
-        count = len(differences(self._values, live))
+    def compare(self, live: Mapping[str, object]) -> dict[str, str]:
+        """Say whether the live values are the chosen set's; returns the set's that differ."""
+        name, differing = self._page.chosen_set, differences(self._values, live)
+        count = len(differing)
         if not name:
             words = 'Choose a set to load it, or to see what differs from it.'
         elif count:
@@ -88,8 +97,8 @@ class SetBar:
         else:
             words = f'The live values are those of {name}.'
         self._match.set_text(words)
-        self._match.classes(add='differs') if count else self._match.classes(remove='differs')
-        return self._values
+        set_class(self._match, 'differs', count > 0)
+        return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
 
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
@@ -108,7 +117,8 @@ class SetBar:
             text(sets.folder, 'small soft number breaks')
 
             def save() -> None:
-                if save_set(self._page, field.value or ''):
+                with errors_told():
+                    save_set(self._page, field.value or '')
                     asking.close()
 
             field.on('keydown.enter', save)
@@ -116,30 +126,25 @@ class SetBar:
                 button('Save', save, main=True)
                 button('Cancel', asking.close)
 
-    def _ask_delete(self) -> None:
+    async def _delete_chosen(self) -> None:
         name, services = self._page.chosen_set, self._page.services
-
-        def delete() -> None:
+        if await confirmed(f'Delete the set {name}?', 'Delete'):
             services.sets.delete(name)
             services.sets_changed.emit()
 
-        ask(f'Delete the set {name}?', 'Delete', delete)
-
     def _send_file(self) -> None:
         name = self._page.chosen_set
-        try:
+        with errors_told():
             content = self._page.services.sets.content(name)
-        except (OSError, NameRefusedError) as error:
-            tell(str(error), bad=True)
-            return
-        ui.download.content(content, f'{name}.yaml', 'application/yaml')
+            ui.download.content(content, f'{name}.yaml', 'application/yaml')
 
     def _ask_file(self) -> None:
         with dialog('Upload a set') as asking:
             text('A ROS 2 parameter file (.yaml) of our nodes.', 'small soft')
 
             async def take(event: Any) -> None:
-                if self._take_file(event.file.name, await event.file.read()):
+                with errors_told():
+                    self._take_file(Path(event.file.name).stem, await event.file.read())
                     asking.close()
 
             ui.upload(
@@ -151,18 +156,13 @@ class SetBar:
             ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
             button('Cancel', asking.close)
 
-    def _take_file(self, file_name: str, content: bytes) -> bool:
-        services, name = self._page.services, Path(file_name).stem
-        try:
-            kinds = services.sets.add(name, content)
-        except (NameRefusedError, ParameterError, OSError) as error:
-            tell(str(error), bad=True)
-            return False
+    def _take_file(self, name: str, content: bytes) -> None:
+        services = self._page.services
+        kinds = services.sets.add(name, content)
         if self._kind in kinds:
             self._page.chosen_set = name.strip()
         services.sets_changed.emit()
         tell(f'{name} is uploaded for {" and ".join(kinds)}')
-        return True
 
     def _compare(self) -> None:
         names = [LIVE, *self._page.services.sets.names(self._kind)]
@@ -172,36 +172,29 @@ class SetBar:
                 left = choice(names, 'One set', LIVE).classes('grow')
                 right = choice(names, 'Another set', chosen).classes('grow')
             whole = ui.switch('Also what is equal').props('dense')
-            place = box('comparison')
+            table = sheet('The difference', ('parameter', 'one set', 'another set'))
+            table.props['no-data-label'] = 'No parameter differs.'
 
             def show() -> None:
-                place.clear()
-                with place:
-                    self._comparison(left.value, right.value, all_of_them=bool(whole.value))
+                sets = (self._values_of(left.value), self._values_of(right.value))
+                found = differences(*sets, all_of_them=bool(whole.value))
+                fill(table, [[d.name, value_text(d.left), value_text(d.right)] for d in found])
 
             for each in (left, right, whole):
                 each.on_value_change(show)
             show()
             button('Close', comparing.close)
 
-    def _comparison(self, left: str, right: str, *, all_of_them: bool) -> None:
-        found = differences(self._values_of(left), self._values_of(right), all_of_them=all_of_them)
-        if not found:
-            text('No parameter differs.', 'soft')
-            return
-        sheet = Sheet('The difference', ('parameter', left, right))
-        sheet.show([[d.name, value_text(d.left), value_text(d.right)] for d in found])
 
+def save_set(page: Page, name: str) -> None:
+    """Save the selected node's values as a set.
 
-def save_set(page: Page, name: str) -> bool:
-    """Save the selected node's values as a set; says why where that cannot be."""
+    Raises:
+        NameRefusedError: the name cannot be given.
+        OSError: the file cannot be written.
+    """
     kind = page.node.kind if page.node is not None else ''
-    try:
-        page.services.sets.save(name, kind, page.own_values())
-    except (NameRefusedError, OSError) as error:
-        tell(str(error), bad=True)
-        return False
+    page.services.sets.save(name, kind, page.own_values())
     page.chosen_set = name.strip()
     page.services.sets_changed.emit()
     tell(f'{name.strip()} is saved')
-    return True

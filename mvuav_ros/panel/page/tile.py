@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from mvuav_ros.panel.images import Stream, encode_png
+from mvuav_ros.panel.images import INPUT, Stream, encode_png
 from mvuav_ros.panel.page.elements import box, icon_button, set_prop, tell, text
 from mvuav_ros.vision.image import Image, ImageError
 
 if TYPE_CHECKING:
     from mvuav_ros.panel.page.images import Images
 
-INPUT = 'input'
 SHOW_VALUE, THRESHOLD, START_ROW, END_ROW = 'Value', 'threshold', 'start_row', 'end_row'
+_NOTHING = {SHOW_VALUE: 'Nothing'}
 _ACTIONS = {THRESHOLD: 'Threshold', START_ROW: 'Start row', END_ROW: 'End row'}
 
 
@@ -24,8 +24,6 @@ class Tile:
 
     def __init__(self, stream: Stream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
-        self._action = SHOW_VALUE
-        self._actions: dict[str, str] = {}
         with box(f'card tile {size}', 'article') as self.element:
             self.element.props['aria-label'] = f'{stream.title} of {stream.node}'
             with box('tile-head'):
@@ -45,7 +43,13 @@ class Tile:
             if stream.name == INPUT:
                 self._canvas.classes('clickable')
                 self._canvas.on('pixel', self._clicked, ['detail'])
-                self._foot = box('tile-foot')
+                with box('tile-foot'):
+                    with box('line') as self._offer:
+                        text('A click sets', 'soft small')
+                        self._action = ui.toggle(_NOTHING, value=SHOW_VALUE)
+                        self._action.props('dense unelevated toggle-color=primary size=sm no-caps')
+                    self._words = text('Click a pixel to see its value.', 'small soft grow pixel')
+                    self._words.props('role=status')
         self.show_values()
 
     @property
@@ -64,39 +68,26 @@ class Tile:
         rows = [values.get(name) for name in (START_ROW, END_ROW)]
         shown = ','.join(map(str, rows)) if None not in rows else ''
         set_prop(self._canvas, 'data-rows', shown)
-        actions = {key: words for key, words in _ACTIONS.items() if key in values}
-        if actions != self._actions or not self._foot.default_slot.children:
-            self._actions = actions
-            self._foot.clear()
-            with self._foot:
-                self._make_foot(actions)
-
-    def _make_foot(self, actions: dict[str, str]) -> None:
-        self._action = SHOW_VALUE
-        if actions:
-            text('A click sets', 'soft small')
-            choice = ui.toggle({SHOW_VALUE: 'Nothing', **actions}, value=SHOW_VALUE)
-            choice.on_value_change(self._choose)
-            choice.props('dense unelevated toggle-color=primary size=sm no-caps')
-        self._words = text('Click a pixel to see its value.', 'small soft grow pixel')
-        self._words.props('role=status')
-
-    def _choose(self, event: Any) -> None:
-        self._action = event.value
+        actions = _NOTHING | {key: words for key, words in _ACTIONS.items() if key in values}
+        if actions != self._action.options:
+            now = self._action.value
+            self._action.set_options(actions, value=now if now in actions else SHOW_VALUE)
+        self._offer.set_visibility(actions != _NOTHING)
 
     def _clicked(self, event: Any) -> None:
         at = event.args['detail']
         x, y = int(at['x']), int(at['y'])
-        if self._action in (START_ROW, END_ROW):
-            row = y + 1 if self._action == END_ROW else y
-            self._words.set_text(f'{self._action} {row}')
-            self._part.set_parameter(self.stream.node, self._action, row)
+        action = self._action.value
+        if action in (START_ROW, END_ROW):
+            row = y + 1 if action == END_ROW else y
+            self._words.set_text(f'{action} {row}')
+            self._part.set_parameter(self.stream.node, action, row)
             return
         image = self._newest()
         if image is None or not (0 <= x < image.width and 0 <= y < image.height):
             return
         self._words.set_text(pixel_words(image, x, y, self._values))
-        if self._action == THRESHOLD:
+        if action == THRESHOLD:
             self._part.set_parameter(self.stream.node, THRESHOLD, threshold_below(image, x, y))
 
     def _newest(self) -> Image | None:

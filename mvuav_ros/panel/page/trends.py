@@ -93,15 +93,9 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
     if over != _OVER_NAMES:
         runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
     options = axes(*_title(columns), [_place(run, over) for run in runs])
+    look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
     options['series'] = [
-        {
-            'name': _plain(column),
-            'type': 'line',
-            'symbolSize': 7,
-            'symbol': 'circle',
-            'data': _numbers(runs, column),
-        }
-        for column in columns
+        {**look, 'name': _plain(column), 'data': _numbers(runs, column)} for column in columns
     ]
     return options
 
@@ -110,15 +104,11 @@ def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str)
     """A chart with a group of bars for each column."""
     options = axes(*_title(columns), [_plain(column) for column in columns])
     options['yAxis']['scale'] = False
-    values = [_numbers(runs, column) for column in columns]
+    look = {'type': 'bar', 'barMaxWidth': 36}
+    values = zip(*(_numbers(runs, column) for column in columns), strict=True)
     options['series'] = [
-        {
-            'name': _place(run, over),
-            'type': 'bar',
-            'barMaxWidth': 36,
-            'data': [row[index] for row in values],
-        }
-        for index, run in enumerate(runs)
+        {**look, 'name': _place(run, over), 'data': list(data)}
+        for run, data in zip(runs, values, strict=True)
     ]
     return options
 

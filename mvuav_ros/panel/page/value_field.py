@@ -36,73 +36,64 @@ class ValueField:
         """
         self._control, self._entered, self._refused = control, entered, refused
         self._shown = value
-        self._quiet = self._typing = False
+        self._field: Any
         if control.kind is Kind.SWITCH:
-            self._field: Any = ui.switch(value=bool(value), on_change=self._chosen).props('dense')
+            self._field = ui.switch(value=bool(value), on_change=self._chosen).props('dense')
         elif control.kind is Kind.MENU:
-            self._field = ui.select(
-                self._options(value), value=value, on_change=self._chosen
-            ).props('outlined dense options-dense')
+            options = list(dict.fromkeys((*control.choices, value)))
+            self._field = ui.select(options, value=value, on_change=self._chosen)
+            self._field.props('outlined dense options-dense')
         else:
-            self._field = ui.input(value=_field_text(value), on_change=self._typed)
-            self._field.props('outlined dense')
+            self._field = ui.input(value=self._written).props('outlined dense')
             if control.type in (int, float):
                 self._field.props('inputmode=decimal')
             self._field.on('keydown.enter', self._commit).on('blur', self._commit)
-            self._field.on('keydown.esc', self._restore)
+            self._field.on('keydown.esc', self._write)
         self._field.props['aria-label'] = f'{control.label}, new value'
         # What cannot be typed as it is must not be changed by being looked at.
         strange = isinstance(value, str) and (control.type is tuple or not foreign.is_plain(value))
         if control.read_only or strange:
             self._field.disable()
 
+    @property
+    def _written(self) -> Any:
+        """The value as the field holds it while nobody types."""
+        if self._control.kind is Kind.SWITCH:
+            return bool(self._shown)
+        if self._control.kind is Kind.MENU:
+            return self._shown
+        shown = self._shown
+        return foreign.words(shown) if isinstance(shown, str) else value_text(shown)
+
     def show(self, value: Any) -> None:
         """Show a value, unless the user is typing another one."""
+        is_typing = not same_value(self._field.value, self._written)
         self._shown = value
-        if not self._typing:
-            self._write(value)
+        if not is_typing:
+            self._write()
 
-    def _write(self, value: Any) -> None:
-        self._quiet = True
-        try:
-            if self._control.kind is Kind.MENU:
-                self._field.set_options(self._options(value), value=value)
-            else:
-                self._field.value = (
-                    bool(value) if self._control.kind is Kind.SWITCH else _field_text(value)
-                )
-        finally:
-            self._quiet = False
-
-    def _options(self, value: Any) -> list[Any]:
-        return list(dict.fromkeys((*self._control.choices, value)))
+    def _write(self) -> None:
+        if self._control.kind is Kind.MENU and self._shown not in self._field.options:
+            options = dict.fromkeys((*self._control.choices, self._shown))
+            self._field.set_options(list(options), value=self._shown)
+        elif not same_value(self._field.value, self._written):
+            self._field.value = self._written
 
     def _chosen(self, event: Any) -> None:
-        if not self._quiet:
+        if not same_value(event.value, self._written):
             self._shown = event.value
             self._entered(event.value)
 
-    def _typed(self, event: Any) -> None:
-        if not self._quiet:
-            self._typing = str(event.value) != _field_text(self._shown)
-
-    def _restore(self) -> None:
-        self._typing = False
-        self._write(self._shown)
-
     def _commit(self) -> None:
-        if not self._typing:
+        if self._field.value == self._written:
             return
         try:
             value = self._control.parse(self._field.value)
         except ValueError as error:
             self._refused(str(error))
             return
-        self._typing = False
-        if not same_value(value, self._shown):
-            self._shown = value
+        changed = not same_value(value, self._shown)
+        self._shown = value
+        self._write()
+        if changed:
             self._entered(value)
-
-
-def _field_text(value: Any) -> str:
-    return foreign.words(value) if isinstance(value, str) else value_text(value)

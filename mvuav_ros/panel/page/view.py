@@ -34,20 +34,22 @@ class View:
         """
         self._page = Page(services, kept)
         self._client = client
-        part = str(kept.get('part', 'images'))
+        part = kept.get('part')
         with box('panel') as self._root:
-            self._root.props['data-part'] = part if part in _PARTS else 'images'
             self._head = Head(self._page)
             with box('body'):
-                self._tabs(part)
-                with box('views') as main:
-                    self._images = Images(self._page, self._set_parameter)
-                    self._results = Results(self._page)
-                    self._parameters = Parameters(self._page)
-                    self._runs = Runs(self._page, self._parameters.load)
+                tabs = self._tabs()
+                with ui.tab_panels(tabs, animated=False).classes('views') as panels:
+                    with ui.tab_panel('images'):
+                        self._images = Images(self._page, self._set_parameter)
+                    with ui.tab_panel('results'):
+                        self._results = Results(self._page)
+                    with ui.tab_panel('runs'):
+                        Runs(self._page, lambda *given: self._parameters.load(*given))
                 # Beside the others, or instead of them on a telephone.
-                self._parameters.element.move(self._root.default_slot.children[-1])
-        ui.skip_link('Skip to the images and results', target=main)
+                self._parameters = Parameters(self._page)
+        tabs.set_value(part if part in _PARTS else 'images')
+        ui.skip_link('Skip to the images and results', target=panels)
         ui.skip_link('Skip to the parameters', target=self._parameters.element)
         self._page.on_select.append(self._name_node)
         self._name_node()
@@ -57,18 +59,17 @@ class View:
         ui.timer(0.0, self._connected, once=True)
         ui.timer(0.0, self._restore, once=True)
 
-    def _tabs(self, part: str) -> None:
-        with ui.tabs(on_change=self._keep_part) as tabs:
+    def _tabs(self) -> ui.tabs:
+        with ui.tabs(on_change=self._show_part) as tabs:
             tabs.props('dense no-caps inline-label align=left')
             tabs.props['aria-label'] = 'Parts of the panel'
             for key, words in _PARTS.items():
                 ui.tab(key, words).classes(f'tab {key}')
-        tabs.set_value(part if part in _PARTS else 'images')
-        # At once, before the server has heard of it.
-        tabs.on('update:model-value', js_handler='(part) => window.panelPart(part)')
+        return tabs
 
-    def _keep_part(self, event: Any) -> None:
+    def _show_part(self, event: Any) -> None:
         self._page.kept['part'] = str(event.value)
+        set_prop(self._root, 'data-part', self._page.kept['part'])
 
     async def _restore(self) -> None:
         # On a slow link the usual arrangement will do.

@@ -179,10 +179,6 @@
   }
   wide.addEventListener('change', spread);
 
-  window.panelPart = (part) => {
-    panel().dataset.part = part;
-    requestAnimationFrame(() => { look(); spread(); });
-  };
   document.addEventListener('visibilitychange', () => { ask(); });
   document.addEventListener('DOMContentLoaded', () => {
     connect();
