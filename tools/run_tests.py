@@ -276,7 +276,9 @@ def summarize(outcomes: Sequence[Outcome]) -> int:
 def main() -> int:
     """Run what the command line names."""
     which = sys.argv[1] if len(sys.argv) > 1 else 'test'
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # SIGINT as well: a shell's background jobs ignore it, and so would all that they start.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         outcomes = [outcome for lanes in stages(which) for outcome in run_lanes(lanes)]
     except KeyboardInterrupt:
