@@ -60,6 +60,7 @@ class Report(NamedTuple):
         attitude: the horizon is known from a sensor.
         rivals: the other tracks' odds over the track's.
         distinct: share of the last frames with clear lines along both sides, or clear colours.
+        other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
     """
 
     log_odds: float
@@ -68,6 +69,7 @@ class Report(NamedTuple):
     attitude: bool
     rivals: float
     distinct: float
+    other_edges: float = 0.0
 
     def of_the_runway(self) -> NDArray[np.float64]:
         """(6,) what speaks for its being the runway."""
@@ -89,7 +91,7 @@ class Report(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ConfidenceWeights:
-    """Two logistic functions, whose product is the confidence.
+    """Two logistic functions, whose product, less the odds of other edges, is the confidence.
 
     Attributes:
         runway: (7,) offset and weights of `Report.of_the_runway`.
@@ -107,9 +109,10 @@ class ConfidenceWeights:
             >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0, 0.0)), 6)
             0.5
         """
-        return _logistic(self.runway, report.of_the_runway()) * _logistic(
+        one = _logistic(self.runway, report.of_the_runway()) * _logistic(
             self.place, report.of_the_place()
         )
+        return one / (1.0 + report.other_edges)
 
 
 def _logistic(weights: NDArray[np.float64], values: NDArray[np.float64]) -> float:

@@ -19,6 +19,7 @@ from mvuav_ros.vision.approach.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.probability import evidence_weights
 from mvuav_ros.vision.approach.runway_edges import EdgeLook
 from mvuav_ros.vision.approach.shape import Shape
+from mvuav_ros.vision.approach.shoulders import shows_shoulders
 from mvuav_ros.vision.approach.side_lines import edges_by_lines
 from mvuav_ros.vision.approach.strip_geometry import (
     agrees,
@@ -54,6 +55,11 @@ _LOCK_AGREEMENT, _LOCK_SUPPORT = 0.4, 0.7
 alone: near the ground everything around it has straight edges too."""
 _GROWTH_MEMORY, _MOST_GROWTH = 0.1, 0.04
 _MOST_UNSEEN = 3
+_SHOULDER_MEMORY, _SHOULDERS = (0.3, 0.1), (0.4, 0.7)
+"""Share of a frame that shows shoulders, and of one that does not, in what is remembered of them,
+and what of it makes them possible and certain. Run 3."""
+_JUMP_MEMORY = 0.15
+"""Share of a frame by which an edge that jumped is forgotten."""
 _YOUNG = 5
 """Frames in which a track is weighed every time."""
 _PAINT = FEATURES.index('paint')
@@ -77,6 +83,7 @@ class RunwayTrack:
         misses: weighings in a row in which it was not seen.
         agreement: probability of the strips that are where the mean is.
         distinct: share of the last frames with clear lines along both sides, or clear colours.
+        shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
         points: of the left and the right edge in the newest frame, if seen.
     """
 
@@ -92,6 +99,7 @@ class RunwayTrack:
         self.misses = 0
         self.agreement = 1.0
         self.distinct = 0.0
+        self.shoulders = 0.0
         self.points: tuple[EdgePoints, EdgePoints] | None = None
         self._found: list[NDArray[np.float64]] = [strip]
         self._look = EdgeLook()
@@ -99,9 +107,18 @@ class RunwayTrack:
         self._spread = np.zeros((2, 2))
         self._clear, self._lead = False, 0.0
         self._rested = 0
+        self._jumped = 0.0
         self.locked = False
         self._sharp, self._growth = 0.0, 0.0
         self._unseen = 0
+
+    @property
+    def other_edges(self) -> float:
+        """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
+
+        It is so with paved shoulders that are plain to see, and after an edge has jumped.
+        """
+        return max(float(np.interp(self.shoulders, _SHOULDERS, (0.0, 1.0))), self._jumped)
 
     @property
     def lost(self) -> bool:
@@ -207,6 +224,8 @@ class RunwayTrack:
         if min(edge.support for edge in exact) < _LEAST_SUPPORT:
             self.points = None
             return False
+        # The lines' outer sides are the edges, by colour too: shoulders may lie beyond.
+        exact = edges_by_lines(view.image, view.level, strip[:4], (self.far, self.near)) or exact
         self.points = exact
         self.shape.move_reference(float(strip[1] + 0.3 * self.far + 0.7 * self.near))
         self.shape.update(*exact, None, 1.0)
@@ -214,6 +233,10 @@ class RunwayTrack:
         change = (right - left) / (strip[3] - strip[2]) - 1.0
         growth = self._growth + _GROWTH_MEMORY * change
         self._growth = min(max(growth, -_MOST_GROWTH), _MOST_GROWTH)
+        strip = self.strip()
+        shown = shows_shoulders(view.image, view.level, strip[:4], (self.far, self.near))
+        if shown is not None:
+            self.shoulders += _SHOULDER_MEMORY[not shown] * (float(shown) - self.shoulders)
         return True
 
     def _plausible(self, view: View) -> bool:
@@ -270,10 +293,23 @@ class RunwayTrack:
                     and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
                 )
         if not self.locked:
-            points = self._by_lines(view, through, span) or points
+            points = self._by_lines(view, through, self._known_span(through, span)) or points
         self._take_in(points, rows, view)
         self.points = points
         self._follow_ends(rows)
+
+    def _known_span(
+        self, shape: NDArray[np.float64], span: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Rows in which lines are measured: to the near end as known from earlier frames, too.
+
+        What is measured in the far part of a runway alone is wrong at its near end.
+        """
+        _, y = self.shape.vanishing_point
+        if self.age <= _YOUNG or not math.isfinite(y):
+            return span
+        down = y - float(shape[1])
+        return max(self.far + down, 1.0), max(self.near + down, span[1])
 
     def _by_lines(
         self, view: View, shape: NDArray[np.float64], span: tuple[float, float]
@@ -287,9 +323,25 @@ class RunwayTrack:
     def _take_in(
         self, points: tuple[EdgePoints, EdgePoints], rows: NDArray[np.float64], view: View
     ) -> None:
+        self._watch(points)
         self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
         row, sigma = view.horizon or (None, 1.0)
         self.shape.update(*points, row, sigma)
+
+    def _watch(self, points: tuple[EdgePoints, EdgePoints]) -> None:
+        """Whether an edge is farther from where it was than the tolerance."""
+        x, y, *slopes = (float(value) for value in self.shape.as_array())
+        width = (slopes[1] - slopes[0]) * self.near
+        allowed = max(_LEAST_TOLERANCE, _TOLERANCE_SHARE * width)
+        self._jumped *= 1.0 - _JUMP_MEMORY
+        if self.age <= _YOUNG:
+            return
+        for edge, slope in zip(points, slopes, strict=True):
+            near = (edge.rows - edge.rows.mean() >= 0) & (edge.weights > 0)
+            if near.any():
+                away = edge.columns[near] - x - slope * (edge.rows[near] - y)
+                if abs(float(away.mean())) > allowed:
+                    self._jumped = 1.0
 
     def _follow_ends(self, rows: NDArray[np.float64]) -> None:
         share = max(_END_MEMORY, 1.0 / self.age)

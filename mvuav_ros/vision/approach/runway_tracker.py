@@ -136,7 +136,13 @@ class RunwayTracker:
             if track is not best
         )
         return Report(
-            best.log_odds, best.agreement, best.moved, self._attitude, rivals, best.distinct
+            best.log_odds,
+            best.agreement,
+            best.moved,
+            self._attitude,
+            rivals,
+            best.distinct,
+            best.other_edges,
         )
 
     @property

@@ -39,8 +39,8 @@ class SideLineParameters:
         beyond: how far beyond a line's middle in which its outer side is looked for.
         noise: grey levels of ridges that are taken to be everywhere.
         weakest: share of the clearest line's clearness from which another line counts.
-        widest: px of the near end from which the pavement beyond the lines can be seen, so that the
-            edges are not the lines'.
+        widest: px of the near end from which the markings at the threshold are told apart, lines
+            along the edges themselves, so that the pavement's steps are measured instead.
         least_clearness: of the fainter line, in usual ridges of the place.
     """
 
@@ -50,12 +50,12 @@ class SideLineParameters:
     halves: tuple[float, ...] = (0.06, 0.1)
     rows: int = 24
     outwards_less: float = 1.5
-    inwards_less: float = 0.3
+    inwards_less: float = 0.15
     turned_less: float = 0.8
     beyond: float = 0.16
     noise: float = 0.5
     weakest: float = 0.55
-    widest: float = 30.0
+    widest: float = 90.0
     least_clearness: float = 1.2
 
 
@@ -91,7 +91,7 @@ def edges_by_lines(
 
     Returns:
         Points of the left and of the right edge; None if the lines are not clear, or the runway is
-        so wide that its pavement can be seen beyond them.
+        wider than `SideLineParameters.widest`.
     """
     x, y, left, right = (float(value) for value in shape)
     if (right - left) * span[1] >= SIDE_LINES.widest:

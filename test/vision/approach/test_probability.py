@@ -24,5 +24,11 @@ def test_what_speaks_against_it_lowers_it():
     assert confidence(agreement=0.0) < confidence()
 
 
+def test_two_places_for_an_edge_leave_half_of_it():
+    sure = {'log_odds': 9.0, 'agreement': 1.0, 'moved': 60, 'distinct': 1.0}
+    assert confidence(**sure) > 0.9
+    assert confidence(**sure, other_edges=1.0) == confidence(**sure) / 2 < 0.5
+
+
 def test_extremes_are_probabilities_still():
     assert 0.0 <= confidence(log_odds=-1e9, rivals=1e9) < confidence(log_odds=1e9) <= 1.0

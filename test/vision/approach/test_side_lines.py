@@ -71,4 +71,4 @@ def test_without_lines_there_is_no_answer():
 
 
 def test_a_wide_runway_is_measured_by_its_pavement():
-    assert offsets(runway((0.7, 1.0)), slope=0.6) is None
+    assert offsets(runway((0.7, 1.0)), slope=1.2) is None
