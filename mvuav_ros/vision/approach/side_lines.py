@@ -36,7 +36,9 @@ class SideLineParameters:
             one at it: where there are two lines, the outer one is the shoulder's.
         inwards_less: by how much one counts less that is as far inside.
         turned_less: by how much one counts less that moves by twice ``farthest`` from end to end.
-        beyond: how far beyond a line's middle in which its outer side is looked for.
+        fine: px between samples across a line that has been found, at most.
+        around: how far from its found middle a line's brightest place may be.
+        beyond: how far beyond a line's middle in which its sides are looked for.
         noise: grey levels of ridges that are taken to be everywhere.
         weakest: share of the clearest line's clearness from which another line counts.
         widest: px of the near end from which the markings at the threshold are told apart, lines
@@ -52,6 +54,8 @@ class SideLineParameters:
     outwards_less: float = 1.5
     inwards_less: float = 0.15
     turned_less: float = 0.8
+    fine: float = 0.6
+    around: float = 0.06
     beyond: float = 0.16
     noise: float = 0.5
     weakest: float = 0.55
@@ -67,8 +71,6 @@ _HALVES = slice(None, SIDE_LINES.rows // 2), slice(SIDE_LINES.rows // 2, None)
 _PLACES = round(SIDE_LINES.reach / SIDE_LINES.step)
 _ACROSS = np.arange(-_PLACES, _PLACES + 1) * SIDE_LINES.step
 """Where the samples are, from inside to outside, widths from the expected edge."""
-_INSIDE = 3
-_BEYOND = np.arange(-_INSIDE, round(SIDE_LINES.beyond / SIDE_LINES.step) + 1) * SIDE_LINES.step
 _DEEP = 2.0
 """Grey levels below a line that are dark."""
 _CLIPPED = 4.0
@@ -102,17 +104,24 @@ def edges_by_lines(
     expected = x + np.array([[left], [right]]) * depth
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
     brightness = _brightness(image, level, columns, y + depth)
+    lines = [_clearest(each) for each in brightness]
+    if min(clearness for _, _, clearness in lines) <= SIDE_LINES.least_clearness:
+        return None
+    middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
+    step = min(SIDE_LINES.step, SIDE_LINES.fine / float(width[-1]))
+    inside, beyond = round(SIDE_LINES.around / step), round(SIDE_LINES.beyond / step)
+    beside = np.arange(-inside, beyond + 1) * step
+    across = middle[:, :, None] + outwards[:, :, None] * beside
+    profiles = _brightness(image, level, across, y + depth)
     edges = []
     for side in (0, 1):
-        far, near, clearness = _clearest(brightness[side])
-        if clearness <= SIDE_LINES.least_clearness:
-            return None
-        middle = far + _ALONG * (near - far)
         # Blur is the same number of px everywhere, and so a larger share of the far end's width.
-        outer = [_outer_side(brightness[side][part], middle[part]) for part in _HALVES]
-        offset = middle + np.interp(_ALONG, (0.25, 0.75), outer)
-        weights = np.ones(depth.size)
-        edges.append(EdgePoints(y + depth, expected[side] + outwards[side] * offset, weights, 1.0))
+        outer = [
+            step * (_outer_side(profiles[side][half].mean(axis=0), 2 * inside + 2) - inside)
+            for half in _HALVES
+        ]
+        columns = middle[side] + outwards[side] * np.interp(_ALONG, (0.25, 0.75), outer)
+        edges.append(EdgePoints(y + depth, columns, np.ones(depth.size), 1.0))
     return edges[0], edges[1]
 
 
@@ -195,10 +204,14 @@ def _lines(brightness: NDArray[np.float32], half: float) -> list[tuple[float, fl
     return found
 
 
-def _outer_side(brightness: NDArray[np.float32], middle: Numbers) -> float:
-    """From a line's middle to where it has become half as bright as it is, towards outside."""
-    profile = _along(brightness, middle[:, None] + _BEYOND)
-    peak = int(profile[: 2 * _INSIDE + 2].argmax())
+def _outer_side(profile: NDArray[np.float32], within: int) -> float:
+    """Where a line has become half as bright as it is, towards outside.
+
+    Args:
+        profile: brightness from inside to outside.
+        within: the first samples, in which it is brightest.
+    """
+    peak = int(profile[:within].argmax())
     beyond = profile[peak:]
     # The first minimum after the peak: there may be another line farther outside.
     rising = (np.diff(beyond) >= 0) & (beyond[:-1] < beyond[0] - _DEEP)
@@ -206,16 +219,6 @@ def _outer_side(brightness: NDArray[np.float32], middle: Numbers) -> float:
     half = 0.5 * (beyond[0] + beyond[lowest])
     last = int(np.count_nonzero(beyond[: lowest + 1] > half)) - 1
     if last < 0 or last + 1 > lowest:
-        return float(_BEYOND[peak])
+        return float(peak)
     part = (beyond[last] - half) / max(float(beyond[last] - beyond[last + 1]), 1e-6)
-    return float(_BEYOND[peak] + (last + part) * SIDE_LINES.step)
-
-
-def _along(brightness: NDArray[np.float32], across: Numbers) -> Numbers:
-    """(n,) mean over the rows at (rows, n) places between the samples."""
-    place = (across - _ACROSS[0]) / SIDE_LINES.step
-    whole = np.clip(place.astype(np.intp), 0, _ACROSS.size - 2)
-    below = np.take_along_axis(brightness, whole, axis=1)
-    above = np.take_along_axis(brightness, whole + 1, axis=1)
-    mean: Numbers = (below + (place - whole) * (above - below)).mean(axis=0)
-    return mean
+    return float(peak + last + part)
