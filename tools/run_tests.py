@@ -252,7 +252,9 @@ def _pass_on(name: str, command: Sequence[str]) -> tuple[int, str]:
         _running.add(process)
         assert process.stdout is not None
         for line in process.stdout:
-            print(f'{name} | {line.rstrip()}', flush=True)
+            # In one piece: another lane may write meanwhile.
+            sys.stdout.write(f'{name} | {line.rstrip()}\n')
+            sys.stdout.flush()
             last = line.strip() or last
     _running.discard(process)
     return process.returncode, last
