@@ -75,6 +75,7 @@ def test_raw_images(tmp_path: Path, node: str) -> None:
     assert read(tmp_path / '1.mcap') == read(tmp_path / '3.mcap')
 
 
+@pytest.mark.long
 def test_simulated_flight(tmp_path: Path) -> None:
     assert both('sim:runway?frames=12', tmp_path) == [(0, ''), (0, '')]
     assert read(tmp_path / '1.mcap') == read(tmp_path / '3.mcap')

@@ -16,6 +16,8 @@ from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.build import build_report, steps_of
 from mvuav_ros.offline.thesis.plan import Plan
 
+pytestmark = pytest.mark.long
+
 TABLES = {
     *(f'table_5_{number}' for number in range(1, 8)),
     'table_5_3_ratio',
@@ -56,7 +58,7 @@ def small_plan(seed):
     )
 
 
-@pytest.fixture(scope='module', params=[5, pytest.param(77, marks=pytest.mark.long)])
+@pytest.fixture(scope='module', params=[5, 77])
 def written(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp('thesis')
     steps = []
