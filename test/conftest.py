@@ -1,9 +1,16 @@
-"""Where the real footage and reference results lie; never part of the project itself."""
+"""Where the real footage and reference results lie; Hypothesis without a clock."""
 
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 from support.places import SHARED
+
+# An example that takes long says something about the machine, not about us.
+settings.register_profile(
+    'any machine', deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile('any machine')
 
 
 def _shared(name: str) -> Path:

@@ -25,9 +25,9 @@ ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / '.venv' / 'bin'
 PYTHONS = ('3.11', '3.12', '3.13')
 WITH_GRAPH = ('nodes', 'cli/demo', 'panel')
-LIBRARY = ('vision', 'parameters', 'processing', 'recordings', 'simulation', 'package')
+LIBRARY = ('vision', 'parameters', 'processing', 'simulation', 'package')
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
-QUICK = [f'test/{name}' for name in LIBRARY if name != 'simulation']
+QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
 _running: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()
@@ -80,12 +80,12 @@ def all_but(*folders: str) -> list[str]:
 
 
 def library() -> list[list[str]]:
-    """The vision library, the recordings, the simulation, the package itself."""
+    """The vision library, the simulation, the package itself."""
     return [parallel('-m', 'not long', *(f'test/{name}' for name in LIBRARY))]
 
 
 def commands() -> list[list[str]]:
-    """Replay, evaluation, reports and whatever else needs no ROS graph."""
+    """Recordings, replay, evaluation, reports and whatever else needs no ROS graph."""
     return [parallel('-m', 'not long', *all_but(*LIBRARY, *WITH_GRAPH))]
 
 
