@@ -83,7 +83,8 @@ def test_numbers_follow_the_seed_and_stand_under_the_thesiss():
         assert row[:3] == row_of_other[:3]
         same = [a == b for a, b in zip(row[3:], row_of_other[3:], strict=True)]
         assert all(same) if row[2] == 'thesis' else not any(same)
-    assert table_5_3(fly_trials(11)).rows == tables[0].rows
+    # As text: what is not known is NaN, which does not equal itself.
+    assert repr(table_5_3(fly_trials(11)).rows) == repr(tables[0].rows)
     by_place = {row[:3]: row[3:] for row in tables[0].rows}
     for number, trial in enumerate(TRIALS, 1):
         title = f'Trial {number}: {trial.replace("_", " ")}'
