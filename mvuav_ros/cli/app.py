@@ -77,33 +77,49 @@ def _options(
 def main() -> NoReturn:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
     named = [name for name in sys.argv[1:2] if name in COMMANDS]
+    interrupts: list[int] = []
+
+    def interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+        interrupts.append(number)
+        raise KeyboardInterrupt if number == signal.SIGINT else Interrupted(number)
+
     try:
         # Until all is imported the handlers of `mvuav_ros.__main__` stay.
         app = application(named or COMMANDS)
         # Commands that leave files behind take the signals themselves, see `stop_on_signals`.
         for number in SIGNALS:
-            signal.signal(number, _interrupt)
+            signal.signal(number, interrupt)
         status = app(prog_name='mvuav', standalone_mode=False)
         if status == 128 + signal.SIGINT:
             # What typer makes of a KeyboardInterrupt.
             _fail('interrupted', status)
-    except (ParameterError, RecordingError, SourceError) as error:
-        _fail(str(error), 1)
     except Interrupted as interruption:
         _fail('interrupted', 128 + interruption.number)
-    except OSError as error:
-        _fail(str(error), 1)
-    except ImportError as error:
-        # Commands import what they need when they are called.
-        _fail(explain_missing_module(named[0] if named else 'mvuav', error), 1)
     except Exception as error:
-        # Usage errors of typer, whose own click is not importable under a public name.
-        if not hasattr(error, 'format_message'):
-            if type(error).__name__ == 'Abort':
-                _fail('interrupted', 128 + signal.SIGINT)
-            raise
-        _fail(f'{error.format_message()} (see mvuav --help)', 2)
+        if interrupts:
+            # Commands import what they need when they are called, and an import that is
+            # interrupted may end with an error of its own.
+            _fail('interrupted', 128 + interrupts[0])
+        _fail(*_explained(error, named[0] if named else 'mvuav'))
     _leave(status if isinstance(status, int) else 0)
+
+
+def _explained(error: Exception, name: str) -> tuple[str, int]:
+    """A user's mistake in words and as an exit status.
+
+    Raises:
+        Exception: the error, if it is a defect of ours.
+    """
+    if isinstance(error, (ParameterError, RecordingError, SourceError, OSError)):
+        return str(error), 1
+    if isinstance(error, ImportError):
+        return explain_missing_module(name, error), 1
+    # Usage errors of typer, whose own click is not importable under a public name.
+    if hasattr(error, 'format_message'):
+        return f'{error.format_message()} (see mvuav --help)', 2
+    if type(error).__name__ == 'Abort':
+        return 'interrupted', 128 + signal.SIGINT
+    raise error
 
 
 def _fail(message: str, status: int) -> NoReturn:
@@ -116,10 +132,6 @@ def _leave(status: int) -> NoReturn:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
-
-
-def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt if number == signal.SIGINT else Interrupted(number)
 
 
 if __name__ == '__main__':

@@ -1,0 +1,31 @@
+"""How `mvuav` ends."""
+
+import subprocess
+import sys
+
+import pytest
+from support.places import ROOT
+
+LANDING = """
+import os, signal, sys, time
+from mvuav_ros.cli import app
+
+def command(**_):
+    # What functools makes of an interrupt in the midst of an import, up to Python 3.11.
+    try:
+        os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+        time.sleep(60)
+    except BaseException as error:
+        raise RuntimeError('Error calling __set_name__') from error
+
+app.application = lambda names: command
+app.main()
+"""
+
+
+@pytest.mark.parametrize(('name', 'status'), [('SIGINT', 130), ('SIGTERM', 143)])
+def test_an_interrupt_that_became_another_error_is_one_line(name, status):
+    run = subprocess.run(
+        [sys.executable, '-c', LANDING, name], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (run.returncode, run.stderr) == (status, 'mvuav: interrupted\n')
