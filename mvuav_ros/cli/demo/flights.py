@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -31,15 +32,19 @@ class Flight:
         bag: the file, whose name is the namespace of its images.
         processor: the node.
         main_topic: result topic that has one message per frame.
-        frames: images in the bag.
         make_table: from the newest message of each topic below ``~/`` what the terminal shows.
     """
 
     bag: Path
     processor: type[Processor]
     main_topic: str
-    frames: int
     make_table: Callable[[dict[str, Any]], Table]
+
+    @cached_property
+    def frames(self) -> int:
+        """Images in the bag."""
+        with open_recording(self.bag) as recording:
+            return sum(message.type == IMAGE for message in recording.messages())
 
     @property
     def name(self) -> str:
@@ -146,20 +151,11 @@ def sample_flights(bags: Path) -> list[Flight]:
     Raises:
         SourceError: there are none.
     """
-    known: list[tuple[Path, type[Processor], str, Callable[[dict[str, Any]], Table]]] = [
-        (bags / 'tanker.mcap', MarkerTrackerProcessor, 'markers', marker_table),
-        (bags / 'runway.mcap', RunwayDetectorProcessor, 'line_params', runway_table),
-    ]
     flights = [
-        Flight(bag, processor, topic, _images_in(bag), make_table)
-        for bag, processor, topic, make_table in known
-        if bag.is_file()
+        Flight(bags / 'tanker.mcap', MarkerTrackerProcessor, 'markers', marker_table),
+        Flight(bags / 'runway.mcap', RunwayDetectorProcessor, 'line_params', runway_table),
     ]
-    if not flights:
+    present = [flight for flight in flights if flight.bag.is_file()]
+    if not present:
         raise SourceError(f'{bags}: no sample bags there')
-    return flights
-
-
-def _images_in(bag: Path) -> int:
-    with open_recording(bag) as recording:
-        return sum(message.type == IMAGE for message in recording.messages())
+    return present

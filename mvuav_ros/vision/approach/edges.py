@@ -145,6 +145,27 @@ def sample_edges(
     return EdgeSamples(pixels, expected, y + depth, across, inside, 2 * (base // 2))
 
 
+def rows_of(
+    shape: NDArray[np.float64], span: tuple[float, float], along: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """A runway's width and edges in some rows.
+
+    Args:
+        shape: (4,) vanishing point and slopes, px of the levelled working image.
+        span: rows from the vanishing point to the far and to the near end.
+        along: (n,) where the rows are, from 0, the far end, to 1.
+
+    Returns:
+        The rows (n,), the columns of the left and of the right edge (2, n), and the width, at
+        least 2 px, towards outside of each of them (2, n): negative at the left one.
+    """
+    x, y, left, right = (float(value) for value in shape)
+    depth = span[0] + along * (span[1] - span[0])
+    width = np.maximum((right - left) * depth, 2.0)
+    edges = x + np.array([[left], [right]]) * depth
+    return y + depth, edges, np.array([[-1.0], [1.0]]) * width
+
+
 def pixels_at(
     image: NDArray[Any], level: Derotation, columns: NDArray[Any], rows: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -154,7 +175,7 @@ def pixels_at(
         image: the frame, (height, width) or (height, width, 3).
         level: of the frame.
         columns: (2, count, places) px.
-        rows: likewise.
+        rows: (2, count, places) px.
 
     Returns:
         The pixels, (2 count, places) or (2 count, places, 3), and the frame's columns and rows,

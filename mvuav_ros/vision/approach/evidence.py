@@ -53,8 +53,13 @@ def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
 
 
 def opponent_channels(pixels: NDArray[Any]) -> list[NDArray[np.float32]]:
-    """Brightness alone of a grey image, else also blue against yellow and red against green."""
+    """Brightness alone of a grey image, else also blue against yellow and red against green.
+
+    Those of 16 bits are grey levels of 8 bits as well.
+    """
     levels = pixels.astype(np.float32)
+    if pixels.dtype == np.uint16:
+        levels /= 256.0
     if pixels.ndim == 2:
         return [levels]
     return [

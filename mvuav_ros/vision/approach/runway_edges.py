@@ -65,8 +65,7 @@ class EdgeLook:
             wide: the runway's edges may be farther from the shape's than its lines are apart.
         """
         samples = sample_edges(image, level, shape, span)
-        levels = samples.pixels / 256.0 if image.dtype == np.uint16 else samples.pixels
-        channels = opponent_channels(np.asarray(levels))
+        channels = opponent_channels(samples.pixels)
         steps = np.stack([samples.steps(channel) for channel in channels])
         self._learn(steps, samples, channels, wide)
         if paint_lead > _PAINT_BEFORE_STEPS:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import pixels_at
+from mvuav_ros.vision.approach.edges import pixels_at, rows_of
 from mvuav_ros.vision.approach.evidence import opponent_channels
 
 _ROWS, _FIRST_ROW = 32, 0.3
@@ -48,25 +48,17 @@ def shows_shoulders(
     Returns:
         None if too little beside the runway is on the frame.
     """
-    x, y, left, right = (float(value) for value in shape)
-    along = np.linspace(_FIRST_ROW, 1.0, _ROWS)
-    depth = span[0] + along * (span[1] - span[0])
-    width = np.maximum((right - left) * depth, 2.0)
+    rows, edges, outwards = rows_of(shape, span, np.linspace(_FIRST_ROW, 1.0, _ROWS))
     across = np.arange(-_INSIDE, _BEYOND, _STEP)
-    edges = x + np.array([[left], [right]]) * depth
-    outwards = np.array([[-1.0], [1.0]]) * width
     columns = edges[:, :, None] + outwards[:, :, None] * across
-    rows = np.broadcast_to((y + depth)[:, None], columns.shape)
-    pixels, on_x, on_y = pixels_at(image, level, columns, rows)
+    on_rows = np.broadcast_to(rows[:, None], columns.shape)
+    pixels, on_x, on_y = pixels_at(image, level, columns, on_rows)
     on_frame = (on_x >= 0) & (on_x < image.shape[1]) & (on_y >= 0) & (on_y < image.shape[0])
     seen = on_frame.all(axis=(0, 2))
     if 2 * np.count_nonzero(seen) < _ROWS:
         return None
-    levels = pixels / 256.0 if image.dtype == np.uint16 else pixels
-    window = max(2, round(_WINDOW / (float(np.median(width)) * _STEP)))
-    steps = np.stack(
-        [_steps(channel, window, seen) for channel in opponent_channels(np.asarray(levels))]
-    )
+    window = max(2, round(_WINDOW / (float(np.median(outwards[1])) * _STEP)))
+    steps = np.stack([_steps(channel, window, seen) for channel in opponent_channels(pixels)])
     sizes = np.linalg.norm(steps, axis=0)
     place = across[:-window] + 0.5 * window * _STEP
     return min(_clearness(size, place, window * _STEP) for size in sizes) >= _LEAST_CLEARNESS

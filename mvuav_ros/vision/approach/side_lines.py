@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at
+from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at, rows_of
 from mvuav_ros.vision.approach.evidence import opponent_channels
 
 
@@ -95,24 +95,20 @@ def edges_by_lines(
         Points of the left and of the right edge; None if the lines are not clear, or the runway is
         wider than `SideLineParameters.widest`.
     """
-    x, y, left, right = (float(value) for value in shape)
-    if (right - left) * span[1] >= SIDE_LINES.widest:
+    if float(shape[3] - shape[2]) * span[1] >= SIDE_LINES.widest:
         return None
-    depth = span[0] + _ALONG * (span[1] - span[0])
-    width = np.maximum((right - left) * depth, 2.0)
-    outwards = np.array([[-1.0], [1.0]]) * width
-    expected = x + np.array([[left], [right]]) * depth
+    rows, expected, outwards = rows_of(shape, span, _ALONG)
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-    brightness = _brightness(image, level, columns, y + depth)
+    brightness = _brightness(image, level, columns, rows)
     lines = [_clearest(each) for each in brightness]
     if min(clearness for _, _, clearness in lines) <= SIDE_LINES.least_clearness:
         return None
     middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
-    step = min(SIDE_LINES.step, SIDE_LINES.fine / float(width[-1]))
+    step = min(SIDE_LINES.step, SIDE_LINES.fine / float(outwards[1, -1]))
     inside, beyond = round(SIDE_LINES.around / step), round(SIDE_LINES.beyond / step)
     beside = np.arange(-inside, beyond + 1) * step
     across = middle[:, :, None] + outwards[:, :, None] * beside
-    profiles = _brightness(image, level, across, y + depth)
+    profiles = _brightness(image, level, across, rows)
     edges = []
     for side in (0, 1):
         # Blur is the same number of px everywhere, and so a larger share of the far end's width.
@@ -121,7 +117,7 @@ def edges_by_lines(
             for half in _HALVES
         ]
         columns = middle[side] + outwards[side] * np.interp(_ALONG, (0.25, 0.75), outer)
-        edges.append(EdgePoints(y + depth, columns, np.ones(depth.size), 1.0))
+        edges.append(EdgePoints(rows, columns, np.ones(rows.size), 1.0))
     return edges[0], edges[1]
 
 
@@ -162,8 +158,7 @@ def _brightness(
     """(2, rows, places) grey levels of the frame at places of the levelled working image."""
     on_rows = np.broadcast_to(rows[:, None], columns.shape)
     pixels, _, _ = pixels_at(image, level, columns, on_rows)
-    levels = pixels / 256.0 if image.dtype == np.uint16 else pixels
-    return opponent_channels(np.asarray(levels))[0].reshape(columns.shape)
+    return opponent_channels(pixels)[0].reshape(columns.shape)
 
 
 def _clearest(brightness: NDArray[np.float32]) -> tuple[float, float, float]:
