@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,24 +50,27 @@ class LightProfile:
         """Radius that is saturated against a dark background, px."""
         return self.radius + 1.5 * self.softness
 
-    @cached_property
-    def levels(self) -> NDArray[np.float32]:
-        """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px."""
-        r = np.arange(self.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
-        edge = (r - self.radius) / (math.sqrt(2.0) * self.softness)
-        disc = 0.5 * self.peak * np.array([math.erfc(x) for x in edge.tolist()])
-        glow = self.glow * np.exp(-r / self.glow_length)
-        # Down to zero at the window's edge, or its corners would show and pull the centroid.
-        taper = np.clip(1.0 - (r / self.reach) ** 2, 0.0, None) ** 2
-        return read_only(((disc + glow) * taper).astype(np.float32))
-
     def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Grey levels at distances in px."""
-        place = distance * _STEPS_PER_PIXEL
-        np.minimum(place, len(self.levels) - 2, out=place)
-        left = place.astype(np.intp)
-        value = self.levels[left]
-        return value + (place - left) * (self.levels[left + 1] - value)
+        levels = _levels(self)
+        place = distance * np.float32(_STEPS_PER_PIXEL)
+        np.minimum(place, len(levels) - 2, out=place)
+        left = place.astype(np.int32)
+        place -= left
+        value = levels.take(left)
+        return value + place * (levels.take(left + 1) - value)
+
+
+@lru_cache(maxsize=1024)
+def _levels(profile: LightProfile) -> NDArray[np.float32]:
+    """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px; the same lights are drawn often."""
+    r = np.arange(profile.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
+    edge = (r - profile.radius) / (math.sqrt(2.0) * profile.softness)
+    disc = 0.5 * profile.peak * np.array([math.erfc(x) for x in edge.tolist()])
+    glow = profile.glow * np.exp(-r / profile.glow_length)
+    # Down to zero at the window's edge, or its corners would show and pull the centroid.
+    taper = np.clip(1.0 - (r / profile.reach) ** 2, 0.0, None) ** 2
+    return read_only(((disc + glow) * taper).astype(np.float32))
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def paint_mesh(
     part = image[y0:y1, x0:x1]
     levels = _levels(shade, tint if part.ndim == 3 else None)
     far_to_near = np.argsort(-np.linalg.norm(middle, axis=1))
-    _cover(part, _fill(part, pixels - (x0, y0), levels, far_to_near))
+    _put_over(part, *_fill(part, pixels - (x0, y0), levels, far_to_near))
 
 
 def _lit(
@@ -113,37 +113,36 @@ def _fill(
     pixels: NDArray[np.float64],
     levels: list[tuple[float, ...]],
     order: NDArray[np.intp],
-) -> Pixels:
-    """The faces on black, with their cover as the last channel."""
+) -> tuple[Pixels, Pixels]:
+    """The faces on black, and their cover, 0 to 255."""
     # A pixel's centre lies half a fine pixel right of the first fine pixel's.
     fine = (pixels + 0.5) * SUPERSAMPLING - 0.5
     limit = 2**20
     places = np.rint(np.clip(fine * 2**_SHIFT, -limit, limit)).astype(np.int32)
     height, width = part.shape[:2]
-    size = (height * SUPERSAMPLING, width * SUPERSAMPLING, len(levels[0]))
-    canvas = np.zeros(size, np.uint8)
+    canvas = np.zeros((height * SUPERSAMPLING, width * SUPERSAMPLING, *part.shape[2:]), np.uint8)
     for face in order:
         cv2.fillConvexPoly(canvas, places[face], levels[face], cv2.LINE_8, _SHIFT)
-    return cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    first = canvas if part.ndim == 2 else cv2.extractChannel(canvas, 0)
+    cover = cv2.threshold(first, 0, 255, cv2.THRESH_BINARY)[1]
+    faces, covered = (
+        cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA) for fine in (canvas, cover)
+    )
+    return faces, covered
 
 
-def _cover(part: Pixels, faces: Pixels) -> None:
+def _put_over(part: Pixels, faces: Pixels, cover: Pixels) -> None:
     """Put faces with their cover over a part of an image."""
-    *colors, cover = cv2.split(faces)
     behind = cv2.bitwise_not(cover)
     if part.ndim == 3:
-        seen = cv2.multiply(part, cv2.merge([behind] * 3), scale=1.0 / 255.0)
-        cv2.add(seen, cv2.merge(colors), dst=seen)
-    else:
-        seen = cv2.multiply(part, behind, scale=1.0 / 255.0)
-        cv2.add(seen, colors[0], dst=seen)
-    part[...] = seen
+        behind = cv2.merge([behind] * 3)
+    seen = cv2.multiply(part, behind, scale=1.0 / 255.0)
+    part[...] = cv2.add(seen, faces)
 
 
 def _levels(
     shade: NDArray[np.float64], tint: tuple[float, float, float] | None
 ) -> list[tuple[float, ...]]:
-    """Each face's grey or colour, and full cover."""
+    """Each face's grey or colour; never 0, which means no face."""
     factors = np.array(tint or (1.0,))
-    colors = np.clip(shade[:, None] * factors, 0.0, 255.0)
-    return [(*color, 255.0) for color in colors.tolist()]
+    return [tuple(color) for color in np.clip(shade[:, None] * factors, 1.0, 255.0).tolist()]

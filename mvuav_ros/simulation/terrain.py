@@ -64,7 +64,10 @@ def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
 
 
 def _blend(land: Plane, color: Plane, cover: Plane) -> None:
-    land += cover[:, :, None] * (color - land)
+    """Lay a colour over the land where there is any cover, 0 to 1."""
+    part = np.nonzero(cover)
+    covered = land[part]
+    land[part] = covered + cover[part][:, None] * (color - covered)
 
 
 def _strip(distance: Plane, width: float) -> Plane:
@@ -84,8 +87,9 @@ def _draw_fields(x: Plane, y: Plane, detail: float, rng: np.random.Generator) ->
     kinds = rng.integers(0, len(_FIELDS), 97)
     furrows = rng.uniform(8.0, 20.0, 97).astype(np.float32)[cell]
     land = _FIELDS[kinds[cell]]
-    wave = np.sin(2 * np.pi * furrows * (u - np.floor(u)))
-    land *= (1.0 + 0.035 * detail * wave)[:, :, None]
+    if detail > 0.0:
+        wave = np.sin(2 * np.pi * furrows * (u - np.floor(u)))
+        land *= (1.0 + 0.035 * detail * wave)[:, :, None]
     hedge = np.minimum(
         np.minimum(u - np.floor(u), np.ceil(u) - u) * 260.0,
         np.minimum(v - np.floor(v), np.ceil(v) - v) * 170.0,
@@ -100,8 +104,9 @@ def _draw_woods(land: Plane, y: Plane, detail: float, rng: np.random.Generator) 
     where = where - 2.0 * (1.0 - smoothstep(120.0, 260.0, np.abs(y)))
     tree = smooth_noise((ROWS, COLUMNS), 4.0, rng, octaves=2)
     wood = smoothstep(1.05, 1.15, where + 0.06 * tree)
-    crowns = 1.0 + 0.28 * detail * tree
-    land += wood[:, :, None] * (_WOOD * crowns[:, :, None] - land)
+    part = np.nonzero(wood)
+    crowns = _WOOD * (1.0 + 0.28 * detail * tree[part])[:, None]
+    land[part] += wood[part][:, None] * (crowns - land[part])
     return wood
 
 
