@@ -40,11 +40,14 @@ class Panorama:
         )
         ridge = smooth_noise((2, width), 0.12 * camera.fx, rng, octaves=5)[0]
         top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
-        rows = np.arange(sky.shape[0], dtype=np.float32)[:, None]
+        highest = math.floor(top.min())
+        rows = np.arange(highest, sky.shape[0], dtype=np.float32)[:, None]
         cover = np.clip(rows - top + 0.5, 0.0, 1.0)[:, :, None]
         fade = np.clip((self._horizon_row - rows) / (HILLS * camera.fx), 0.0, 1.0)[:, :, None]
         hill = HORIZON + (0.35 + 0.65 * fade) * (_HILL - HORIZON)
-        self._sky = np.rint(sky + cover * (hill - sky)).astype(np.uint8)
+        low = sky[highest:]
+        low[...] = np.rint(low + cover * (hill - low)).astype(np.uint8)
+        self._sky = sky
 
     def view(self, pose: CameraPose) -> NDArray[np.uint8]:
         """A new sky, (height, width, 3), of the sky; below the horizon there is haze."""

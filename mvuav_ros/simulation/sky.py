@@ -64,5 +64,8 @@ def draw_sky(
         cover = 0.85 * cloudiness * smoothstep(0.1, 1.5, seen) * (1.0 - 0.75 * haze)
         shade = np.clip(0.62 + 0.22 * lit + 0.16 * seen, 0.0, 1.0)[:, :, None]
         cloud = CLOUD_BASE + shade * (CLOUD - CLOUD_BASE)
-        sky += cover[:, :, None] * (cloud - sky)
-    return to_bytes(brightness * sky)
+        cloud -= sky
+        cloud *= cover[:, :, None]
+        sky += cloud
+    sky *= brightness
+    return to_bytes(sky)

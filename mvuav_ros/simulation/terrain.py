@@ -60,7 +60,8 @@ def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
     _blend(land, _WATER, _river(x, y, RIVER_WIDTH))
     _draw_roads(land, x, y)
     _draw_houses(land, rng, wood)
-    return to_bytes(land * mottle[:, :, None])
+    land *= mottle[:, :, None]
+    return to_bytes(land)
 
 
 def _blend(land: Plane, color: Plane, cover: Plane) -> None:
@@ -82,17 +83,19 @@ def _draw_fields(x: Plane, y: Plane, detail: float, rng: np.random.Generator) ->
     bend = smooth_noise((ROWS, COLUMNS), 300.0, rng, octaves=2)
     u = (x * math.cos(angle) + y * math.sin(angle) + 18.0 * bend) / 260.0
     v = (y * math.cos(angle) - x * math.sin(angle)) / 170.0
-    v = v + 0.35 * np.floor(u)
-    cell = (np.floor(u).astype(np.int64) * 31 + np.floor(v).astype(np.int64) * 17) % 97
+    patch_u = np.floor(u)
+    v = v + 0.35 * patch_u
+    patch_v = np.floor(v)
+    cell = (patch_u.astype(np.int32) * 31 + patch_v.astype(np.int32) * 17) % 97
     kinds = rng.integers(0, len(_FIELDS), 97)
-    furrows = rng.uniform(8.0, 20.0, 97).astype(np.float32)[cell]
-    land = _FIELDS[kinds[cell]]
+    furrows = rng.uniform(8.0, 20.0, 97).astype(np.float32)
+    land = _FIELDS[kinds].take(cell, axis=0)
     if detail > 0.0:
-        wave = np.sin(2 * np.pi * furrows * (u - np.floor(u)))
+        wave = np.sin(2 * np.pi * furrows.take(cell) * (u - patch_u))
         land *= (1.0 + 0.035 * detail * wave)[:, :, None]
     hedge = np.minimum(
-        np.minimum(u - np.floor(u), np.ceil(u) - u) * 260.0,
-        np.minimum(v - np.floor(v), np.ceil(v) - v) * 170.0,
+        np.minimum(u - patch_u, patch_u + 1.0 - u) * 260.0,
+        np.minimum(v - patch_v, patch_v + 1.0 - v) * 170.0,
     )
     _blend(land, _WOOD, 0.75 * _strip(hedge.astype(np.float32), 6.0))
     return np.ascontiguousarray(land, np.float32)

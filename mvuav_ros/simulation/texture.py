@@ -82,5 +82,5 @@ def smoothstep(low: float, high: float, values: NDArray[Any]) -> NDArray[np.floa
 
 def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Round and limit to 0 to 255."""
-    limited: NDArray[np.uint8] = np.rint(np.clip(image, 0.0, 255.0)).astype(np.uint8)
-    return limited
+    limited = np.clip(image, 0.0, 255.0)
+    return np.asarray(np.rint(limited, out=limited).astype(np.uint8))

@@ -12,7 +12,7 @@ import pytest
 from support.commands import COMMAND, ENVIRONMENT, ROOT, write_flight
 
 # MVUAV_LONG_FLIGHT=60000 takes minutes.
-LONG = int(os.environ.get('MVUAV_LONG_FLIGHT', '3000'))
+LONG = int(os.environ.get('MVUAV_LONG_FLIGHT', '1800'))
 SIZE = 160, 120
 
 
