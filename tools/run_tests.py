@@ -160,14 +160,20 @@ def stages(which: str) -> list[list[list[Part]]]:
     """A target of the Makefile: stage after stage, each of lanes side by side, each of parts."""
     here = f'{sys.version_info.major}.{sys.version_info.minor}'
     style, examples = Part('lint and types', lint), Part("docstrings' examples", doctests)
-    waiting = [style, Part('live nodes', nodes), Part('demo and panel', demo_and_panel)]
     others = [
         Part(f'Python {version}', lambda version=version: other_python(version))
         for version in PYTHONS
         if version != here
     ]
     of_a_robot = Part("a robot's libraries", robot)
-    test = [[[Part('library', library), examples], [Part('commands', commands)], waiting]]
+    test = [
+        [
+            [Part('library', library), examples],
+            [Part('commands', commands)],
+            [Part('live nodes', nodes)],
+            [style, Part('demo and panel', demo_and_panel)],
+        ]
+    ]
     rest = [[[Part('the longest', longest), *others, of_a_robot]]]
     return {
         'test': test,

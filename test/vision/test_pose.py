@@ -66,7 +66,9 @@ def test_docking_approach(settings):
     assert np.mean(far) > 1.5 * np.mean(angles)
 
 
-@pytest.mark.parametrize('seed', [31, 32, 33])
+@pytest.mark.parametrize(
+    'seed', [31, *(pytest.param(seed, marks=pytest.mark.long) for seed in (32, 33))]
+)
 def test_normalised_error_squared_lies_in_its_band(seed):
     squares = [
         deviations(pose, truth) @ np.linalg.solve(pose.covariance, deviations(pose, truth))

@@ -41,7 +41,14 @@ def test_hidden_for_two_seconds_during_the_roll_sweep(hidden):
     assert {m.state for r in flown.results for m in r.markers} == {DETECTED, PREDICTED, LOST}
 
 
-@pytest.mark.parametrize('motion', ['roll', 'erratic', 'roll_360', 'docking'])
+@pytest.mark.parametrize(
+    'motion',
+    [
+        'erratic',
+        'docking',
+        *(pytest.param(motion, marks=pytest.mark.long) for motion in ('roll', 'roll_360')),
+    ],
+)
 def test_all_hidden_for_a_second(motion):
     flown = fly(motion=motion, failures='all@2-3, all@5-6', seed=3)
     assert flown.wrong == flown.imagined == ()
@@ -58,7 +65,7 @@ def test_behind_the_boom():
     assert flown.slowest <= 3
 
 
-@pytest.mark.parametrize('seed', [1, 4])
+@pytest.mark.parametrize('seed', [4, pytest.param(1, marks=pytest.mark.long)])
 def test_hot_pixels_and_glares(seed):
     flown = fly(motion='roll_translation', hot_pixels=5, glares=3, seed=seed)
     assert flown.wrong == flown.imagined == ()
@@ -68,7 +75,9 @@ def test_hot_pixels_and_glares(seed):
 @pytest.mark.parametrize(
     ('hidden', 'settings'),
     [
-        ('left_wing@1.5-3.5, right_wing@2.5-4, all@5-6', {'seed': 2}),
+        pytest.param(
+            'left_wing@1.5-3.5, right_wing@2.5-4, all@5-6', {'seed': 2}, marks=pytest.mark.long
+        ),
         (
             'left_wing@2-4, rudder@2-4, all@5-6',
             {'seed': 204, 'shake': 2, 'drop_probability': 0.3},
@@ -114,7 +123,10 @@ def test_both_wings_hidden_upside_down():
 
 @pytest.mark.parametrize(
     'hidden',
-    [pytest.param('', marks=pytest.mark.long), 'left_wing@2-4, rudder@2-4', 'all@3-4'],
+    [
+        *(pytest.param(h, marks=pytest.mark.long) for h in ('', 'all@3-4')),
+        'left_wing@2-4, rudder@2-4',
+    ],
 )
 def test_dropped_frames(hidden):
     flown = fly(motion='roll', drop_probability=0.3, shake=2, failures=hidden, seed=6)
