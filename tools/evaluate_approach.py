@@ -37,8 +37,8 @@ from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.finders import RunwayFinder
-from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.approach.runway.probability import Report
 from mvuav_ros.vision.camera import CameraModel
 
 Pixels = NDArray[Any]

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.edges import EdgePoints
-from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.features import shrink
 from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
-from mvuav_ros.vision.approach.probability import Report
-from mvuav_ros.vision.approach.runway_tracker import RunwayTracker, SearchRange
+from mvuav_ros.vision.approach.road.tracker import Tracker
+from mvuav_ros.vision.approach.runway.evidence import shrink_levels
+from mvuav_ros.vision.approach.runway.probability import Report
+from mvuav_ros.vision.approach.runway.tracker import RunwayTracker, SearchRange
+from mvuav_ros.vision.approach.runway.tuning import TUNING
 from mvuav_ros.vision.approach.shape import Shape
 from mvuav_ros.vision.approach.targets import TARGETS
-from mvuav_ros.vision.approach.tracker import Tracker
-from mvuav_ros.vision.approach.tuning import TUNING
 from mvuav_ros.vision.point_operations import Pixels
 
 _AFRESH = 10

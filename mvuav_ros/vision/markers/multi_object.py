@@ -19,7 +19,7 @@ from mvuav_ros.vision.markers.gated_assignment import (
     nearest_other,
 )
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.prediction import MotionPredictor
+from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
 Array = NDArray[np.float64]

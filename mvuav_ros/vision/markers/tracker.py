@@ -8,7 +8,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import detect, detect_any
-from mvuav_ros.vision.markers.identity import IdentityTracker
+from mvuav_ros.vision.markers.identity.tracker import IdentityTracker
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig

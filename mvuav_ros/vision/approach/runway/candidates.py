@@ -1,0 +1,280 @@
+"""Runways in one image: found, aligned, and each with the numbers that speak for or against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.runway.alignment import align, around
+from mvuav_ros.vision.approach.runway.appearance import FEATURES, Scene, describe
+from mvuav_ros.vision.approach.runway.evidence import EvidenceMap, gather_evidence, halved
+from mvuav_ros.vision.approach.runway.geometry import surrounding_box
+from mvuav_ros.vision.approach.runway.profile import profile
+from mvuav_ros.vision.approach.runway.search import Strips, distinct, fan, fan_jobs
+from mvuav_ros.vision.approach.runway.tuning import TUNING
+
+LEVELS = 3
+"""Of the pyramid."""
+_SKY_STEP = 5
+_SKY_SMOOTHING = 31
+_LEAST_PART = 12
+_DEEPEST = 28.0
+"""Px of a pyramid level: a near end below that is measured on the next one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Strips with their features.
+
+    Attributes:
+        strips: (n, 6) px on the levelled working image.
+        features: (n, features) as in `appearance.FEATURES`.
+    """
+
+    strips: Strips
+    features: NDArray[np.float64]
+
+
+NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
+
+
+def joined(parts: list[Candidates]) -> Candidates:
+    """All candidates of several lists."""
+    if not parts:
+        return NO_CANDIDATES
+    return Candidates(
+        np.concatenate([part.strips for part in parts]),
+        np.concatenate([part.features for part in parts]),
+    )
+
+
+def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The row in each column where it gets darker downwards most; of steps alike the upper one."""
+    height = brightness.shape[0]
+    narrow = cv2.blur(brightness, (7, 1))
+    total = np.zeros((height + 1, brightness.shape[1]), np.float32)
+    np.cumsum(narrow, axis=0, out=total[1:])
+    middle = total[_SKY_STEP:-_SKY_STEP]
+    step = (2 * middle - total[: -2 * _SKY_STEP] - total[2 * _SKY_STEP :]) / _SKY_STEP
+    row = step[: int(0.8 * height)].argmax(axis=0).astype(np.float32) + _SKY_STEP
+    reach = _SKY_SMOOTHING // 2
+    padded = np.pad(row, reach, mode='edge')
+    windows = np.lib.stride_tricks.sliding_window_view(padded, _SKY_SMOOTHING)
+    result: NDArray[np.float64] = np.median(windows, axis=1).astype(np.float64)
+    return result
+
+
+class LevelledImage:
+    """A levelled working image and what is known of it, each part computed when it is asked for."""
+
+    def __init__(
+        self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
+    ) -> None:
+        """Begin with nothing computed.
+
+        Args:
+            pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
+            level: of the pixels, which are turned by it; None if they are level.
+            scene: what a frame just before was like, to be taken for this one's.
+        """
+        self._given = pixels
+        self._level = level
+        self._pixels: list[NDArray[Any]] = []
+        self._given_scene = scene
+        self._maps: dict[int, EvidenceMap] = {}
+        self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width, px."""
+        height, width = self._given.shape[:2]
+        return height, width
+
+    @property
+    def used(self) -> bool:
+        """Whether anything was asked of it."""
+        return bool(self._pixels)
+
+    def pixels(self, level: int) -> NDArray[Any]:
+        """The image of a level of the pyramid."""
+        if not self._pixels:
+            given = self._given
+            self._pixels.append(given if self._level is None else self._level.turned(given))
+        while len(self._pixels) <= level:
+            self._pixels.append(halved(self._pixels[-1]))
+        return self._pixels[level]
+
+    def map(self, level: int) -> EvidenceMap:
+        """Evidence of a level of the pyramid."""
+        if level not in self._maps:
+            self._maps[level] = gather_evidence(self.pixels(level))
+        return self._maps[level]
+
+    @cached_property
+    def whole_scene(self) -> Scene:
+        """What the image is like, at full scale."""
+        if self._given_scene is not None:
+            return self._given_scene
+        pixels = self.pixels(0)
+        gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+        levels = gray[::4, ::4]
+        darkest, brightest = (float(value) for value in np.percentile(levels, (10, 95)))
+        skyline = skyline_of(gray.astype(np.float32))
+        return Scene(float(gray.shape[1]), darkest, brightest, skyline)
+
+    def scene(self, level: int) -> Scene:
+        """What the image is like, on a level of the pyramid."""
+        scene, factor = self.whole_scene, 2**level
+        if level == 0:
+            return scene
+        skyline = (scene.skyline[::factor] + 0.5) / factor - 0.5
+        return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline)
+
+    def search(self, level: int, depth: int, row: float) -> NDArray[np.float64]:
+        """Strips whose vanishing points lie on a row of a level, as `Fan.find`."""
+        if level not in self._packed:
+            self._packed[level] = self.map(level).packed()
+        left, right = self._packed[level]
+        of = self.map(level)
+        return fan(depth, of.width).find(left, right, of.height, row)
+
+    def weigh(self, found: NDArray[np.float64], level: int) -> Candidates:
+        """Align what a search of a level found, and describe it."""
+        best = distinct(found, TUNING.candidates if level == 0 else TUNING.candidates // 2)
+        return self.describe(best[:, :6], level)
+
+    def describe(self, strips: Strips, level: int) -> Candidates:
+        """Align strips, given on a level's image, and describe them."""
+        return describe_part(self.map(level), strips, level, self.scene(level))
+
+    def cut(
+        self, level: int, box: tuple[float, float, float, float]
+    ) -> tuple[EvidenceMap | None, tuple[int, int]]:
+        """Evidence of a part of a level's image, and the part's first column and row.
+
+        Args:
+            level: of the pyramid.
+            box: first column, first row, last column, last row, px; confined to the image.
+        """
+        pixels = self.pixels(level)
+        height, width = pixels.shape[:2]
+        left, top = max(0, int(box[0])), max(0, int(box[1]))
+        right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
+        if right - left < _LEAST_PART or bottom - top < _LEAST_PART:
+            return None, (left, top)
+        return gather_evidence(pixels[top:bottom, left:right]), (left, top)
+
+    def scene_of_part(self, level: int, column: int, row: int) -> Scene:
+        """As `scene`, in the coordinates of a part of the level's image."""
+        scene = self.scene(level)
+        skyline = scene.skyline[min(column, scene.skyline.size - 1) :] - row
+        return Scene(
+            scene.width, scene.darkest, scene.brightest, skyline, scene.first_column + column
+        )
+
+
+def describe_part(image: EvidenceMap, strips: Strips, level: int, scene: Scene) -> Candidates:
+    """Align strips, given on a map, and describe those that still are strips, at full scale."""
+    if not len(strips):
+        return NO_CANDIDATES
+    aligned, valid = align(image, strips)
+    if not valid.any():
+        return NO_CANDIDATES
+    features, measured = describe(image, aligned[valid], scene, level)
+    return Candidates(to_finest(measured, level), features)
+
+
+def describe_around(
+    working: LevelledImage, strip: NDArray[np.float64], expected: Strips, most: int
+) -> tuple[Strips, NDArray[np.float64], NDArray[np.bool_]] | None:
+    """Align and describe strips on the part of an image around one of them.
+
+    Args:
+        working: the image.
+        strip: (6,) around which others are tried as well.
+        expected: (n, 6) strips.
+        most: of the others.
+
+    Returns:
+        (m, 6) the strips as they are in the image, the expected ones first, (m, features), and
+        (m,) which of them are strips; None where none is in the image.
+    """
+    pyramid = _level_of(strip)
+    known = to_level(np.concatenate([strip[None], expected]), pyramid)
+    part, place = working.cut(pyramid, surrounding_box(known))
+    if part is None:
+        return None
+    known[:, :2] -= place
+    strips = np.concatenate([known[1:], around(part, known[0], most)])
+    measured, valid = align(part, strips)
+    if not valid.any():
+        return None
+    measured[~valid] = strips[~valid]
+    features = np.zeros((len(strips), len(FEATURES)))
+    scene = working.scene_of_part(pyramid, *place)
+    features[valid], measured[valid] = describe(part, measured[valid], scene, pyramid)
+    measured = to_finest(measured, pyramid)
+    measured[:, :2] += np.array(place) * 2**pyramid
+    return measured, features, valid
+
+
+def ends_of(working: LevelledImage, strip: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """(2,) rows from a strip's vanishing point to its far and its near end, if it is in sight."""
+    pyramid = _level_of(strip)
+    known = to_level(strip[None], pyramid)
+    part, place = working.cut(pyramid, surrounding_box(known))
+    if part is None:
+        return None
+    known[:, :2] -= place
+    ends: NDArray[np.float64] = to_finest(profile(part, known).strips, pyramid)[0, 4:6]
+    return ends
+
+
+def _level_of(strip: NDArray[np.float64]) -> int:
+    """Of the pyramid, on which a strip's near end is neither too deep nor too shallow."""
+    return max(0, math.ceil(math.log2(max(float(strip[5]), 1.0) / _DEEPEST)))
+
+
+def to_finest(strips: Strips, level: int) -> Strips:
+    """Strips of a level's image on the finest one."""
+    factor = 2**level
+    finest = strips.copy()
+    finest[:, :2] = (strips[:, :2] + 0.5) * factor - 0.5
+    finest[:, 4:] *= factor
+    return finest
+
+
+def to_level(strips: Strips, level: int) -> Strips:
+    """Strips of the finest image on a level's one."""
+    factor = 2**level
+    coarse = strips.copy()
+    coarse[:, :2] = (strips[:, :2] + 0.5) / factor - 0.5
+    coarse[:, 4:] /= factor
+    return coarse
+
+
+def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
+    """All runways whose edges may meet between two rows.
+
+    Args:
+        image: levelled.
+        first: row, px of the working image.
+        last: likewise.
+    """
+    parts = []
+    for level in range(LEVELS):
+        factor = 2**level
+        found = [
+            image.search(level, depth, row)
+            for depth, row in fan_jobs(first / factor, last / factor, level)
+        ]
+        if found:
+            parts.append(image.weigh(np.concatenate(found), level))
+    return joined(parts)

@@ -1,0 +1,144 @@
+"""How likely a strip is a runway, and a report right: fitted on the tuning half."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.runway.appearance import FEATURES
+
+_FILE = 'probability.json'
+_FARTHEST = 4.0
+"""Standard deviations: features beyond say no more."""
+_STEADY, _LEAST_AGREEMENT, _LONG = 2.0, 0.05, 50.0
+"""Log odds above which more counts apart, agreement that counts as none, and frames for which a
+track that was followed so long is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceWeights:
+    """Log odds as a sum of piecewise linear functions, one for each feature.
+
+    Attributes:
+        mean: (features,) of the tuning half.
+        deviation: (features,) standard deviation there.
+        knots: (knots, features) where the slopes change, in standard deviations.
+        slopes: (knots + 1, features) slope of the first piece, then the changes of slope.
+        offset: log odds of a strip with average features.
+    """
+
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    knots: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    offset: float
+
+    def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) of (n, features) in the order of `FEATURES`."""
+        values = np.clip((features - self.mean) / self.deviation, -_FARTHEST, _FARTHEST)
+        total = values * self.slopes[0]
+        for knot, slope in zip(self.knots, self.slopes[1:], strict=True):
+            total += np.maximum(values - knot, 0.0) * slope
+        result: NDArray[np.float64] = total.sum(axis=1) + self.offset
+        return result
+
+
+class Report(NamedTuple):
+    """What tells whether a track's report is right.
+
+    Attributes:
+        log_odds: of the track, averaged over its frames.
+        agreement: probability of the strips that are where the track's mean is.
+        moved: frames for which it was followed and that differed from the one before.
+        attitude: the horizon is known from a sensor.
+        rivals: the other tracks' odds over the track's.
+        distinct: share of the last frames with clear lines along both sides, or clear colours.
+        other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
+    """
+
+    log_odds: float
+    agreement: float
+    moved: int
+    attitude: bool
+    rivals: float
+    distinct: float
+    other_edges: float = 0.0
+
+    def of_the_runway(self) -> NDArray[np.float64]:
+        """(6,) what speaks for its being the runway."""
+        return np.array(
+            [
+                min(max(self.log_odds, -6.0), _STEADY),
+                min(max(self.log_odds - _STEADY, 0.0), 6.0),
+                min(self.moved / _LONG, 1.0),
+                float(self.attitude),
+                math.log1p(min(self.rivals, 20.0)),
+                self.distinct,
+            ]
+        )
+
+    def of_the_place(self) -> NDArray[np.float64]:
+        """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
+        return np.array([math.log(self.agreement + _LEAST_AGREEMENT)])
+
+
+@dataclass(frozen=True, eq=False)
+class ConfidenceWeights:
+    """Two logistic functions, whose product, less the odds of other edges, is the confidence.
+
+    Attributes:
+        runway: (7,) offset and weights of `Report.of_the_runway`.
+        place: (2,) offset and weights of `Report.of_the_place`.
+    """
+
+    runway: NDArray[np.float64]
+    place: NDArray[np.float64]
+
+    def confidence(self, report: Report) -> float:
+        """Probability that both edges are where they were reported.
+
+        Example:
+            >>> weights = ConfidenceWeights(np.zeros(7), np.array([20.0, 0.0]))
+            >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0, 0.0)), 6)
+            0.5
+        """
+        one = _logistic(self.runway, report.of_the_runway()) * _logistic(
+            self.place, report.of_the_place()
+        )
+        return one / (1.0 + report.other_edges)
+
+
+def _logistic(weights: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    return 1.0 / (1.0 + math.exp(-float(weights[0] + (weights[1:] * values).sum())))
+
+
+@cache
+def evidence_weights() -> EvidenceWeights:
+    """The weights that belong to this version; made by tools/fit_approach.py."""
+    data = _fitted()
+    if tuple(data['features']) != FEATURES:
+        raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
+    mean, deviation, knots, slopes = (
+        np.array(data[name], np.float64) for name in ('mean', 'deviation', 'knots', 'slopes')
+    )
+    return EvidenceWeights(mean, deviation, knots, slopes, float(data['offset']))
+
+
+@cache
+def confidence_weights() -> ConfidenceWeights:
+    """The weights of the confidence; made by tools/fit_approach.py."""
+    data = _fitted()['confidence']
+    return ConfidenceWeights(np.array(data['runway']), np.array(data['place']))
+
+
+def _fitted() -> dict[str, Any]:
+    text = resources.files(__package__).joinpath(_FILE).read_text(encoding='utf-8')
+    data: dict[str, Any] = json.loads(text)
+    return data

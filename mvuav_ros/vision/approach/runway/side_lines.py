@@ -1,0 +1,219 @@
+"""A runway's edges from the bright lines along its sides: they end where its pavement ends.
+
+Painted side stripes, and concrete beside a streak of rubber, are the clearest thing in a runway far
+away. Their inner sides look like the edges of a darker strip, and their middles like painted lines;
+the runway's edge is where the line's outer side is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at, rows_of
+from mvuav_ros.vision.approach.runway.evidence import opponent_channels
+
+
+@dataclass(frozen=True)
+class SideLineParameters:
+    """Constants of the search for side lines; lengths are shares of the runway's width in a row.
+
+    Chosen on runs 3 and 5.
+
+    Attributes:
+        step: between samples across an edge.
+        reach: sampled on both sides of where an edge is expected.
+        farthest: between a line's middle and the expected edge.
+        halves: half widths of lines.
+        rows: sampled between the far and the near end.
+        outwards_less: by how much a line ``farthest`` outside the expected edge counts less than
+            one at it: where there are two lines, the outer one is the shoulder's.
+        inwards_less: by how much one counts less that is as far inside.
+        turned_less: by how much one counts less that moves by twice ``farthest`` from end to end.
+        fine: px between samples across a line that has been found, at most.
+        around: how far from its found middle a line's brightest place may be.
+        beyond: how far beyond a line's middle in which its sides are looked for.
+        noise: grey levels of ridges that are taken to be everywhere.
+        weakest: share of the clearest line's clearness from which another line counts.
+        widest: px of the near end from which the markings at the threshold are told apart, lines
+            along the edges themselves, so that the pavement's steps are measured instead.
+        least_clearness: of the fainter line, in usual ridges of the place.
+    """
+
+    step: float = 0.02
+    reach: float = 0.5
+    farthest: float = 0.24
+    halves: tuple[float, ...] = (0.06, 0.1)
+    rows: int = 24
+    outwards_less: float = 1.5
+    inwards_less: float = 0.15
+    turned_less: float = 0.8
+    fine: float = 0.6
+    around: float = 0.06
+    beyond: float = 0.16
+    noise: float = 0.5
+    weakest: float = 0.55
+    widest: float = 90.0
+    least_clearness: float = 1.2
+
+
+SIDE_LINES = SideLineParameters()
+Numbers = NDArray[np.floating[Any]]
+_ALONG = (np.arange(SIDE_LINES.rows) + 0.5) / SIDE_LINES.rows
+"""Where the rows are between the far and the near end."""
+_HALVES = slice(None, SIDE_LINES.rows // 2), slice(SIDE_LINES.rows // 2, None)
+_PLACES = round(SIDE_LINES.reach / SIDE_LINES.step)
+_ACROSS = np.arange(-_PLACES, _PLACES + 1) * SIDE_LINES.step
+"""Where the samples are, from inside to outside, widths from the expected edge."""
+_DEEP = 2.0
+"""Grey levels below a line that are dark."""
+_CLIPPED = 4.0
+"""Usual ridges: more counts as that, so that one lamp is not a line."""
+
+
+def edges_by_lines(
+    image: NDArray[Any],
+    level: Derotation,
+    shape: NDArray[np.float64],
+    span: tuple[float, float],
+) -> tuple[EdgePoints, EdgePoints] | None:
+    """Measure both edges of a narrow runway by the outer sides of the lines along them.
+
+    Args:
+        image: the frame, (height, width) or (height, width, 3), blue first.
+        level: of the frame.
+        shape: (4,) vanishing point and slopes, px of the levelled working image.
+        span: rows from the vanishing point to the far and to the near end.
+
+    Returns:
+        Points of the left and of the right edge; None if the lines are not clear, or the runway is
+        wider than `SideLineParameters.widest`.
+    """
+    if float(shape[3] - shape[2]) * span[1] >= SIDE_LINES.widest:
+        return None
+    rows, expected, outwards = rows_of(shape, span, _ALONG)
+    columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
+    brightness = _brightness(image, level, columns, rows)
+    lines = [_clearest(each) for each in brightness]
+    if min(clearness for _, _, clearness in lines) <= SIDE_LINES.least_clearness:
+        return None
+    middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
+    step = min(SIDE_LINES.step, SIDE_LINES.fine / float(outwards[1, -1]))
+    inside, beyond = round(SIDE_LINES.around / step), round(SIDE_LINES.beyond / step)
+    beside = np.arange(-inside, beyond + 1) * step
+    across = middle[:, :, None] + outwards[:, :, None] * beside
+    profiles = _brightness(image, level, across, rows)
+    edges = []
+    for side in (0, 1):
+        # Blur is the same number of px everywhere, and so a larger share of the far end's width.
+        outer = [
+            step * (_outer_side(profiles[side][half].mean(axis=0), 2 * inside + 2) - inside)
+            for half in _HALVES
+        ]
+        columns = middle[side] + outwards[side] * np.interp(_ALONG, (0.25, 0.75), outer)
+        edges.append(EdgePoints(rows, columns, np.ones(rows.size), 1.0))
+    return edges[0], edges[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _LineFan:
+    """All straight lines of a width along an edge.
+
+    Attributes:
+        reach: samples between a line's middle and what is beside it.
+        ends: (n, 2) middle at the far and at the near end, widths of the runway.
+        at: (rows, n) samples through which they go.
+        worth: (n,) by what the clearness of those that run askew is multiplied.
+    """
+
+    reach: int
+    ends: Numbers
+    at: NDArray[np.intp]
+    worth: Numbers
+
+
+@lru_cache
+def _line_fan(half: float) -> _LineFan:
+    reach = round(half / SIDE_LINES.step)
+    middles = _ACROSS[reach:-reach]
+    near_edge = np.nonzero(np.abs(middles) <= SIDE_LINES.farthest)[0]
+    far, near = (each.ravel() for each in np.meshgrid(near_edge, near_edge, indexing='ij'))
+    rows = np.arange(SIDE_LINES.rows)[:, None]
+    at = np.rint(far + (near - far) * (rows / (SIDE_LINES.rows - 1))).astype(np.intp)
+    ends = np.stack([middles[far], middles[near]], axis=1)
+    turned = np.abs(ends[:, 0] - ends[:, 1]) / (2.0 * SIDE_LINES.farthest)
+    worth = 1.0 - SIDE_LINES.turned_less * turned
+    return _LineFan(reach, ends, at + rows * middles.size, worth)
+
+
+def _brightness(
+    image: NDArray[Any], level: Derotation, columns: NDArray[Any], rows: NDArray[Any]
+) -> NDArray[np.float32]:
+    """(2, rows, places) grey levels of the frame at places of the levelled working image."""
+    on_rows = np.broadcast_to(rows[:, None], columns.shape)
+    pixels, _, _ = pixels_at(image, level, columns, on_rows)
+    return opponent_channels(pixels)[0].reshape(columns.shape)
+
+
+def _clearest(brightness: NDArray[np.float32]) -> tuple[float, float, float]:
+    """The line nearest to where it is expected among the clear ones.
+
+    Returns:
+        Its middle at the far and at the near end, and its clearness.
+    """
+    lines = [line for half in SIDE_LINES.halves for line in _lines(brightness, half)]
+    clearest = max(line[2] for line in lines)
+
+    def worth(line: tuple[float, float, float]) -> float:
+        away = (line[0] + line[1]) / (2.0 * SIDE_LINES.farthest)
+        less = SIDE_LINES.outwards_less if away > 0 else -SIDE_LINES.inwards_less
+        return line[2] / max(clearest, 1e-6) - less * away
+
+    return max((line for line in lines if line[2] >= SIDE_LINES.weakest * clearest), key=worth)
+
+
+def _lines(brightness: NDArray[np.float32], half: float) -> list[tuple[float, float, float]]:
+    """The clearest lines of a width that are apart from one another, as `_clearest`."""
+    fan = _line_fan(half)
+    reach = fan.reach
+    smooth = cv2.blur(brightness, (reach | 1, 1))
+    sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])
+    ridge = np.maximum(smooth[:, reach:-reach] - sides, 0.0)
+    ridge = np.minimum(ridge, _CLIPPED * float(ridge.mean()) + 1.0)
+    votes = ridge.ravel().take(fan.at).sum(axis=0)
+    usual = float(ridge.mean()) + SIDE_LINES.noise
+    clear = votes * fan.worth / (usual * SIDE_LINES.rows)
+    centre = fan.ends.mean(axis=1)
+    found = []
+    for _ in range(3):
+        best = int(clear.argmax())
+        far, near = (float(end) for end in fan.ends[best])
+        found.append((far, near, float(clear[best])))
+        clear[np.abs(centre - centre[best]) < half] = 0.0
+    return found
+
+
+def _outer_side(profile: NDArray[np.float32], within: int) -> float:
+    """Where a line has become half as bright as it is, towards outside.
+
+    Args:
+        profile: brightness from inside to outside.
+        within: the first samples, in which it is brightest.
+    """
+    peak = int(profile[:within].argmax())
+    beyond = profile[peak:]
+    # The first minimum after the peak: there may be another line farther outside.
+    rising = (np.diff(beyond) >= 0) & (beyond[:-1] < beyond[0] - _DEEP)
+    lowest = int(rising.argmax()) if rising.any() else int(beyond.argmin())
+    half = 0.5 * (beyond[0] + beyond[lowest])
+    last = int(np.count_nonzero(beyond[: lowest + 1] > half)) - 1
+    if last < 0 or last + 1 > lowest:
+        return float(peak)
+    part = (beyond[last] - half) / max(float(beyond[last] - beyond[last + 1]), 1e-6)
+    return float(peak + last + part)

@@ -1,0 +1,245 @@
+"""Several possible runways followed at a time, until it is clear which is the one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
+from mvuav_ros.vision.approach.registration import Registration
+from mvuav_ros.vision.approach.runway.appearance import Scene
+from mvuav_ros.vision.approach.runway.candidates import (
+    LEVELS,
+    Candidates,
+    LevelledImage,
+    find_candidates,
+)
+from mvuav_ros.vision.approach.runway.probability import (
+    Report,
+    confidence_weights,
+    evidence_weights,
+)
+from mvuav_ros.vision.approach.runway.search import fan_jobs
+from mvuav_ros.vision.approach.runway.track import RunwayTrack
+from mvuav_ros.vision.approach.runway.view import View
+
+_MOST_TRACKS = 3
+_CHUNK = 8
+"""Rows of vanishing points searched in one frame."""
+_OFTEN, _SELDOM = 2, 24
+"""Frames from one share of the search to the next without and with a runway."""
+_BEST_PERIOD, _OTHERS_PERIOD = 6, 12
+"""Frames from one weighing of the best track, and of others, to the next."""
+_SCENE_FRAMES = 24
+"""For which the image as a whole is taken to stay alike."""
+_HOPELESS = -5.0
+_LEAST_START = -3.0
+"""Log odds below which a candidate is not followed."""
+_SWITCH = 0.7
+"""Log odds by which another track must be better than the one shown."""
+_MOST_TAKEN, _FAR_BELOW = 24, 6.0
+"""Candidates of one search that are followed, and how far below the best their log odds may be."""
+
+
+@dataclass(frozen=True)
+class SearchRange:
+    """Where vanishing points are looked for.
+
+    Attributes:
+        slope: rad, by which the image is levelled for the search.
+        first: row of the levelled working image.
+        last: likewise.
+    """
+
+    slope: float
+    first: float
+    last: float
+
+
+class RunwayTracker:
+    """Finds and follows the runway on the levelled working images of one size."""
+
+    def __init__(self) -> None:
+        self.tracks: list[RunwayTrack] = []
+        self.best: RunwayTrack | None = None
+        self._level: Derotation | None = None
+        self._attitude = False
+        self._scene: Scene | None = None
+        self._registration = Registration()
+        self._frame = 0
+        self._job = 0
+
+    def step(
+        self,
+        image: NDArray[Any],
+        pixels: NDArray[Any],
+        level: Derotation,
+        ranges: list[SearchRange],
+        horizon: tuple[float, float] | None,
+        *,
+        attitude: bool = False,
+    ) -> RunwayTrack | None:
+        """Take in the next frame.
+
+        Args:
+            image: the frame, (height, width) or (height, width, 3), blue first.
+            pixels: its working image.
+            level: of the frame.
+            ranges: hypotheses of where the horizon is; the first has the level's slope.
+            horizon: row of the vanishing point and its standard deviation, if known, px.
+            attitude: whether that comes from an attitude sensor.
+
+        Returns:
+            The likeliest track, if there is one.
+        """
+        if self._frame % _SCENE_FRAMES == 0:
+            self._scene = None
+        self._registration.take(pixels)
+        working = LevelledImage(pixels, level, self._scene)
+        view = View(image, pixels, working, level, horizon, self._registration)
+        for track in self.tracks:
+            if self._level is not None:
+                track.turn(self._level, level)
+            period = _BEST_PERIOD if track is self.best else _OTHERS_PERIOD
+            track.step(view, period)
+        self._level, self._attitude = level, attitude
+        self.tracks = [
+            track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
+        ]
+        self._merge()
+        certain = self.best is not None and self.best.log_odds > 0
+        if self._frame == 0:
+            # The likeliest range at once, the others by turns.
+            self._start(self._everywhere(view, ranges[0]), view)
+        elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
+            self._start(self._share(view, ranges), view)
+        self._frame += 1
+        if working.used:
+            self._scene = working.whole_scene
+        self._choose()
+        return self.best
+
+    @property
+    def report(self) -> Report | None:
+        """What tells whether the best track is right."""
+        best = self.best
+        if best is None:
+            return None
+        rivals = sum(
+            math.exp(min(track.log_odds - best.log_odds, 5.0))
+            for track in self.tracks
+            if track is not best
+        )
+        return Report(
+            best.log_odds,
+            best.agreement,
+            best.moved,
+            self._attitude,
+            rivals,
+            best.distinct,
+            best.other_edges,
+        )
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the best track is the runway, and where it is reported."""
+        report = self.report
+        return 0.0 if report is None else confidence_weights().confidence(report)
+
+    def _everywhere(self, view: View, where: SearchRange) -> Candidates:
+        searched, turned = self._levelled(view, where)
+        return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
+
+    def _share(self, view: View, ranges: list[SearchRange]) -> Candidates:
+        """The next few rows of vanishing points, on one level and at one depth."""
+        chunks = [
+            (where, pyramid, depth, rows)
+            for where in ranges
+            for pyramid in range(LEVELS)
+            for depth, rows in _chunks(where, pyramid)
+        ]
+        where, pyramid, depth, rows = chunks[self._job % len(chunks)]
+        self._job += 1
+        searched, turned = self._levelled(view, where)
+        found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
+        return _turned(searched.weigh(found, pyramid), turned, view.level)
+
+    def _levelled(self, view: View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
+        level = view.level
+        if where.slope == level.slope:
+            return view.working, level
+        other = Derotation(level.width, level.height, level.factor, where.slope)
+        return LevelledImage(view.pixels, other), other
+
+    def _start(self, found: Candidates, view: View) -> None:
+        """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
+        if not len(found.strips):
+            return
+        odds = evidence_weights().log_odds(found.features)
+        fresh: list[RunwayTrack] = []
+        for index in islice(np.argsort(-odds, kind='stable'), _MOST_TAKEN):
+            if odds[index] < max(_LEAST_START, float(odds.max()) - _FAR_BELOW):
+                break
+            self._take(found.strips[index], float(odds[index]), fresh)
+        for track in fresh:
+            track.step(view, 1)
+        self.tracks = [track for track in self.tracks if not track.lost]
+
+    def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
+        for track in self.tracks:
+            if track.covers(strip):
+                track.add(strip)
+                return
+        track = RunwayTrack(strip, odds)
+        if self._room_for(track):
+            self.tracks.append(track)
+            fresh.append(track)
+
+    def _room_for(self, track: RunwayTrack) -> bool:
+        """Whether it may be followed, for which the worst one may have to go."""
+        if len(self.tracks) < _MOST_TRACKS:
+            return True
+        worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.log_odds)
+        if worst.log_odds > track.log_odds:
+            return False
+        self.tracks.remove(worst)
+        return True
+
+    def _merge(self) -> None:
+        """Of tracks that have become the same one keep the one shown, or the better."""
+        kept: list[RunwayTrack] = []
+        for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.log_odds)):
+            if not any(other.covers(track.strip()) for other in kept):
+                kept.append(track)
+        self.tracks = kept
+
+    def _choose(self) -> None:
+        if self.best not in self.tracks:
+            self.best = None
+        for track in self.tracks:
+            if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
+                self.best = track
+
+
+def _chunks(where: SearchRange, level: int) -> list[tuple[int, list[float]]]:
+    factor = 2**level
+    by_depth: dict[int, list[float]] = {}
+    for depth, row in fan_jobs(where.first / factor, where.last / factor, level):
+        by_depth.setdefault(depth, []).append(row)
+    return [
+        (depth, rows[first : first + _CHUNK])
+        for depth, rows in by_depth.items()
+        for first in range(0, len(rows), _CHUNK)
+    ]
+
+
+def _turned(found: Candidates, old: Derotation, new: Derotation) -> Candidates:
+    """Candidates of one derotation described on another one."""
+    if old.slope == new.slope:
+        return found
+    return Candidates(turn_strips(found.strips, old, new), found.features)

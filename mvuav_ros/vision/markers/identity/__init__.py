@@ -1,0 +1,1 @@
+"""Markers followed under their names: found, doubted, lost and found again."""

@@ -1,0 +1,280 @@
+"""Which of a frame's named markers contradict the others: fault detection and exclusion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.markers.view.filter import MAIN, Point, ViewFilter
+from mvuav_ros.vision.markers.view.filter_bank import Correction
+from mvuav_ros.vision.markers.view.weak_perspective import Array, ViewState
+
+
+@dataclass(frozen=True)
+class FaultTuning:
+    """How much evidence a doubt takes.
+
+    Chosen on seeds 0 to 29 of flights of bare lights (`simulation.light_flights`) and on the
+    simulator's docking approaches.
+
+    Attributes:
+        gate: squared distance over variance from which on a marker contradicts the others.
+        doubt: two explanations whose costs differ by less than this are both possible.
+        fewest_firm: markers, without which none can be doubted.
+        allowance: of a squared distance over variance, per frame: what is more is evidence.
+        enough: evidence from which on a marker contradicts the others.
+        most_evidence: to which the evidence against any marker can add up.
+        forgetting: per frame, of the evidence against a marker that is out of sight.
+        doubtful_share: of the evidence against the worst marker, by which another must have
+            less so that it is not a suspect as well.
+        contested: evidence that a marker has against it that was out of sight shortly before.
+        protected: px (1 sigma), of a marker's place by the others, up to which they would
+            contradict another light there.
+        fewest_telling: markers not out of sight before, by which alone others' places are told.
+        fewest_agreeing: markers that tell each other's places.
+        agreed: frames in a row in which fewer do as well, if three are less surprising than this:
+        unsurprising: squared distance over variance.
+        upset: by which all variances grow where what is seen makes no sense.
+        free: by which they grow to find out whether it is only the motion that was not foreseen.
+        fewest_free: coordinates for that.
+        exact: deviations, root mean square, up to which the markers then fit the rig.
+    """
+
+    gate: float = 16.0
+    doubt: float = 6.0
+    fewest_firm: int = 3
+    allowance: float = 6.0
+    enough: float = 20.0
+    most_evidence: float = 100.0
+    forgetting: float = 0.9
+    doubtful_share: float = 0.1
+    contested: float = 50.0
+    protected: float = 4.0
+    fewest_telling: int = 2
+    fewest_agreeing: int = 4
+    agreed: int = 5
+    unsurprising: float = 2.0
+    upset: float = 4.0
+    free: float = 1e3
+    fewest_free: int = 8
+    exact: float = 3.0
+
+
+TUNING = FaultTuning()
+_PAIRS_UP_TO = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Consensus:
+    """What a set of named lights agrees on.
+
+    Attributes:
+        view: by the markers that agree.
+        kept: those markers.
+        dropped: the ones that contradict them.
+        suspects: one of which, or some, must be another light; which ones, later frames tell.
+    """
+
+    view: ViewState
+    kept: tuple[int, ...]
+    dropped: tuple[int, ...] = ()
+    suspects: tuple[int, ...] = ()
+
+
+class FaultDetector:
+    """Holds every frame's named lights against the rig, and adds up what speaks against each.
+
+    How far a marker lies from where the filter that ignores it expects it, frame after frame, is
+    the evidence that it is another light; and when that is enough, that filter has not been led
+    astray by it.
+
+    Attributes:
+        views: how the rig is seen.
+        contested: markers that were out of sight or not alone shortly before, whose lights may
+            be others; where enough others are not, they hardly take part.
+    """
+
+    def __init__(self, views: ViewFilter) -> None:
+        self.views = views
+        self.contested: set[int] = set()
+        self._evidence: Array = np.zeros(views.doubted)
+        self._corrected: tuple[object, Correction] | None = None
+        self._agreed = 0
+
+    def _correct(self, found: Mapping[int, Point]) -> Correction:
+        key = (self.views.bank, self.contested, list(found.items()))
+        if self._corrected is not None and self._corrected[0] == key:
+            return self._corrected[1]
+        contested = np.array([marker in self.contested for marker in found])
+        if len(found) - contested.sum() < TUNING.fewest_firm:
+            contested[:] = False
+        correction = self.views.correct(found, contested)
+        self._corrected = key, correction
+        return correction
+
+    def surprise_of(self, found: Mapping[int, Point]) -> dict[int, float]:
+        """For each named light how far it lies from where the others put it (see `Fits`)."""
+        return dict(zip(found, self._correct(found).surprise[MAIN].tolist(), strict=True))
+
+    def weigh(self, found: Mapping[int, Point]) -> Consensus:
+        """Which of the named lights agree, by this frame and by those before it.
+
+        The fewest are dropped without which the others fit; while it is not clear which those
+        are, all that they may be are suspects.
+        """
+        if not found:
+            return Consensus(self.views.view, ())
+        correction = self._correct(found)
+        view = correction.view(MAIN)
+        evidence = self._weighed(found, correction)
+        markers = tuple(found)
+        strange = view.surprise.max() > TUNING.gate
+        if not strange and evidence.max(initial=0.0) < TUNING.enough:
+            return Consensus(view, markers)
+        if len(markers) < 2:
+            return Consensus(self.views.view, (), markers)
+        suspicion = None
+        if len(markers) > 2 and evidence.max(initial=0.0) > TUNING.doubt:
+            suspicion = self._without_suspects(found, evidence, correction)
+            if suspicion is not None and not suspicion.suspects:
+                return suspicion
+        contested = len(self.contested.intersection(markers))
+        judged = 0 < contested <= len(markers) - TUNING.fewest_firm
+        if (strange or suspicion is not None) and not judged and self._moved_oddly(found):
+            return Consensus(self.views.look(found), markers)
+        if suspicion is not None:
+            return suspicion
+        if not strange:
+            return Consensus(view, markers)
+        for dropped in (1, 2, 3):
+            if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
+                break
+            consensus = self._without(found, dropped)
+            if consensus is not None:
+                return consensus
+        return self._greedy(found)
+
+    def _moved_oddly(self, found: Mapping[int, Point]) -> bool:
+        """Whether markers never out of sight fit the rig, though not where the view expected them.
+
+        Then it is the motion that was not foreseen, which the view is told.
+        """
+        if 2 * len(found) < TUNING.fewest_free:
+            return False
+        before = self.views.bank
+        self.views.upset(TUNING.free)
+        view = self.views.look(found)
+        if view.surprise.max() <= TUNING.gate and view.misfit <= TUNING.exact * (
+            self.views.deviation
+        ):
+            self._evidence = 0 * self._evidence
+            return True
+        self.views.bank = before
+        return False
+
+    def _weighed(self, found: Mapping[int, Point], correction: Correction) -> NDArray[np.float64]:
+        """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
+        evidence = TUNING.forgetting * self._evidence
+        for index, marker in enumerate(found):
+            if marker < len(evidence):
+                strange = correction.surprise[1 + marker, index] - TUNING.allowance
+                evidence[marker] = max(self._evidence[marker] + strange, 0.0)
+        return evidence
+
+    def _without_suspects(
+        self, found: Mapping[int, Point], evidence: Array, correction: Correction
+    ) -> Consensus | None:
+        """What the others agree on, by the filter that has doubted the worst marker all along."""
+        score = {m: float(evidence[m]) for m in found if evidence[m] > TUNING.doubt}
+        for marker in self.contested & set(score):
+            score[marker] += TUNING.contested
+        if not score:
+            return None
+        worst = max(score, key=lambda marker: score[marker])
+        margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
+        suspects = tuple(m for m in score if score[m] > score[worst] - margin)
+        others = [index for index, m in enumerate(found) if m != worst]
+        if correction.surprise[1 + worst][others].max() > TUNING.gate:
+            return None
+        if len(suspects) > 1:
+            kept = tuple(m for m in found if m not in suspects)
+            return Consensus(correction.view(1 + worst), kept, (), suspects)
+        kept = tuple(m for m in found if m != worst)
+        self.views.believe(1 + worst)
+        self._evidence = 0 * self._evidence
+        return Consensus(self.views.look({m: found[m] for m in kept}), kept, (worst,))
+
+    def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
+        """The consensus of all but a number of markers; None where none agree."""
+        markers = list(found)
+        rests = list(combinations(range(len(markers)), len(markers) - number))
+        seen = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
+        places = np.array(list(found.values()))
+        fits = self.views.fit(seen, places[np.array(rests)])
+        fitting = [
+            (cost, rest)
+            for cost, rest, surprise in zip(fits.cost, rests, fits.surprise, strict=True)
+            if surprise.max() <= TUNING.gate
+        ]
+        if not fitting:
+            return None
+        least, best = min(fitting)
+        kept = set(best)
+        for cost, rest in fitting:
+            if cost < least + TUNING.doubt:
+                kept &= set(rest)
+        names = tuple(markers[i] for i in sorted(kept))
+        view = self.views.look({marker: found[marker] for marker in names})
+        others = tuple(m for m in found if m not in names)
+        if len(others) > number:
+            return Consensus(view, names, (), others)
+        return Consensus(view, names, others)
+
+    def _greedy(self, found: Mapping[int, Point]) -> Consensus:
+        rest = dict(found)
+        view = self.views.look(rest)
+        while len(rest) > 2 and view.surprise.max() > TUNING.gate:
+            del rest[list(rest)[int(view.surprise.argmax())]]
+            view = self.views.look(rest)
+        if view.surprise.max() > TUNING.gate or 2 * len(rest) <= len(found):
+            return Consensus(self.views.view, (), (), tuple(found))
+        return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
+
+    def unverified(self, found: Mapping[int, Point], returned: Collection[int]) -> set[int]:
+        """Which of the markers that have returned lie where the others do not tell their places."""
+        doubtful = [m for m in found if m in returned and m < self.views.doubted]
+        if not doubtful:
+            return set()
+        few = len(found) - len(doubtful) < TUNING.fewest_telling
+        if few and len(found) < TUNING.fewest_agreeing and self._agreed < TUNING.agreed:
+            return set(doubtful)
+        correction = self._correct(found)
+        # The marker has taken part a little: what it says of its own place is taken out.
+        own = self.views.doubted_deviation
+        most = own * TUNING.protected / math.hypot(own, TUNING.protected)
+        return {
+            marker
+            for marker in doubtful
+            if self.views.places(correction.view(1 + marker))[1][marker] > most
+        }
+
+    def upset(self) -> None:
+        """What was seen contradicts the view as a whole."""
+        self.views.upset(TUNING.upset)
+
+    def commit(self, found: Mapping[int, Point]) -> None:
+        """Take a frame's named lights, which agree."""
+        if not found:
+            return
+        correction = self._correct(found)
+        self._evidence = self._weighed(found, correction)
+        self._evidence -= max(self._evidence.max(initial=0.0) - TUNING.most_evidence, 0.0)
+        np.maximum(self._evidence, 0.0, out=self._evidence)
+        calm = correction.surprise[MAIN].max() < TUNING.unsurprising
+        self._agreed = self._agreed + 1 if calm and len(found) >= TUNING.fewest_firm else 0
+        self.views.commit(correction)

@@ -1,0 +1,128 @@
+"""A whole body named in one frame, when none of its markers is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.identity.acquisition import (
+    ANY_ROLL,
+    DOUBT,
+    MAX_CANDIDATES,
+    Guess,
+    guess_start,
+)
+from mvuav_ros.vision.markers.labelling import label_five
+from mvuav_ros.vision.markers.lights import Lights
+from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
+from mvuav_ros.vision.markers.view.fit import NamedPlaces, fit
+from mvuav_ros.vision.markers.view.weak_perspective import ViewState, WeakPerspective, X, Y
+
+MOST_RATIO = 8.0
+"""Areas of a body's largest and smallest marker, one over the other."""
+CLEAR_MISFIT = (1.0, 0.008)
+"""px, and units of the body's size: what a body among other lights may differ by."""
+LONE_MISFIT = 0.06
+"""The same, in units of its size, for a body that is alone in the frame, seen by a camera that is
+not calibrated."""
+STRICT_MISFIT = (0.3, 0.006)
+"""The same, of one that is what its rig says; another must show the same misfit for some time."""
+OTHER_BODY_MISFIT = 0.15
+"""The same for five lights that the thesis's assumption alone must name."""
+
+
+class Named(NamedTuple):
+    """All markers of a body, by name.
+
+    Attributes:
+        spots: in the rig's order, px without distortion; empty if they cannot be named.
+        view: fitted to them.
+        certain: whether one frame is enough to believe it.
+        fits: whether the body is what its rig says.
+        odd: whether one of the lights may well be another one.
+        remark: why they cannot be named, or what was left out.
+    """
+
+    spots: tuple[Detection, ...] = ()
+    view: ViewState | None = None
+    certain: bool = False
+    fits: bool = True
+    odd: bool = False
+    remark: str = ''
+
+
+def initialize(
+    shape: WeakPerspective,
+    lights: Lights,
+    names: Sequence[str],
+    before: tuple[float, float] | None = None,
+) -> Named:
+    """Name a whole body of which no marker is known.
+
+    Args:
+        shape: the body.
+        lights: of the frame.
+        names: the markers'.
+        before: the roll before a loss and how far it may have changed (1 sigma, rad); None at
+            the start, when an upright body is likelier than one upside down, and how exact the
+            rig is must be seen.
+    """
+    count = len(names)
+    spots = lights.candidates(count)
+    if len(spots) < count:
+        return Named(remark=f'{len(spots)} of {count} markers in view')
+    unclear = f'{len(spots)} lights in view, {count} do not stand out'
+    if len(spots) > MAX_CANDIDATES:
+        return Named(remark=unclear)
+    guesses = [
+        g for g in guess_start(shape, spots, *(before or (0.0, ANY_ROLL))) if _alike(g, spots)
+    ]
+    alone = len(spots) == count
+    if guesses:
+        best = guesses[0]
+        clear = len(guesses) == 1 or guesses[1].cost - best.cost >= DOUBT
+        exact = CLEAR_MISFIT[0] + CLEAR_MISFIT[1] * best.view.scale
+        free = alone and before is None and shape.lens.focal is None
+        limit = LONE_MISFIT * best.view.scale if free else exact
+        if best.view.misfit <= max(limit, exact) and clear:
+            chosen = tuple(spots[index] for index in best.chosen)
+            remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
+            fits = best.view.misfit <= exact
+            strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
+            odd = shape.lens.focal is not None and best.view.misfit > strict
+            return Named(chosen, best.view, alone and not odd, fits, odd, remark)
+    if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
+        return _as_the_thesis(shape, spots) or Named(remark=unclear)
+    return Named(remark=unclear)
+
+
+def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
+    areas = [spots[index].area for index in guess.chosen]
+    return max(areas) <= MOST_RATIO * min(areas)
+
+
+def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named | None:
+    """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
+    spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
+    order = label_five([Cluster(spot.x, spot.y, spot.area) for spot in spots])
+    chosen = tuple(spots[index] for index in order)
+    areas = [spot.area for spot in chosen]
+    left, right = chosen[0], chosen[-1]
+    span = math.hypot(right.x - left.x, right.y - left.y)
+    if span == 0.0 or max(areas) > MOST_RATIO * min(areas):
+        return None
+    roll = math.atan2(right.y - left.y, right.x - left.x)
+    scale = math.log(0.56 * span)
+    start = np.array([roll, scale, 0.0, 0.0, 0.0, 0.0, scale - math.log(0.25), 0.0])
+    start[[X, Y]] = np.mean([(spot.x, spot.y) for spot in chosen], axis=0)
+    deviations = np.array((1.0, 1.0, span, span, 0.4, 0.4, 0.5, 1e-3))
+    places = np.array([[(spot.x, spot.y) for spot in chosen]])
+    prior = start[None], np.diag(deviations**2)[None]
+    view = fit(shape, prior, NamedPlaces(np.arange(5)[None], places, 0.02 * span)).view()
+    if view.misfit > OTHER_BODY_MISFIT * view.scale:
+        return None
+    return Named(chosen, view, True, False)

@@ -1,0 +1,182 @@
+"""What is remembered of each of a body's markers, and where its motion takes it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
+from mvuav_ros.vision.markers.identity.assignment import Expectation
+from mvuav_ros.vision.markers.lens import Lens
+from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+
+Array = NDArray[np.float64]
+
+RETURNING = 2
+"""Frames after its return in which a marker is named by the geometry: its motion, by which its
+window is placed, is not known yet."""
+SURE_PLACE = 2.0
+"""px (1 sigma): a place known this well stands in for a measurement."""
+PROBATION = 15
+"""Frames after a marker was out of sight or not alone in which its light may be another one."""
+FORGOTTEN = 10
+"""Frames unseen after which a light's own motion tells nothing any more."""
+FAR_OFF = 1e6
+"""px, beyond which a prediction tells nothing."""
+
+
+class Motion(NamedTuple):
+    """What the markers' own motion says of a frame.
+
+    Attributes:
+        expected: where every marker should be, px without distortion.
+        unseen: frames since each marker was seen; 0 where its motion is known.
+    """
+
+    expected: Sequence[Expectation]
+    unseen: Sequence[int]
+
+
+@dataclass
+class KnownMarker:
+    """What is remembered of one marker.
+
+    Attributes:
+        look: of its light.
+        last_seen: s.
+        unseen: frames since then.
+        returning: frames until its motion is known again.
+        contested: frames in which its light may be another one.
+        returned: frames in which it may be another one that shines in its place.
+    """
+
+    look: AppearanceModel
+    last_seen: float = -math.inf
+    unseen: int = 0
+    returning: int = RETURNING
+    contested: int = 0
+    returned: int = 0
+
+
+class MarkerMemory:
+    """All of a body's markers.
+
+    Attributes:
+        markers: in the rig's order.
+        predictor: of their motions.
+        predicted: x and y of every marker in turn in the newest frame, by its own motion, px.
+        told: the same, but where markers out of sight should be by all that is known.
+    """
+
+    def __init__(self, time: float, spots: Sequence[Detection]) -> None:
+        """Begin with all of them, at a time (s), px of the image."""
+        self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]
+        self.predictor = MotionPredictor(len(spots))
+        self.predict(time)
+        self.predicted = self.told = [math.nan] * (2 * len(spots))
+        self.remember(time, spots, {})
+
+    @property
+    def looks(self) -> list[AppearanceModel]:
+        """Of every marker's light."""
+        return [marker.look for marker in self.markers]
+
+    @property
+    def newest(self) -> float:
+        """When a marker was last seen, s."""
+        return max(marker.last_seen for marker in self.markers)
+
+    @property
+    def contested(self) -> set[int]:
+        """Markers whose lights may be others."""
+        return {index for index, marker in enumerate(self.markers) if marker.contested}
+
+    @property
+    def returned(self) -> set[int]:
+        """Markers that were out of sight shortly before, or are."""
+        return {index for index, marker in enumerate(self.markers) if marker.returned}
+
+    def predict(self, time: float) -> None:
+        """Go on to the next frame, s."""
+        self.predicted = self.told = self.predictor.predict(time)
+
+    def tell(self, places: Array, deviations: Array) -> None:
+        """Where the view has the markers (n, 2), px, and how surely (n,): better, or not."""
+        own = self.predictor.deviations()
+        self.told = list(self.predicted)
+        for index, marker in enumerate(self.markers):
+            if marker.unseen and deviations[index] < own[index]:
+                self.told[2 * index : 2 * index + 2] = places[index].tolist()
+
+    def motion(self, lens: Lens) -> Motion:
+        """What the markers' own motion says of the newest frame."""
+        flat = np.array(self.predicted).reshape(-1, 2)
+        places = lens.to_ideal(np.where(np.abs(flat) < FAR_OFF, flat, 0.0)).tolist()
+        deviations = self.predictor.deviations().tolist()
+        return Motion(
+            [Expectation(x, y, d) for (x, y), d in zip(places, deviations, strict=True)],
+            [max(marker.unseen, marker.returning) for marker in self.markers],
+        )
+
+    def contest(self, seen: Mapping[int, Detection]) -> None:
+        """Doubt those that were expected in their windows and are not seen there."""
+        for index, known in enumerate(self.markers):
+            if not (index in seen or (known.returning and not known.unseen)):
+                known.contested = PROBATION
+
+    def trust(self, markers: Collection[int]) -> None:
+        """Doubt these no longer, which were found again together."""
+        for index in markers:
+            self.markers[index].contested = self.markers[index].returned = 0
+
+    def start_afresh(self) -> None:
+        """All markers have got other names: their motions are not known, and none is in doubt."""
+        for index, marker in enumerate(self.markers):
+            marker.returning = RETURNING
+            marker.contested = marker.returned = 0
+            self.predictor.forget(index)
+
+    def remember(
+        self,
+        time: float,
+        spots: Sequence[Detection | None],
+        expected: Mapping[int, Expectation],
+        unverified: Collection[int] = (),
+    ) -> None:
+        """Learn from a frame.
+
+        Args:
+            time: s.
+            spots: of every marker.
+            expected: where those should be that were not found.
+            unverified: of those found, the ones that the others cannot contradict.
+        """
+        positions: list[float | None] = []
+        for index, (marker, spot) in enumerate(zip(self.markers, spots, strict=True)):
+            if spot is None:
+                marker.unseen += 1
+                marker.returned = PROBATION
+                place = expected[index]
+                # Where the others leave no doubt, the filter goes on as if it had been seen.
+                sure = place.deviation < SURE_PLACE
+                positions += (place.x, place.y) if sure else (None, None)
+                continue
+            positions += (spot.x, spot.y)
+            marker.look.learn(spot)
+            marker.last_seen = time
+            if index not in unverified:
+                marker.contested = max(marker.contested - 1, 0)
+                marker.returned = max(marker.returned - 1, 0)
+            marker.returning = max(marker.returning - 1, 0)
+            if marker.unseen:
+                marker.unseen = 0
+                marker.returning = RETURNING
+                if self.predictor.unseen(index) > FORGOTTEN:
+                    self.predictor.forget(index)
+        self.predictor.update(positions)

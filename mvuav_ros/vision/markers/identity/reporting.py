@@ -1,0 +1,88 @@
+"""What is told of a frame: one row for every marker of the rig."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.identity.assignment import Expectation
+from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.results import (
+    TANKER_LABELS,
+    TANKER_NAMES,
+    Marker,
+    MarkerResult,
+    MarkerState,
+    Window,
+)
+from mvuav_ros.vision.rig import MarkerRig
+
+
+class Reporter:
+    """Results of one rig's markers."""
+
+    def __init__(self, rig: MarkerRig) -> None:
+        names = rig.names
+        self._labels: list[int] = list(range(len(names)))
+        if names == TANKER_NAMES:
+            self._labels = [*TANKER_LABELS]
+        self._wings = None
+        if 'left_wing' in names and 'right_wing' in names:
+            self._wings = names.index('left_wing'), names.index('right_wing')
+
+    def nothing(self, status: str) -> MarkerResult:
+        """All markers are lost."""
+        lost = tuple(Marker(label, MarkerState.LOST) for label in self._labels)
+        return MarkerResult(lost, status=status, has_wings=self._wings is not None)
+
+    def result(
+        self,
+        memory: MarkerMemory,
+        spots: Sequence[Detection | None],
+        earliest: float,
+        expected: Mapping[int, Expectation],
+        windows: Sequence[Window] = (),
+        remark: str = '',
+    ) -> MarkerResult:
+        """What is told of a frame.
+
+        Args:
+            memory: of the markers, with this frame.
+            spots: of every marker, px.
+            earliest: when a marker out of sight must have been seen to be predicted, s.
+            expected: where those should be that were not found, px.
+            windows: searched.
+            remark: for the status.
+        """
+        velocity, acceleration = memory.predictor.motions()
+        markers = []
+        for index, label in enumerate(self._labels):
+            i, j = 2 * index, 2 * index + 1
+            motion = (velocity[i], velocity[j], acceleration[i], acceleration[j])
+            spot = spots[index]
+            if spot is not None:
+                x, y, area, _ = spot
+                markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area))
+            elif memory.markers[index].last_seen >= earliest and index in expected:
+                x, y, _ = expected[index]
+                markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
+            else:
+                markers.append(Marker(label, MarkerState.LOST))
+        roll = math.nan
+        if self._wings is not None:
+            left, right = markers[self._wings[0]], markers[self._wings[1]]
+            roll = math.atan2(right.y - left.y, right.x - left.x)
+        status = remark if None not in spots else _status(markers, remark)
+        predictions = tuple(zip(memory.told[::2], memory.told[1::2], strict=True))
+        has_wings = self._wings is not None
+        return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
+
+
+def _status(markers: Sequence[Marker], remark: str) -> str:
+    states = Counter(marker.state for marker in markers)
+    counts = ', '.join(
+        f'{states[state]} {state.name.lower()}' for state in MarkerState if states[state]
+    )
+    return f'{counts} ({remark})' if remark else counts

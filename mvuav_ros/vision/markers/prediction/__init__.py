@@ -1,0 +1,1 @@
+"""Where each light will be next."""

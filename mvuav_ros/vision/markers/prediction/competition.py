@@ -1,0 +1,116 @@
+"""Six predictions of any number of lights: the thesis's four, a Kalman filter, and vibration."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
+from mvuav_ros.vision.markers.prediction.kalman import KalmanFilter
+from mvuav_ros.vision.markers.prediction.mixture import PredictionMixture
+from mvuav_ros.vision.markers.prediction.vibration import TUNING as VIBRATION
+from mvuav_ros.vision.markers.prediction.vibration import VibrationPredictor
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
+"""Of each prediction's weight, the thesis's methods first, then the Kalman filter without and
+with the prediction of vibration. Lights that stand still are rarer."""
+YOUNG = 100
+"""Frames in which the vibration is learnt from every frame, later from every other."""
+_KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1
+"""Rows of the predictions after the thesis's."""
+
+
+class Competition:
+    """The predictions, and how far each of them counts by its errors so far on all lights.
+
+    Attributes:
+        kalman: one of them, which also tells places and motions.
+        vibration: what a vibrating camera will do.
+        frames: seen.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.kalman = KalmanFilter(count)
+        self.vibration = VibrationPredictor(count)
+        self.frames = 0
+        self._extrapolation = Extrapolation(count)
+        self._mixture = PredictionMixture(PRIOR)
+        self._rows: Array = np.zeros((len(PRIOR), 2 * count))
+
+    def add(self, places: Array) -> None:
+        """Append lights at their first places, (2 k,) px, x and y in turn."""
+        self.kalman.add(places)
+        self.vibration.add(len(places) // 2)
+        self._extrapolation.add(places)
+        self._rows = np.zeros((len(PRIOR), self._rows.shape[1] + len(places)))
+
+    def keep(self, columns: Mask) -> None:
+        """Forget all lights but some (2 n, true for those)."""
+        self.kalman.keep(columns)
+        self.vibration.keep(columns)
+        self._extrapolation.keep(columns)
+        self._rows = np.zeros((len(PRIOR), int(columns.sum())))
+
+    def skip(self, step: float) -> None:
+        """A frame that never came, s after the last one: everything goes on as predicted."""
+        self.kalman.advance(step)
+        self.vibration.predict()
+        innovation = self.vibration.stand_in()
+        self.kalman.state += self.kalman.settled * innovation
+        self.vibration.remember(innovation)
+
+    def predict(self, time: float, elapsed: float) -> None:
+        """Go on to the next frame at a time, so many s after the one before it."""
+        rows = self._rows
+        self.kalman.advance(elapsed)
+        self._extrapolation.predict(time, rows)
+        rows[_KALMAN] = self.kalman.state[0]
+        np.add(rows[_KALMAN], self.vibration.predict(), rows[_VIBRATION])
+
+    def prediction(self, method: str, hidden: Mask | None) -> Array:
+        """Of the newest frame, (2 n,) px.
+
+        Args:
+            method: one of `METHODS`, or anything else for all of them by their merit.
+            hidden: (2 n,), true for lights out of sight, which the Kalman filter alone predicts.
+        """
+        if method in METHODS:
+            return np.asarray(self._rows[METHODS.index(method)])
+        weighed: Array = self._mixture.weights.dot(self._rows)
+        if hidden is None:
+            return weighed
+        # Coefficients from few or disturbed frames may do harm; what they would have saved on
+        # the frames seen so far decides.
+        best = _VIBRATION if self.vibration.helps else _KALMAN
+        return np.asarray(np.where(hidden, self._rows[best], weighed))
+
+    def update_all(self, time: float, measured: Array) -> None:
+        """The usual frame: every light is in sight, and has been for some time."""
+        errors = measured - self._rows
+        self._mixture.learn(errors)
+        innovation = errors[_KALMAN]
+        # Once much has been learnt, every other frame is enough, and saves time.
+        if not self.frames % 2 or self.frames < YOUNG:
+            self.learn_vibration(slice(None), innovation)
+        self.kalman.state += self.kalman.settled * innovation
+        self.vibration.remember(innovation)
+        self._extrapolation.update(time, measured)
+
+    def judge(self, measured: Array, columns: Mask) -> None:
+        """Learn the merits from some lights (2 n, where true) whose motion was known."""
+        self._mixture.learn((measured - self._rows)[:, columns])
+
+    def update_some(self, time: float, measured: Array, new: Mask, restarted: Mask) -> None:
+        """Take places (2 n,), NaN where not seen; see `Extrapolation.update_some`."""
+        self._extrapolation.update_some(time, measured, new, restarted)
+
+    def learn_vibration(self, columns: Mask | slice, innovation: Array) -> None:
+        """Learn from the innovations of some lights."""
+        vibration = self.vibration
+        every = VIBRATION.solve_every if self.frames < YOUNG else 2 * VIBRATION.solve_every
+        solve = self.frames % every == 0
+        lagged, predicted = vibration.lagged[:, columns], vibration.predicted[columns]
+        vibration.learn(lagged, innovation, predicted, solve)

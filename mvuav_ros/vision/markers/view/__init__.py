@@ -1,0 +1,1 @@
+"""How a rig is seen: fitted to named lights, and followed."""
