@@ -96,7 +96,7 @@ def turn_edge(
 
 
 def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
-    """Strips, (n, 6) as in `strip_search`, of one derotation described on another one."""
+    """Strips, (n, 6) as in `runway.search`, of one derotation described on another one."""
     turned = strips.copy()
     for strip in turned:
         x, y, left, right, far, near = (float(value) for value in strip)

@@ -40,7 +40,7 @@ class Registration:
         """By how much the surroundings of a strip have moved.
 
         Args:
-            strip: (6,) of the last frame, as `strip_search.Strips`.
+            strip: (6,) of the last frame, as `runway.search.Strips`.
             level: in which it is described, and the shift too.
 
         Returns:

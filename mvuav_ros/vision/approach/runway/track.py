@@ -88,7 +88,7 @@ class RunwayTrack:
     """
 
     def __init__(self, strip: NDArray[np.float64], log_odds: float) -> None:
-        """Begin with a candidate, (6,) as `strip_search.Strips`."""
+        """Begin with a candidate, (6,) as `search.Strips`."""
         self.shape = Shape(strip[:4], float(strip[5]))
         self.far, self.near = float(strip[4]), float(strip[5])
         self.near_seen = self.near
@@ -126,7 +126,7 @@ class RunwayTrack:
         return self.misses > _MOST_MISSES
 
     def strip(self) -> NDArray[np.float64]:
-        """The mean, (6,) as `strip_search.Strips`."""
+        """The mean, (6,) as `search.Strips`."""
         return np.array([*self.shape.as_array(), self.far, self.near])
 
     def covers(self, strip: NDArray[np.float64]) -> bool:
