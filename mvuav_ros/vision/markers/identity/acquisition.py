@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,9 @@ _TRIED = 16
 _APART = 0.6
 """rad: two starts for one way of naming the lights are tilted at least this differently."""
 _WAYS_TRIED = 8
+_FEW_LIGHTS, _FEW_SPOTS, _TILTS_EACH = 3, 4, 4
+"""A body of so few lights looks alike in several ways: among so few spots, each of them is tried
+from so many directions."""
 _MOST_COMPARISONS = 150_000
 
 
@@ -90,7 +93,8 @@ def guess_start(
         roll_deviation: of that (1 sigma, rad).
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
-    starts = _rough_guesses(shape, places)
+    few = len(shape.points) <= _FEW_LIGHTS and len(places) <= _FEW_SPOTS
+    starts = (_every_way if few else _rough_guesses)(shape, places)
     if not starts:
         return []
     chosen = np.array([way for way, _ in starts], np.intp)
@@ -199,16 +203,46 @@ def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> li
         if any(float(np.abs(tilt - other).max()) < _APART for other in tilts):
             continue
         tilts.append(tilt)
-        parameters = views[look].copy()
-        parameters[ROLL] = np.angle(turn[pair, look])
-        parameters[SCALE] = math.log(abs(turn[pair, look]))
-        parameters[FOCAL] += parameters[SCALE]
-        parameters[X], parameters[Y] = shift[pair, look].real, shift[pair, look].imag
-        _explain_by_place(shape, parameters)
-        found.append((chosen, parameters))
+        start = _start_from(shape, views[look], complex(turn[pair, look]), complex(shift[pair, look]))
+        found.append((chosen, start))
         if len(found) == (_TRIED if count == looks.shape[1] else _TRIED // 2):
             break
     return found
+
+
+def _every_way(shape: WeakPerspective, places: NDArray[np.complex128]) -> list[Start]:
+    """The spots in every order, each as seen from the directions from which it fits best."""
+    views, looks = looks_of(shape.points.tobytes())
+    middle = looks.mean(axis=1, keepdims=True)
+    look_size = (np.abs(looks - middle) ** 2).sum(axis=1)
+    found: list[Start] = []
+    for way in permutations(range(len(places)), looks.shape[1]):
+        seen = places[list(way)]
+        turn = ((looks - middle).conj() * (seen - seen.mean())).sum(axis=1) / look_size
+        left = np.abs(seen - seen.mean() - turn[:, None] * (looks - middle)) ** 2
+        cost = left.sum(axis=1) / np.maximum(np.abs(turn), 1e-9) ** 2
+        tilts: list[Array] = []
+        for look in np.argsort(cost).tolist():
+            tilt = views[look][[PITCH, YAW]]
+            if any(float(np.abs(tilt - other).max()) < _APART for other in tilts):
+                continue
+            tilts.append(tilt)
+            shift = complex(seen.mean() - turn[look] * middle[look, 0])
+            found.append((way, _start_from(shape, views[look], complex(turn[look]), shift)))
+            if len(tilts) == _TILTS_EACH:
+                break
+    return found
+
+
+def _start_from(shape: WeakPerspective, view: Array, turn: complex, shift: complex) -> Array:
+    """A view from some direction that has been turned, enlarged and moved."""
+    parameters = view.copy()
+    parameters[ROLL] = math.atan2(turn.imag, turn.real)
+    parameters[SCALE] = math.log(max(abs(turn), 1e-9))
+    parameters[FOCAL] += parameters[SCALE]
+    parameters[X], parameters[Y] = shift.real, shift.imag
+    _explain_by_place(shape, parameters)
+    return parameters
 
 
 def _explain_by_place(shape: WeakPerspective, parameters: Array) -> None:
