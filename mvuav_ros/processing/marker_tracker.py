@@ -155,12 +155,10 @@ class MarkerTrackerProcessor(Processor):
             for marker in result.markers
             if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
         ]
-        if len(seen) < FEWEST:
-            return None
         lights = [int(marker.label) for marker in seen]
         pixels = np.array([(marker.x, marker.y) for marker in seen])
         pose = self._poses.estimate(self._camera, lights, pixels, frame.stamp_ns * 1e-9)
-        if pose is None:
+        if pose is None and len(seen) >= FEWEST:
             self._warnings.append(f'no pose: {self._poses.reason}')
         return pose
 

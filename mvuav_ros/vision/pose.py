@@ -129,6 +129,7 @@ class PoseEstimator:
         self.reason = ''
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
+        self._vouched: frozenset[int] = frozenset()
         self._residuals = ResidualNoise()
 
     @property
@@ -151,6 +152,7 @@ class PoseEstimator:
             The pose, or None where the markers are too few, do not fit or do not tell it well
             enough; `reason` says which.
         """
+        self._vouched &= frozenset(labels)
         if len(labels) < FEWEST:
             self.reason = f'{len(labels)} markers; a pose needs {FEWEST}'
             return None
@@ -163,6 +165,8 @@ class PoseEstimator:
         if solution is None:
             return None
         view = Reprojection(camera, self._points[markers[chosen]], image[chosen])
+        if not self._vouched_for(markers[chosen], time):
+            return None
         pose = self._pose(camera, view, solution)
         if pose is not None:
             self._last, self._last_time = solution[:2], time
@@ -170,6 +174,20 @@ class PoseEstimator:
             # Where two solutions of three lights meet, nothing tells which one goes on.
             self._last = None
         return pose
+
+    def _vouched_for(self, markers: NDArray[np.intp], time: float) -> bool:
+        """Whether more lights than a pose needs have shown that these are the rig's.
+
+        Three lights fit a pose wherever they are: of a rig with more, they only continue one.
+        """
+        seen = frozenset(markers.tolist())
+        if len(seen) > FEWEST or len(self._points) == FEWEST:
+            self._vouched = seen
+            return True
+        if seen <= self._vouched and time - self._last_time <= TUNING.holds:
+            return True
+        self.reason = f'{FEWEST} markers that no other one confirms'
+        return False
 
     def _solve(
         self, camera: CameraModel, markers: NDArray[np.intp], image: Array, time: float

@@ -92,11 +92,9 @@ def fly_integrity(task: IntegrityTask) -> IntegrityFlight:
     for stamp_ns, pixels, truth in flight:
         result = tracker.process(Image(pixels, 'mono8'), stamp_ns)
         seen = [m for m in result.markers if m.state is MarkerState.DETECTED]
-        pose = None
-        if len(seen) >= FEWEST:
-            places = np.array([(marker.x, marker.y) for marker in seen])
-            labels = [int(marker.label) for marker in seen]
-            pose = poses.estimate(flight.camera, labels, places, stamp_ns * 1e-9)
+        places = np.array([(marker.x, marker.y) for marker in seen])
+        labels = [int(marker.label) for marker in seen]
+        pose = poses.estimate(flight.camera, labels, places, stamp_ns * 1e-9)
         scorer.names(result, truth)
         if pose is not None:
             scorer.pose(pose.rotation, pose.translation, pose.covariance, truth)

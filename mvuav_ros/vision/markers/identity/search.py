@@ -105,12 +105,26 @@ class Search:
         elif not self.suspects and len(self.missing) >= 2:
             self._recover(free, clutter, recovery)
         self._check()
+        self._forget_lone()
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
         known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
         clutter.update(nameless, self._expectations() if known else None)
         self.unexplained = sum(not clutter.include(spot) for spot in nameless)
         return len(nameless)
+
+    def _forget_lone(self) -> None:
+        """Take back the one name of a frame if the light is new and its place was hardly known.
+
+        Nothing would contradict it.
+        """
+        if len(self.found) != 1 or self._known:
+            return
+        (marker,) = self.found
+        places, deviations = self.views.places()
+        x, y = places[marker].tolist()
+        if self._expect(marker, x, y, float(deviations[marker])).deviation > KNOWN_PLACE:
+            del self.found[marker]
 
     def _name_together(self, free: list[Detection], clutter: Clutter) -> None:
         """Name lights where the markers in sight hardly tell where the others are."""
