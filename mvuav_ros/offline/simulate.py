@@ -10,7 +10,6 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
 from mvuav_ros.processing.messages.markers import POINT
@@ -25,6 +24,7 @@ from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.runway_truth import RunwayTruth
 from mvuav_ros.simulation.tanker_truth import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import quaternion
 from mvuav_ros.vision.markers.results import MarkerState
 
 Message = tuple[str, str, bytes]
@@ -102,7 +102,7 @@ def _encode_pose(truth: TankerTruth | RunwayTruth, header: bytes) -> bytes:
     else:
         position, rotation = truth.pose.position, truth.pose.rotation
     writer = CdrWriter(header)
-    writer.numbers('7d', *position, *Rotation.from_matrix(rotation).as_quat())
+    writer.numbers('7d', *position, *quaternion(rotation))
     return writer.message()
 
 

@@ -97,7 +97,14 @@ def test_trials_keep_the_markers_in_view_and_apart(trial):
             assert math.hypot(a.x - b.x, a.y - b.y) > 20.0
 
 
-@pytest.mark.parametrize('trial', TRIALS)
+@pytest.mark.parametrize(
+    'trial',
+    [
+        *TRIALS[:1],
+        *(pytest.param(trial, marks=pytest.mark.long) for trial in TRIALS[1:-1]),
+        TRIALS[-1],
+    ],
+)
 def test_trials_are_tracked_without_loss(trial):
     pipeline = MarkerTracker()
     for frame in flight(motion=trial, frames=300):

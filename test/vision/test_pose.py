@@ -51,7 +51,13 @@ def docking(seed, frames=1000, noise=0.3, **settings):
         yield pose, truth
 
 
-@pytest.mark.parametrize('settings', [{}, {'distortion': '-0.15, 0.04, 0.001, -0.001'}])
+@pytest.mark.parametrize(
+    'settings',
+    [
+        pytest.param({}, marks=pytest.mark.long),
+        {'distortion': '-0.15, 0.04, 0.001, -0.001'},
+    ],
+)
 def test_docking_approach(settings):
     poses = list(docking(21, **settings))
     near = [(pose, truth) for pose, truth in poses if truth.distance <= 30.0]

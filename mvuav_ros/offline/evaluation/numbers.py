@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 Array = NDArray[np.floating[Any]]
 
@@ -60,8 +60,8 @@ def pooled_rms(repeats: Sequence[Array], confidence: float = 0.95) -> Interval:
     mean = float(squares.mean())
     if squares.size == 1:
         return Interval(math.sqrt(mean), math.nan, math.nan)
-    error = float(stats.sem(squares))
-    reach = float(stats.t.ppf(0.5 + confidence / 2, squares.size - 1)) * error
+    error = float(squares.std(ddof=1)) / math.sqrt(squares.size)
+    reach = float(special.stdtrit(squares.size - 1, 0.5 + confidence / 2)) * error
     return Interval(
         math.sqrt(mean), math.sqrt(max(mean - reach, 0.0)), math.sqrt(max(mean + reach, 0.0))
     )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from mvuav_ros.offline.evaluation.identity_runs import (
     SCENES,
@@ -101,7 +101,7 @@ def name_claims(flights: Sequence[NamedFlight]) -> list[Claim]:
 def pose_claims(poses: Sequence[FlownPoses]) -> list[Claim]:
     """What the summary says of the pose, with its limits."""
     near = np.concatenate([(p.moved / p.distance)[p.distance <= 30.0] for p in poses])
-    low, high = stats.chi2.interval(0.95, _FREEDOM)
+    low, high = special.chdtri(_FREEDOM, (0.975, 0.025))
     inside = _share_inside(np.concatenate([p.squares for p in poses]), low, high)
     return [
         Claim(
@@ -162,7 +162,7 @@ def identity_table(flights: Sequence[NamedFlight]) -> Table:
 
 def pose_table(flown: Sequence[FlownPoses]) -> Table:
     """Errors of the pose against distance, and whether the covariance tells them."""
-    low, high = stats.chi2.interval(0.95, _FREEDOM)
+    low, high = special.chdtri(_FREEDOM, (0.975, 0.025))
     distance = np.concatenate([poses.distance for poses in flown])
     moved, turned, squares = (
         np.concatenate([getattr(poses, name) for poses in flown])

@@ -115,7 +115,7 @@ def limit_file_size() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
 
 
-@pytest.mark.parametrize('target', ['out.mcap', 'folder'])
+@pytest.mark.parametrize('target', ['folder', pytest.param('out.mcap', marks=pytest.mark.long)])
 def test_an_output_that_cannot_grow(flight: Path, tmp_path: Path, target: str) -> None:
     run = mvuav_process(
         'replay',

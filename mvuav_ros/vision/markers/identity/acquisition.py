@@ -203,7 +203,9 @@ def _rough_guesses(shape: WeakPerspective, places: NDArray[np.complex128]) -> li
         if any(float(np.abs(tilt - other).max()) < _APART for other in tilts):
             continue
         tilts.append(tilt)
-        start = _start_from(shape, views[look], complex(turn[pair, look]), complex(shift[pair, look]))
+        start = _start_from(
+            shape, views[look], complex(turn[pair, look]), complex(shift[pair, look])
+        )
         found.append((chosen, start))
         if len(found) == (_TRIED if count == looks.shape[1] else _TRIED // 2):
             break
