@@ -18,6 +18,7 @@ from mvuav_ros.vision.markers.identity.joining import offset_by_view, offset_in,
 from mvuav_ros.vision.markers.identity.marker_memory import FORGOTTEN, Motion
 from mvuav_ros.vision.markers.identity.reacquisition import extend, reacquire
 from mvuav_ros.vision.markers.identity.recovery import Recovery
+from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 
 KNOWN_PLACE = 5.0
@@ -49,6 +50,7 @@ class Search:
         motion: Motion,
         consensus: Consensus,
         found: Mapping[int, Detection],
+        rejections: Rejections,
     ) -> None:
         """Prepare for a frame.
 
@@ -58,7 +60,11 @@ class Search:
             motion: of every marker.
             consensus: which of the markers known already agree.
             found: those markers.
+            rejections: lights that some of them are not; is added to.
         """
+        self._rejections = rejections
+        for marker in consensus.dropped:
+            rejections.add(marker, found[marker])
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self._known = tuple(self.found)
         self.faults = faults
@@ -95,6 +101,7 @@ class Search:
             for spot in lights.spots
             if not any(are_close(spot, known, known.radius) for known in self.found.values())
         ]
+        self._rejections.follow(list(lights.spots), self._expectations())
         if not self.suspects:
             self._name_clear(free, clutter)
             self._name_joined(free, lights)
@@ -305,7 +312,7 @@ class Search:
         return float(offset[0]), float(offset[1])
 
     def _is_likely(self, index: int, spot: Detection) -> bool:
-        return self._looks[index].is_likely(spot)
+        return self._looks[index].is_likely(spot) and not self._rejections.concern(index, spot)
 
     def _is_joined(self, index: int, spot: Detection, gates: dict[int, Expectation]) -> bool:
         """Whether the spot is probably this marker and another missing one together."""

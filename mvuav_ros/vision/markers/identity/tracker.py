@@ -21,6 +21,7 @@ from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import Named, initialize
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.identity.recovery import Recovery
+from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
 from mvuav_ros.vision.markers.identity.windows import look_into_windows, window_around
@@ -81,6 +82,7 @@ class IdentityTracker:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
         self._recovery = Recovery()
+        self._rejections = Rejections()
         self._attempts = Attempts(self._count)
         self._doubts = self._suspicions = self._unexplained = 0
 
@@ -162,7 +164,8 @@ class IdentityTracker:
         in_image = dict(zip(found.values(), seen.values(), strict=True))
         memory.contest(seen)
         faults.contested = memory.contested
-        search = Search(faults, memory.looks, memory.motion(self._lens), consensus, found)
+        motion = memory.motion(self._lens)
+        search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
         self._suspicions = self._suspicions + 1 if search.suspects else 0
         if self._suspicions > PATIENCE:
             self._suspicions = 0
@@ -173,7 +176,7 @@ class IdentityTracker:
             self._start_again()
             return self._report.nothing('no marker in view')
         unverified = search.faults.unverified(
-            places_of(search.found), memory.returned - search.reacquired
+            places_of(search.found), (memory.returned | memory.contested) - search.reacquired
         )
         expected = self._in_image(search.finish())
         self._widen(windows, expected, frame.search_radius)
@@ -267,6 +270,7 @@ class IdentityTracker:
         self._body = FaultDetector(views), memory
         search.replace(self._body[0], named)
         memory.start_afresh()
+        self._rejections.clear()
         self._attempts = Attempts(self._count)
         self._doubts = 0
 
