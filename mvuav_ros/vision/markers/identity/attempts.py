@@ -16,6 +16,9 @@ CONFIRMED = 3
 """Frames in which a body must be named alike where one frame does not make it certain."""
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
+SAME_MISFIT = (0.2, 0.1)
+"""px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
+that of a light that is no marker does not."""
 
 
 @dataclass
@@ -34,6 +37,7 @@ class Attempts:
     _failures: int = 0
     _rest: int = 0
     _lights: int = 0
+    _first_misfit: float = 0.0
 
     def due(self, lights: int) -> bool:
         """Whether to try in this frame.
@@ -62,6 +66,11 @@ class Attempts:
         assert named.view is not None
         reach = 0.5 * named.view.scale
         alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.spots, strict=False))
-        self.agreed = self.agreed + 1 if alike and self.last else 1
+        most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
+        changed = abs(named.view.misfit - self._first_misfit) > most
+        goes_on = alike and bool(self.last) and not (named.odd and changed)
+        self.agreed = self.agreed + 1 if goes_on else 1
+        if not goes_on:
+            self._first_misfit = named.view.misfit
         self.last, self._failures, self._rest = named.spots, 0, 0
         return alike

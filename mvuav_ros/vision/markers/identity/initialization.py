@@ -29,7 +29,7 @@ CLEAR_MISFIT = (1.0, 0.008)
 LONE_MISFIT = 0.06
 """The same, in units of its size, for a body that is alone in the frame, seen by a camera that is
 not calibrated."""
-STRICT_MISFIT = (0.3, 0.006)
+STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
 OTHER_BODY_MISFIT = 0.15
 """The same for five lights that the thesis's assumption alone must name."""
