@@ -27,6 +27,8 @@ MOST_OF_THREE = 24
 MOST_BENT = 0.15
 """By how much three markers may look distorted, in units of their size (1 sigma)."""
 MOST_PAIRS = 300
+FEWEST_TELLING = 4
+"""Markers that must be found where there are more lights than that or as many."""
 
 
 def reacquire(
@@ -42,7 +44,7 @@ def reacquire(
         views: of the frame.
         spots: px without distortion.
         fits: leaves out what cannot be.
-        fewest: markers that must be found.
+        fewest: markers that must be found at least.
 
     Returns:
         The markers named, none of them where it is not clear which they are; None where no way of
@@ -50,6 +52,8 @@ def reacquire(
     """
     if len(spots) < fewest:
         return {}
+    # Of more lights some three nearly always look like three of the markers.
+    fewest = max(fewest, min(FEWEST_TELLING, len(spots), len(views.shape.points)))
     ways = _similar_ways(views, spots, fits, fewest)
     ways = list(
         {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
