@@ -147,6 +147,25 @@ FLAT = parse_rig(
 )
 
 
+def test_three_of_five_lights_only_continue_a_pose():
+    """Any three lights fit some pose: a marker that comes back as one of three is not confirmed."""
+    rotation, translation = OPTICAL_FROM_BODY @ from_rpy(0.1, 0.2, 0.1), np.array((2.0, 1.0, 90.0))
+    pixels = seen(rotation, translation)
+    estimator = PoseEstimator(TANKER_747)
+
+    def told(lights, time):
+        return estimator.estimate(CAMERA, lights, pixels[lights], time) is not None
+
+    assert not told([0, 1, 4], 0.0)
+    assert 'confirms' in estimator.reason
+    assert told([0, 1, 2, 3, 4], 0.1)
+    assert told([0, 1, 4], 0.2)
+    assert not told([0, 1], 0.3)
+    assert not told([0, 1, 4], 0.4)
+    assert told([0, 1, 3, 4], 0.5)
+    assert told([0, 1, 4], 0.6)
+
+
 def test_a_flat_body_seen_from_afar_does_not_flip():
     """Tilted one way or the other a distant square looks almost the same: then no pose is told."""
     rng = np.random.default_rng(4)

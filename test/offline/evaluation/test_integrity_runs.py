@@ -26,12 +26,35 @@ def test_another_light_does_not_keep_a_name(scene, seed):
     assert len(flown.moved) > 0.3 * flown.frames
 
 
+@pytest.mark.parametrize(
+    ('scene', 'seed'),
+    [
+        ('docking, k1 -0.12', 9029),  # one light of a body that has left the frame
+        ('the same, rolling, k1 -0.12', 9529),  # contradicted, and named again in the same frame
+        ('the same, k1 -0.3', 9520),  # a light beside four markers at the start
+    ],
+)
+def test_names_that_were_wrong_for_long(scene, seed):
+    flown = fly_integrity(IntegrityTask(scene, seed))
+    assert max(flown.wrong, default=0) <= 10
+    assert flown.moved.max() < 0.05
+
+
+def test_three_lights_that_started_upside_down():
+    wrong = [fly_integrity(IntegrityTask('three markers at any roll', s)).wrong for s in STARTS]
+    assert wrong == [()] * len(STARTS)
+
+
 @pytest.mark.parametrize('scene', ['three markers at any roll', 'eight markers at any roll'])
 @pytest.mark.parametrize('calibrated', [True, False])
 def test_rigs_start_right_or_stay_without_names(scene, calibrated):
     flown = [fly_integrity(IntegrityTask(scene, seed, calibrated)) for seed in range(4)]
     assert [flight.wrong for flight in flown] == [()] * 4
     assert any(flight.missed == 0 for flight in flown)
+
+
+STARTS = (9051, 9351)
+"""Seeds at which some order of the lights had been overlooked."""
 
 
 class Exchanging(MarkerTracker):

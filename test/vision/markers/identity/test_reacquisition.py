@@ -38,6 +38,13 @@ def test_fewer_lights_than_it_takes_contradict_nothing(views):
     assert find(views, SPOTS[:2]) == {}
 
 
+def test_three_of_more_lights_are_too_few(views):
+    """Three of them nearly always look like three of the markers."""
+    assert find(views, SPOTS[:3]) == dict(enumerate(SPOTS[:3]))
+    others = [Detection(60.0, 420.0, 40, 1.0), Detection(600.0, 430.0, 40, 1.0)]
+    assert not find(views, [*SPOTS[:3], *others])
+
+
 def test_lights_that_cannot_be_the_body_contradict_the_view(views):
     shrunk = [spot._replace(x=320 + 0.2 * (spot.x - 320), y=400.0) for spot in SPOTS[:3]]
     assert find(views, shrunk) is None
