@@ -245,14 +245,24 @@ class FaultDetector:
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def unverified(self, found: Mapping[int, Point], returned: Collection[int]) -> set[int]:
-        """Which of the markers that have returned lie where the others do not tell their places."""
-        doubtful = [m for m in found if m in returned and m < self.views.doubted]
+    def unverified(
+        self, found: Mapping[int, Point], returned: Collection[int], contested: Collection[int] = ()
+    ) -> set[int]:
+        """Which markers lie where the others do not tell their places.
+
+        Args:
+            found: the markers, px without distortion.
+            returned: those that were out of sight shortly before.
+            contested: those that were not alone shortly before; they count where few are in sight.
+        """
+        few = len(found) < TUNING.fewest_agreeing
+        asked = {*returned, *contested} if few else set(returned)
+        doubtful = {m for m in found if m in asked and m < self.views.doubted}
         if not doubtful:
             return set()
         few = len(found) - len(doubtful) < TUNING.fewest_telling
         if few and len(found) < TUNING.fewest_agreeing and self._agreed < TUNING.agreed:
-            return set(doubtful)
+            return doubtful
         correction = self._correct(found)
         # The marker has taken part a little: what it says of its own place is taken out.
         own = self.views.doubted_deviation

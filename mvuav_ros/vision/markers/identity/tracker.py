@@ -176,7 +176,9 @@ class IdentityTracker:
             self._start_again()
             return self._report.nothing('no marker in view')
         unverified = search.faults.unverified(
-            places_of(search.found), (memory.returned | memory.contested) - search.reacquired
+            places_of(search.found),
+            memory.returned - search.reacquired,
+            memory.contested - search.reacquired,
         )
         expected = self._in_image(search.finish())
         self._widen(windows, expected, frame.search_radius)
