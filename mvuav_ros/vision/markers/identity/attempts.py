@@ -16,7 +16,7 @@ CONFIRMED = 3
 """Frames in which a body must be named alike where one frame does not make it certain."""
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
-SAME_MISFIT = (0.2, 0.1)
+SAME_MISFIT = (0.2, 0.25)
 """px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
 that of a light that is no marker does not."""
 
