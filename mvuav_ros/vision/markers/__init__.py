@@ -1,1 +1,1 @@
-"""The thesis's three marker programs (Appendices A, B and C)."""
+"""The thesis's three marker programs (Appendices A, B and C), and what goes beyond them."""

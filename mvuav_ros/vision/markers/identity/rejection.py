@@ -27,6 +27,10 @@ class Rejections:
     def __init__(self) -> None:
         self._lights: dict[int, tuple[Detection, int]] = {}
 
+    def __bool__(self) -> bool:
+        """Whether any light is remembered."""
+        return bool(self._lights)
+
     def add(self, marker: int, light: Detection) -> None:
         """This light is not that marker."""
         self._lights[marker] = light, REMEMBERED

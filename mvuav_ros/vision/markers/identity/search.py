@@ -101,7 +101,8 @@ class Search:
             for spot in lights.spots
             if not any(are_close(spot, known, known.radius) for known in self.found.values())
         ]
-        self._rejections.follow(list(lights.spots), self._expectations())
+        if self._rejections:
+            self._rejections.follow(list(lights.spots), self._expectations())
         if not self.suspects:
             self._name_clear(free, clutter)
             self._name_joined(free, lights)
