@@ -144,18 +144,22 @@ class HoughVideo:
         self._votes: Accumulator | None = None
 
     def accumulate(self, edges: Mask) -> Accumulator:
-        """As `HoughGrid.accumulate`; neither ``edges`` nor what is returned may be written to."""
-        before, self._edges = self._edges, edges
-        if before is not None and self._votes is not None:
-            changed = cv2.bitwise_xor(before, edges)
-            if cv2.countNonZero(changed) < cv2.countNonZero(edges):
-                self._update(self._votes, edges, np.flatnonzero(changed.view(np.bool_)))
-                return self._votes
-        self._votes = self.grid.accumulate(edges)
+        """As `HoughGrid.accumulate`; neither ``edges`` nor the votes may be changed."""
+        # None until the votes are those of these edges: memory may run out in between.
+        before, self._edges = self._edges, None
+        if before is None or self._votes is None or not self._follow(before, edges, self._votes):
+            self._votes = self.grid.accumulate(edges)
+        self._edges = edges
         return self._votes
 
-    def _update(self, votes: Accumulator, edges: Mask, changed: NDArray[np.intp]) -> None:
-        came = edges.ravel().take(changed).view(np.bool_)
-        for pixels, add in ((changed[came], np.add), (changed[~came], np.subtract)):
-            if pixels.size:
-                add(votes, self.grid.count(pixels), out=votes)
+    def _follow(self, before: Mask, edges: Mask, votes: Accumulator) -> bool:
+        """Bring the votes up to date, unless counting all of them is less work."""
+        changed = cv2.bitwise_xor(before, edges)
+        if cv2.countNonZero(changed) >= cv2.countNonZero(edges):
+            return False
+        pixels = np.flatnonzero(changed.view(np.bool_))
+        came = edges.ravel().take(pixels).view(np.bool_)
+        for some, add in ((pixels[came], np.add), (pixels[~came], np.subtract)):
+            if some.size:
+                add(votes, self.grid.count(some), out=votes)
+        return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from mvuav_ros.vision.runway.hough import Accumulator
@@ -29,7 +30,8 @@ def find_peaks(
 
     Args:
         accumulator: (theta, rho) votes of a grid whose theta covers 180° and whose rho is
-            symmetric about 0, but for the cells that are left out at its beginning.
+            symmetric about 0, but for the cells that are left out at its beginning. It is the
+            same again in the end.
         num_peaks: peaks wanted at most.
         threshold: votes that a peak must have at least.
         neighborhood_rho: cells of the neighbourhood along rho, odd; cut off at the ends.
@@ -40,35 +42,43 @@ def find_peaks(
     Returns:
         Peaks with at least one vote, strongest first.
     """
-    votes_left = accumulator.copy()
     cells = accumulator.shape[1]
     reach = neighborhood_rho // 2, neighborhood_theta // 2
     peaks: list[Peak] = []
-    while len(peaks) < num_peaks:
-        theta_index, cell = divmod(int(votes_left.argmax()), cells)
-        votes = int(votes_left[theta_index, cell])
-        if votes < max(threshold, 1):
-            break
-        peaks.append(Peak(theta_index, first_cell + cell, votes))
-        _clear(votes_left, theta_index, cell, cells - 1 - cell - first_cell, *reach)
+    cleared: list[tuple[Accumulator, Accumulator]] = []
+    try:
+        while len(peaks) < num_peaks:
+            theta_index, cell = divmod(int(accumulator.argmax()), cells)
+            votes = int(accumulator[theta_index, cell])
+            if votes < max(threshold, 1):
+                break
+            peaks.append(Peak(theta_index, first_cell + cell, votes))
+            mirrored = cells - 1 - cell - first_cell
+            for part in _neighbourhood(accumulator, theta_index, cell, mirrored, *reach):
+                cleared.append((part, part.copy()))
+                part[:] = 0
+    finally:
+        # To give back what was cleared takes less time than to copy everything beforehand.
+        for part, before in reversed(cleared):
+            part[:] = before
     return peaks
 
 
-def _clear(
+def _neighbourhood(
     votes: Accumulator,
     theta_index: int,
     cell: int,
     mirrored: int,
     reach_rho: int,
     reach_theta: int,
-) -> None:
-    """Clear a neighbourhood; ``mirrored`` is the cell of -rho, which may be left out."""
+) -> Iterator[Accumulator]:
+    """The parts around a cell; ``mirrored`` is the cell of -rho, which may be left out."""
     columns = votes.shape[0]
     first, last = theta_index - reach_theta, theta_index + reach_theta
     for half_turns in range(first // columns, last // columns + 1):
         centre = mirrored if half_turns % 2 else cell
         offset = half_turns * columns
-        votes[
+        yield votes[
             max(first - offset, 0) : last - offset + 1,
             max(centre - reach_rho, 0) : max(centre + reach_rho + 1, 0),
-        ] = 0
+        ]
