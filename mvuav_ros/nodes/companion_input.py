@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,12 +57,16 @@ class CompanionInput:
         """Whether an image waits."""
         return self._by_info.held is not None or self._by_attitude.held is not None
 
-    def take(self) -> None:
-        """Take in what has come."""
-        if self._infos is not None:
+    def take(self, ready: Sequence[int]) -> None:
+        """Take in what has come.
+
+        Args:
+            ready: the pointers of those subscriptions that have something.
+        """
+        if self._infos is not None and self._infos.handle.pointer in ready:
             while (taken := self._infos.handle.take_message(CameraInfo, False)) is not None:
                 self._by_info.add_info(stamp_ns_of(taken[0].header), taken[0])
-        if self._imus is not None:
+        if self._imus is not None and self._imus.handle.pointer in ready:
             while (taken := self._imus.handle.take_message(Imu, False)) is not None:
                 stamp_ns = stamp_ns_of(taken[0].header)
                 self._by_attitude.add_attitude(stamp_ns, decode_imu(taken[0]))

@@ -21,7 +21,7 @@ from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind
 
 from mvuav_ros.nodes.companion_input import CompanionInput
 from mvuav_ros.nodes.image_transport import ImageTopic
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, ReceivedImage
+from mvuav_ros.nodes.received_image import Backlog, InputEvents, ReceivedImage, stamp_ns_of
 from mvuav_ros.nodes.subscriptions import status_of, subscribe
 
 _LONGEST_WAIT_NS = 500_000_000
@@ -132,8 +132,10 @@ class ImageInput:
                 wait_set.wait(_HELD_WAIT_NS if self._companions.holds else _LONGEST_WAIT_NS)
                 if not self._node.context.ok():
                     return
-                self._companions.take()
-                images = self._not_skipped(self._take_images())
+                ready = wait_set.get_ready_entities('subscription')
+                self._companions.take(ready)
+                is_there = self._subscription.handle.pointer in ready
+                images = self._not_skipped(self._take_images() if is_there else [])
                 for image in self._companions.completed(images):
                     self._on_image(image)
 
@@ -149,7 +151,8 @@ class ImageInput:
             self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
-            images.append(ReceivedImage(data, transport, time.perf_counter()))
+            taken_at = time.perf_counter()
+            images.append(ReceivedImage(data, transport, taken_at, stamp_ns=stamp_ns_of(data)))
         return images
 
     def _follow(self, sequence: int) -> None:
