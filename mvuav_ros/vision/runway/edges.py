@@ -119,16 +119,15 @@ def _squared_gradient(gray: Pixels) -> Gradient:
     8 bits give at most 2.1 million, below float32's 2^24; 16 bits need float64.
     """
     border = cv2.BORDER_REPLICATE
-    across: Gradient
-    down: Gradient
     if gray.dtype == np.uint8:
-        pair = cv2.spatialGradient(gray, borderType=border)
-        across, down = (each.astype(np.float32) for each in pair)
-    else:
-        across, down = (
-            np.asarray(cv2.Sobel(gray, cv2.CV_64F, dx, dy, borderType=border), np.float64)
-            for dx, dy in ((1, 0), (0, 1))
-        )
+        squared = np.zeros(gray.shape, np.float32)
+        for part in cv2.spatialGradient(gray, borderType=border):
+            cv2.accumulateSquare(np.abs(part).view(np.uint16), squared)
+        return squared
+    across, down = (
+        np.asarray(cv2.Sobel(gray, cv2.CV_64F, dx, dy, borderType=border))
+        for dx, dy in ((1, 0), (0, 1))
+    )
     np.multiply(across, across, out=across)
     np.multiply(down, down, out=down)
     return np.add(across, down, out=across)
