@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
 
 from mvuav_ros.vision.point_operations import Mask, Pixels
 from mvuav_ros.vision.runway.hough import Accumulator, HoughGrid
@@ -31,8 +32,7 @@ class LineRole(IntEnum):
     NEAR_END = 5
 
 
-@dataclass(frozen=True)
-class RunwayLine:
+class RunwayLine(NamedTuple):
     """One row of the result; a row without a peak holds NaN everywhere and no flag.
 
     All positions are on the whole frame, (0, 0) the centre of its top-left pixel.
