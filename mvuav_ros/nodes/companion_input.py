@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,13 +73,22 @@ class CompanionInput:
 
     def completed(self, images: list[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""
-        if self._infos is None and self._imus is None:
+        return self._with_attitude(self._with_info(images))
+
+    def _with_info(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
+        if self._by_info.is_idle:
             yield from images
             return
         for image in images:
             self._by_info.add_image(image.stamp_ns, image)
         while (pair := self._by_info.take(wait=self._info_may_come())) is not None:
-            image = pair[1]._replace(info=pair[0])
+            yield pair[1]._replace(info=pair[0])
+
+    def _with_attitude(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
+        if self._by_attitude.is_idle:
+            yield from images
+            return
+        for image in images:
             self._by_attitude.add_image(image.stamp_ns, image)
         while (found := self._by_attitude.take(wait=self._attitude_may_come())) is not None:
             yield found[1]._replace(attitude=found[0])

@@ -21,7 +21,7 @@ from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind
 
 from mvuav_ros.nodes.companion_input import CompanionInput
 from mvuav_ros.nodes.image_transport import ImageTopic
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, ReceivedImage, stamp_ns_of
+from mvuav_ros.nodes.received_image import Backlog, InputEvents, ReceivedImage
 from mvuav_ros.nodes.subscriptions import status_of, subscribe
 
 _LONGEST_WAIT_NS = 500_000_000
@@ -151,8 +151,7 @@ class ImageInput:
             self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
-            taken_at = time.perf_counter()
-            images.append(ReceivedImage(data, transport, taken_at, stamp_ns=stamp_ns_of(data)))
+            images.append(ReceivedImage(data, transport, time.perf_counter()))
         return images
 
     def _follow(self, sequence: int) -> None:

@@ -26,7 +26,6 @@ class ReceivedImage(NamedTuple):
         info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
         attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
         is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
-        stamp_ns: the message's own, see `stamp_ns_of`.
     """
 
     data: bytes | Frame
@@ -35,15 +34,16 @@ class ReceivedImage(NamedTuple):
     info: Any = None
     attitude: Attitude | None = None
     is_skipped: bool = False
-    stamp_ns: int = 0
 
-
-def stamp_ns_of(message: bytes) -> int:
-    """An image's own stamp; 0 of a message that whoever decodes it will refuse, and count."""
-    try:
-        return stamp_ns_in(message)
-    except ImageError:
-        return 0
+    @property
+    def stamp_ns(self) -> int:
+        """The image's own; 0 of a message that whoever decodes it will refuse, and count."""
+        if isinstance(self.data, Frame):
+            return self.data.stamp_ns
+        try:
+            return stamp_ns_in(self.data)
+        except ImageError:
+            return 0
 
 
 @dataclass
