@@ -122,7 +122,7 @@ def _squared_gradient(gray: Pixels) -> Gradient:
     if gray.dtype == np.uint8:
         squared = np.zeros(gray.shape, np.float32)
         for part in cv2.spatialGradient(gray, borderType=border):
-            cv2.accumulateSquare(np.abs(part).view(np.uint16), squared)
+            cv2.accumulateSquare(np.abs(part, out=part).view(np.uint16), squared)
         return squared
     across, down = (
         np.asarray(cv2.Sobel(gray, cv2.CV_64F, dx, dy, borderType=border))
