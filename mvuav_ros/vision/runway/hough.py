@@ -100,7 +100,8 @@ class HoughGrid:
             # OpenCV counts pairs of bytes; NumPy would first make 64-bit numbers of all cells.
             # A table's pixels are too few for float32 to lose count.
             octets = flat.view(np.uint8).reshape(*flat.shape, 2)
-            counts = cv2.calcHist([octets], (1, 0), None, (256, 256), (0, 256, 0, 256))
+            rows = -(-size // 256)
+            counts = cv2.calcHist([octets], (1, 0), None, (rows, 256), (0, rows, 0, 256))
             return counts.ravel()[:size].reshape(self.shape)
         return np.bincount(flat.ravel(), minlength=size).reshape(self.shape)
 
