@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,25 +57,38 @@ class CompanionInput:
         """Whether an image waits."""
         return self._by_info.held is not None or self._by_attitude.held is not None
 
-    def take(self) -> None:
-        """Take in what has come."""
-        if self._infos is not None:
+    def take(self, ready: Sequence[int]) -> None:
+        """Take in what has come.
+
+        Args:
+            ready: the pointers of those subscriptions that have something.
+        """
+        if self._infos is not None and self._infos.handle.pointer in ready:
             while (taken := self._infos.handle.take_message(CameraInfo, False)) is not None:
                 self._by_info.add_info(stamp_ns_of(taken[0].header), taken[0])
-        if self._imus is not None:
+        if self._imus is not None and self._imus.handle.pointer in ready:
             while (taken := self._imus.handle.take_message(Imu, False)) is not None:
                 stamp_ns = stamp_ns_of(taken[0].header)
                 self._by_attitude.add_attitude(stamp_ns, decode_imu(taken[0]))
 
     def completed(self, images: list[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""
-        if self._infos is None and self._imus is None:
+        return self._with_attitude(self._with_info(images))
+
+    def _with_info(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
+        if self._by_info.is_idle:
             yield from images
             return
         for image in images:
             self._by_info.add_image(image.stamp_ns, image)
         while (pair := self._by_info.take(wait=self._info_may_come())) is not None:
-            image = pair[1]._replace(info=pair[0])
+            yield pair[1]._replace(info=pair[0])
+
+    def _with_attitude(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
+        if self._by_attitude.is_idle:
+            yield from images
+            return
+        for image in images:
             self._by_attitude.add_image(image.stamp_ns, image)
         while (found := self._by_attitude.take(wait=self._attitude_may_come())) is not None:
             yield found[1]._replace(attitude=found[0])

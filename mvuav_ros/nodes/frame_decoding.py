@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from mvuav_ros.nodes.received_image import ReceivedImage
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image, view_image
+from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image
+from mvuav_ros.recordings.serialization.raw_image import RawImageDecoder
+from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image
 from mvuav_ros.recordings.serialization.video_packet import (
     VideoPacket,
     codec_of,
@@ -31,6 +32,7 @@ class FrameDecoder:
             transport: the parameter ``image_transport``.
         """
         self._transport = transport
+        self._raw = RawImageDecoder()
         self._video = VideoTopic(low_delay=True)
         self._received: dict[int, ReceivedImage] = {}
 
@@ -44,9 +46,7 @@ class FrameDecoder:
         if isinstance(data, Frame):
             yield data
         elif self._transport == 'raw':
-            message = view_image(data)
-            frame = Frame(message.stamp_ns, message.frame_id, decode_image(message))
-            yield _completed(frame, received)
+            yield _completed(Frame(*self._raw.decode(data)), received)
         elif (packet := self._packet(data)) is not None:
             yield from self._of_video(packet, received)
         elif not received.is_skipped:

@@ -132,8 +132,10 @@ class ImageInput:
                 wait_set.wait(_HELD_WAIT_NS if self._companions.holds else _LONGEST_WAIT_NS)
                 if not self._node.context.ok():
                     return
-                self._companions.take()
-                images = self._not_skipped(self._take_images())
+                ready = wait_set.get_ready_entities('subscription')
+                self._companions.take(ready)
+                is_there = self._subscription.handle.pointer in ready
+                images = self._not_skipped(self._take_images() if is_there else [])
                 for image in self._companions.completed(images):
                     self._on_image(image)
 

@@ -105,6 +105,7 @@ def _transform(grid: HoughGrid, edges: Mask, parameters: RunwayDetectorParameter
         parameters.peak_threshold,
         parameters.peak_neighborhood_rho,
         parameters.peak_neighborhood_theta,
+        grid.first_reachable_cell,
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.recordings.serialization.cdr import CdrWriter
 
+_DENSE = {False: b'\0', True: b'\1'}
 _DATATYPES = {np.dtype(np.float32): 7, np.dtype(np.uint8): 2}
 """FLOAT32 and UINT8 of sensor_msgs/PointField."""
 
@@ -39,6 +40,7 @@ class PointLayout:
         is_bigendian = False
         writer.numbers('B', is_bigendian)
         self._fields = writer.fields()
+        self._starts: dict[int, bytes] = {}
 
     def encode(self, rows: Sequence[Sequence[float]], header: bytes) -> bytes:
         """A PointCloud2 in CDR: one row per point.
@@ -49,14 +51,22 @@ class PointLayout:
             rows: a number for each field.
             header: `cdr_header`.
         """
-        pack, step, finite = self._row.pack, self._row.size, math.isfinite
-        writer = CdrWriter(header)
-        writer.numbers('II', 1, len(rows))
+        pack, finite = self._row.pack, math.isfinite
+        is_dense = all(finite(x) and finite(y) and finite(z) for x, y, z, *_ in rows)
+        start = self._starts.get(len(rows)) or self._start(len(rows))
+        points = b''.join([pack(*row) for row in rows])
+        end = _DENSE[is_dense] + bytes(-(len(points) + 1) % 4)
+        return b''.join((header, bytes(-len(header) % 4), start, points, end))
+
+    def _start(self, rows: int) -> bytes:
+        """All between the header and as many rows: the same from message to message."""
+        writer = CdrWriter(b'')
+        writer.numbers('II', 1, rows)
         writer.written(self._fields)
-        writer.numbers('II', step, step * len(rows))
-        writer.octets(b''.join([pack(*row) for row in rows]))
-        writer.numbers('B', all(finite(x) and finite(y) and finite(z) for x, y, z, *_ in rows))
-        return writer.message()
+        writer.numbers('II', self._row.size, self._row.size * rows)
+        writer.numbers('I', self._row.size * rows)
+        self._starts[rows] = writer.beginning()
+        return self._starts[rows]
 
 
 def decode_points(message: Any) -> NDArray[np.void]:

@@ -8,10 +8,12 @@ frame gives the same bytes, live and in a file.
 from __future__ import annotations
 
 import struct
+from functools import lru_cache
 
 _ENCAPSULATION = b'\0\1\0\0'
 """Plain CDR, little endian."""
 _LENGTH = struct.Struct('<I')
+_STAMP = struct.Struct('<iI')
 _SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}
 
 
@@ -68,10 +70,13 @@ class CdrWriter:
 
 def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
     """The beginning of a message whose first field is a std_msgs/Header."""
-    writer = CdrWriter()
-    writer.numbers('i', stamp_ns // 1_000_000_000)
-    writer.numbers('I', stamp_ns % 1_000_000_000)
-    writer.text(frame_id)
+    return _ENCAPSULATION + _STAMP.pack(*divmod(stamp_ns, 1_000_000_000)) + _text(frame_id)
+
+
+@lru_cache(maxsize=64)
+def _text(text: str) -> bytes:
+    writer = CdrWriter(b'')
+    writer.text(text)
     return writer.beginning()
 
 

@@ -33,6 +33,16 @@ class StampPairing(Generic[InfoT, ImageT]):
         self._in_vain = 0
 
     @property
+    def is_idle(self) -> bool:
+        """Whether images go on at once, as they are: none waits, and no calibration has come."""
+        return (
+            self._in_vain == _MOST_IN_VAIN
+            and not self._images
+            and not self._infos
+            and self._current is None
+        )
+
+    @property
     def held(self) -> ImageT | None:
         """The image that has waited longest."""
         return self._images[0][1] if self._images else None

@@ -84,5 +84,5 @@ def _cheapest(costs: Sequence[Sequence[float]]) -> list[tuple[int, int]]:
         swapped = list(zip(*costs, strict=True))
         return sorted((row, column) for column, row in _cheapest(swapped))
     ways = permutations(range(columns), rows)
-    best = min(ways, key=lambda way: sum(costs[row][column] for row, column in enumerate(way)))
+    best = min(ways, key=lambda way: sum([costs[row][column] for row, column in enumerate(way)]))
     return list(enumerate(best))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from mvuav_ros.vision.runway.association import by_distance, by_index
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -35,8 +36,7 @@ class CorrectionLimits:
     theta_cell: float = 0.0
 
 
-@dataclass(frozen=True)
-class CorrectedLine:
+class CorrectedLine(NamedTuple):
     """One row after correction.
 
     ``measured`` is the index of the measured line that the row was compared with; ``line`` is the

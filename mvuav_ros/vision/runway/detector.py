@@ -14,7 +14,7 @@ from mvuav_ros.vision.runway.correction import (
     RhoThetaCorrection,
 )
 from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
-from mvuav_ros.vision.runway.hough import HoughGrid
+from mvuav_ros.vision.runway.hough import HoughGrid, HoughVideo
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 from mvuav_ros.vision.runway.peaks import find_peaks
 from mvuav_ros.vision.runway.results import RunwayLine, RunwayResult, RunwayWorkings
@@ -43,7 +43,7 @@ class RunwayDetector:
         self._parameters = parameters or RunwayDetectorParameters()
         self._correction = RhoThetaCorrection(correction_limits(self._parameters))
         self._statistics = RunwayStatistics()
-        self._grid: HoughGrid | None = None
+        self._hough: HoughVideo | None = None
         self._grid_key: tuple[int, int, float, float] | None = None
         self._frame_size: tuple[int, int] | None = None
 
@@ -124,20 +124,22 @@ class RunwayDetector:
         gray = select_channel(image[first:last], parameters.channel)
         edges = detect_edges(gray, parameters.edge_threshold, thinning=parameters.edge_thinning)
         edges = open_edges(edges, parameters.opening_shape, parameters.opening_length)
+        edges.flags.writeable = False
         try:
-            grid = self._grid_for(*gray.shape)
+            hough = self._hough_for(*gray.shape)
         except ValueError as error:
             return RunwayWorkings(image, gray, edges), str(error)
-        accumulator = grid.accumulate(edges)
+        grid, accumulator = hough.grid, hough.accumulate(edges)
         peaks = find_peaks(
             accumulator,
             parameters.num_peaks,
             parameters.peak_threshold,
             parameters.peak_neighborhood_rho,
             parameters.peak_neighborhood_theta,
+            grid.first_reachable_cell,
         )
         reach = parameters.peak_neighborhood_rho // 2, parameters.peak_neighborhood_theta // 2
-        workings = RunwayWorkings(image, gray, edges, grid, accumulator, tuple(peaks), reach)
+        workings = RunwayWorkings(image, gray, edges, grid, tuple(peaks), reach)
         if peaks:
             return workings, ''
         strongest = int(accumulator.max())
@@ -147,12 +149,12 @@ class RunwayDetector:
             f'no peak has {parameters.peak_threshold} votes; the strongest has {strongest}'
         )
 
-    def _grid_for(self, rows: int, width: int) -> HoughGrid:
+    def _hough_for(self, rows: int, width: int) -> HoughVideo:
         parameters = self._parameters
         key = (rows, width, parameters.rho_resolution, parameters.theta_resolution_deg)
-        if self._grid is None or key != self._grid_key:
-            self._grid, self._grid_key = HoughGrid(*key), key
-        return self._grid
+        if self._hough is None or key != self._grid_key:
+            self._hough, self._grid_key = HoughVideo(HoughGrid(*key)), key
+        return self._hough
 
 
 def correction_limits(parameters: RunwayDetectorParameters) -> CorrectionLimits:

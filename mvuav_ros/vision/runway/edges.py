@@ -118,9 +118,14 @@ def _squared_gradient(gray: Pixels) -> Gradient:
 
     8 bits give at most 2.1 million, below float32's 2^24; 16 bits need float64.
     """
-    depth = cv2.CV_32F if gray.dtype == np.uint8 else cv2.CV_64F
+    border = cv2.BORDER_REPLICATE
+    if gray.dtype == np.uint8:
+        squared = np.zeros(gray.shape, np.float32)
+        for part in cv2.spatialGradient(gray, borderType=border):
+            cv2.accumulateSquare(np.abs(part, out=part).view(np.uint16), squared)
+        return squared
     across, down = (
-        np.asarray(cv2.Sobel(gray, depth, dx, dy, borderType=cv2.BORDER_REPLICATE))
+        np.asarray(cv2.Sobel(gray, cv2.CV_64F, dx, dy, borderType=border))
         for dx, dy in ((1, 0), (0, 1))
     )
     np.multiply(across, across, out=across)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.point_operations import Mask
 
-Accumulator = NDArray[np.intp]
+# Whole numbers: float32 as OpenCV counts, or intp as NumPy does.
+Accumulator = NDArray[Any]
 
 # More would be hundreds of megabytes per frame, for cells far smaller than a pixel.
 MAX_CELLS = 2**24
 _TABLE_BYTES = 2**26
 _BLOCK_VOTES = 2**20
+_TWO_BYTES = np.dtype('<u2')
 
 
 class HoughGrid:
@@ -27,6 +31,8 @@ class HoughGrid:
             resolution.
         rho: (cells,) px, symmetric about 0; steps of the resolution, wide enough for the
             image's diagonal.
+        first_reachable_cell: cells of rho before this one get no vote: cos(theta) and coordinates
+            are not negative.
     """
 
     def __init__(
@@ -61,18 +67,10 @@ class HoughGrid:
         self._x_part = np.outer(np.arange(width), np.cos(self.theta)) / rho_resolution
         self._y_part = np.outer(np.arange(height), np.sin(self.theta)) / rho_resolution
         self._y_part += half + 0.5
-        self._column_starts = np.arange(self.theta.size) * self.rho.size
+        self.first_reachable_cell = int(self._y_part[-1, 0])
+        self.shape = self.theta.size, self.rho.size - self.first_reachable_cell
+        self._column_starts = np.arange(self.theta.size) * self.shape[1] - self.first_reachable_cell
         self._table = self._pixel_table()
-
-    @property
-    def first_reachable_cell(self) -> int:
-        """Cells of rho before this one get no vote: cos(theta) and coordinates are not negative."""
-        return int(self._y_part[-1, 0])
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Columns of theta, cells of rho."""
-        return self.theta.size, self.rho.size
 
     def accumulate(self, edges: Mask) -> Accumulator:
         """Count the edge pixels of every cell.
@@ -81,18 +79,31 @@ class HoughGrid:
             edges: (height, width) uint8, 0 or 1, contiguous.
 
         Returns:
-            (theta, rho) votes. This is the transpose of MATLAB's matrix, so that its column-major
-            order, which decides between equal peaks, is the order in memory.
+            (theta, rho) votes, rho from `first_reachable_cell` on. This is the transpose of
+            MATLAB's matrix, so that its column-major order, which decides between equal peaks,
+            is the order in memory.
         """
-        pixels = np.flatnonzero(edges.view(np.bool_))
-        columns, cells = self.shape
-        size = columns * cells
-        block = max(1, _BLOCK_VOTES // columns)
-        votes = np.bincount(self._flat_cells(pixels[:block]).ravel(), minlength=size)
+        return self.count(np.flatnonzero(edges.view(np.bool_)))
+
+    def count(self, pixels: NDArray[np.intp]) -> Accumulator:
+        """As `accumulate`, of edge pixels that are given by their indices in the flat image."""
+        block = max(1, _BLOCK_VOTES // self.theta.size)
+        votes = self._count(pixels[:block])
         for start in range(block, pixels.size, block):
-            flat = self._flat_cells(pixels[start : start + block])
-            votes += np.bincount(flat.ravel(), minlength=size)
-        return votes.reshape(columns, cells)
+            votes += self._count(pixels[start : start + block])
+        return votes
+
+    def _count(self, pixels: NDArray[np.intp]) -> Accumulator:
+        flat = self._flat_cells(pixels)
+        size = math.prod(self.shape)
+        if flat.dtype == _TWO_BYTES and flat.size:
+            # OpenCV counts pairs of bytes; NumPy would first make 64-bit numbers of all cells.
+            # A table's pixels are too few for float32 to lose count.
+            octets = flat.view(np.uint8).reshape(*flat.shape, 2)
+            rows = -(-size // 256)
+            counts = cv2.calcHist([octets], (1, 0), None, (rows, 256), (0, rows, 0, 256))
+            return counts.ravel()[:size].reshape(self.shape)
+        return np.bincount(flat.ravel(), minlength=size).reshape(self.shape)
 
     def _flat_cells(self, pixels: NDArray[np.intp]) -> NDArray[np.integer]:
         """The cells in which each pixel votes, indices of the flat accumulator: (pixels, theta)."""
@@ -108,15 +119,48 @@ class HoughGrid:
 
     def _pixel_table(self) -> NDArray[np.integer] | None:
         """`_flat_cells` of all pixels, or None where the table would be too large."""
-        columns, cells = self.shape
-        dtype: type[np.uint16] | type[np.int32]
-        dtype = np.uint16 if columns * cells <= 2**16 else np.int32
+        dtype = _TWO_BYTES if math.prod(self.shape) <= 2**16 else np.dtype(np.int32)
         height = self._y_part.shape[0]
-        shape = (height, self._width, columns)
-        if math.prod(shape) * np.dtype(dtype).itemsize > _TABLE_BYTES:
+        shape = (height, self._width, self.theta.size)
+        if math.prod(shape) * dtype.itemsize > _TABLE_BYTES:
             return None
         table = np.empty(shape, dtype)
         for y in range(height):
             np.add(self._x_part, self._y_part[y], out=table[y], casting='unsafe')
+        # Below 0 in the first column; 16 bits wrap around there and back again.
         table += self._column_starts.astype(dtype)
-        return table.reshape(-1, columns)
+        return table.reshape(-1, self.theta.size)
+
+
+class HoughVideo:
+    """The Hough transform of one edge image after the other.
+
+    In a video most edges stay where they were: only pixels that came or went are counted. Votes
+    are whole numbers, so the sums are those of the whole image.
+    """
+
+    def __init__(self, grid: HoughGrid) -> None:
+        self.grid = grid
+        self._edges: Mask | None = None
+        self._votes: Accumulator | None = None
+
+    def accumulate(self, edges: Mask) -> Accumulator:
+        """As `HoughGrid.accumulate`; neither ``edges`` nor the votes may be changed."""
+        # None until the votes are those of these edges: memory may run out in between.
+        before, self._edges = self._edges, None
+        if before is None or self._votes is None or not self._follow(before, edges, self._votes):
+            self._votes = self.grid.accumulate(edges)
+        self._edges = edges
+        return self._votes
+
+    def _follow(self, before: Mask, edges: Mask, votes: Accumulator) -> bool:
+        """Bring the votes up to date, unless counting all of them is less work."""
+        changed = cv2.bitwise_xor(before, edges)
+        if cv2.countNonZero(changed) >= cv2.countNonZero(edges):
+            return False
+        pixels = np.flatnonzero(changed.view(np.bool_))
+        came = edges.ravel().take(pixels).view(np.bool_)
+        for some, add in ((pixels[came], np.add), (pixels[~came], np.subtract)):
+            if some.size:
+                add(votes, self.grid.count(some), out=votes)
+        return True

@@ -32,12 +32,11 @@ def draw_hough(result: RunwayResult) -> Canvas:
     """
     canvas = np.zeros((_TOP + _HEIGHT + _BOTTOM, _LEFT + _WIDTH + _RIGHT, 3), np.uint8)
     workings = result.workings
-    if workings.accumulator is None or workings.grid is None:
+    grid, votes = workings.grid, workings.accumulator
+    if votes is None or grid is None:
         write(canvas, result.status or 'no accumulator', (8, _TOP + _HEIGHT // 2), _TEXT, _INK)
         return canvas
-    grid = workings.grid
     first_cell = grid.first_reachable_cell
-    votes = workings.accumulator[:, first_cell:]
     area = canvas[_TOP : _TOP + _HEIGHT, _LEFT : _LEFT + _WIDTH]
     area[:] = _colored(votes)
     for row, line in enumerate(result.lines, 1):
@@ -46,14 +45,15 @@ def draw_hough(result: RunwayResult) -> Canvas:
             moved = peak._replace(rho_index=peak.rho_index - first_cell)
             _mark(area, row, moved, votes.shape, workings.peak_reach)
     _draw_axes(canvas, grid, first_cell)
-    title = f'votes (brightest: {votes.max()}) over theta, deg, and rho, px'
+    title = f'votes (brightest: {int(votes.max())}) over theta, deg, and rho, px'
     write(canvas, title, (_LEFT, _TOP - 8), _TEXT, _INK)
     return canvas
 
 
 def _colored(votes: Accumulator) -> Canvas:
     columns, cells = votes.shape
-    brightness = np.sqrt(votes.T / max(1, int(votes.max()))) * 255
+    share = np.divide(votes.T, max(1, int(votes.max())), dtype=np.float64)
+    brightness = np.sqrt(share) * 255
     # Spread the maxima before shrinking, which would lose them.
     spread = (-(-cells // _HEIGHT), -(-columns // _WIDTH))
     shown = cv2.dilate(brightness.astype(np.uint8), np.ones(spread, np.uint8))

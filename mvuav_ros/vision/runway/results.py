@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
 
 from mvuav_ros.vision.point_operations import Mask, Pixels
 from mvuav_ros.vision.runway.hough import Accumulator, HoughGrid
@@ -31,8 +32,7 @@ class LineRole(IntEnum):
     NEAR_END = 5
 
 
-@dataclass(frozen=True)
-class RunwayLine:
+class RunwayLine(NamedTuple):
     """One row of the result; a row without a peak holds NaN everywhere and no flag.
 
     All positions are on the whole frame, (0, 0) the centre of its top-left pixel.
@@ -104,7 +104,6 @@ class RunwayWorkings:
         gray: the confined channel, (rows, width).
         edges: opened edges, (rows, width), 0 or 1.
         grid: cells of the accumulator.
-        accumulator: votes, (theta, rho).
         peaks: strongest first.
         peak_reach: cells that a peak's neighbourhood extends to each side, rho and theta.
     """
@@ -113,9 +112,15 @@ class RunwayWorkings:
     gray: Pixels | None = None
     edges: Mask | None = None
     grid: HoughGrid | None = None
-    accumulator: Accumulator | None = None
     peaks: tuple[Peak, ...] = ()
     peak_reach: tuple[int, int] = (0, 0)
+
+    @property
+    def accumulator(self) -> Accumulator | None:
+        """Votes, (theta, rho from the grid's `first_reachable_cell` on), counted when asked for."""
+        if self.edges is None or self.grid is None:
+            return None
+        return self.grid.accumulate(self.edges)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from support.hough import full_accumulator
 
 from mvuav_ros.vision.runway import hough
-from mvuav_ros.vision.runway.hough import HoughGrid
+from mvuav_ros.vision.runway.hough import HoughGrid, HoughVideo
 
 RESOLUTIONS = [(2.0, 1.0), (1.0, 5.0), (0.5, 45.0), (3.7, 7.0), (100.0, 30.0)]
 
@@ -35,7 +36,7 @@ def naive_accumulator(edges, theta, rho):
 @given(edge_images, st.sampled_from(RESOLUTIONS))
 def test_every_edge_pixel_votes_once_for_every_theta(edges, resolutions):
     grid = HoughGrid(*edges.shape, *resolutions)
-    accumulator = grid.accumulate(edges)
+    accumulator = full_accumulator(grid, edges)
     expected = naive_accumulator(edges, grid.theta, grid.rho)
     # At a boundary between cells (a corner's distance, to 14 digits) rounding may choose either.
     if np.any(accumulator != expected):
@@ -61,7 +62,7 @@ def test_the_grid_of_more_cells_than_16_bits_can_number():
     grid = HoughGrid(*edges.shape, 0.5, 1.0)
     assert math.prod(grid.shape) > 2**16
     np.testing.assert_array_equal(
-        grid.accumulate(edges), naive_accumulator(edges, grid.theta, grid.rho)
+        full_accumulator(grid, edges), naive_accumulator(edges, grid.theta, grid.rho)
     )
 
 
@@ -82,12 +83,25 @@ def test_rho_reaches_the_far_corner_and_is_symmetric():
 
 
 @given(edge_images)
-def test_no_vote_lies_before_the_first_reachable_cell(edges):
+def test_the_first_reachable_cell_is_reached(edges):
     grid = HoughGrid(*edges.shape, 1.0, 3.0)
     edges[-1] = 1
-    accumulator = grid.accumulate(edges)
-    assert not accumulator[:, : grid.first_reachable_cell].any()
-    assert accumulator[:, grid.first_reachable_cell].any()
+    assert grid.accumulate(edges)[:, 0].any()
+
+
+@pytest.mark.parametrize('table_bytes', [hough._TABLE_BYTES, 0])
+def test_the_votes_of_a_video_are_those_of_each_of_its_images(table_bytes, monkeypatch):
+    monkeypatch.setattr(hough, '_TABLE_BYTES', table_bytes)
+    random = np.random.default_rng(0)
+    grid = HoughGrid(30, 40, 2.0, 1.0)
+    video = HoughVideo(grid)
+    edges = np.zeros((30, 40), np.uint8)
+    for change in (0.0, 0.2, 0.01, 0.0, 0.02, 0.9, 0.05, 1.0, 0.1):
+        edges = edges ^ (random.random(edges.shape) < change).astype(np.uint8)
+        np.testing.assert_array_equal(video.accumulate(edges), grid.accumulate(edges))
+    for empty_or_full in (0, 1, 0):
+        edges = np.full_like(edges, empty_or_full)
+        np.testing.assert_array_equal(video.accumulate(edges), grid.accumulate(edges))
 
 
 def test_too_many_cells_are_refused_before_any_memory_is_taken():

@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from support.hough import full_accumulator
 
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.peaks import Peak, find_peaks
@@ -74,8 +75,10 @@ def edge_images(draw):
 @example(np.zeros((10, 10), np.uint8), (2.0, 3.0), 3, 1, (11, 11))
 @example(np.ones((1, 12), np.uint8), (2.0, 3.0), 6, 1, (3, 7))
 def test_peaks_of_edge_images(edges, resolutions, num_peaks, threshold, neighborhood):
-    accumulator = HoughGrid(*edges.shape, *resolutions).accumulate(edges)
-    check(accumulator, num_peaks, threshold, neighborhood)
+    grid = HoughGrid(*edges.shape, *resolutions)
+    found = check(full_accumulator(grid, edges), num_peaks, threshold, neighborhood)
+    reachable = grid.accumulate(edges), num_peaks, threshold, *neighborhood
+    assert find_peaks(*reachable, grid.first_reachable_cell) == found
 
 
 @settings(deadline=None, max_examples=200)
@@ -104,7 +107,7 @@ def test_a_horizontal_line_is_one_peak_although_it_lies_at_both_ends_of_theta():
     edges = np.zeros((40, 60), np.uint8)
     edges[20] = 1
     grid = HoughGrid(40, 60, 1.0, 1.0)
-    accumulator = grid.accumulate(edges)
+    accumulator = full_accumulator(grid, edges)
     found = check(accumulator, 2, 25, (11, 11))
     assert [
         (grid.rho[p.rho_index], round(np.rad2deg(grid.theta[p.theta_index]))) for p in found
