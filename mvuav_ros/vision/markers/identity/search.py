@@ -25,6 +25,8 @@ KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
+BESIDE = 24.0
+"""px within which another light may be taken for a marker that is not where it was expected."""
 MOST_RETURNED = 10
 """Lights among which a body that was out of sight is looked for."""
 
@@ -41,6 +43,7 @@ class Search:
         is_contradicted: whether lights without a name cannot be markers that return: false where
             it is only not clear which they are.
         reacquired: markers found again together, after hardly any was in sight.
+        alone: markers beside whose lights no other light is near.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class Search:
         self.views = faults.views
         self.suspects = set(consensus.suspects)
         self.reacquired: set[int] = set()
+        self.alone: set[int] = set()
         self.unexplained = 0
         self.is_contradicted = True
         self._looks = looks
@@ -114,6 +118,11 @@ class Search:
             self._recover(free, clutter, recovery)
         self._check()
         self._forget_lone()
+        self.alone = {
+            marker
+            for marker, own in self.found.items()
+            if sum(are_close(own, spot, BESIDE) for spot in lights.spots) <= 1
+        }
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
         known = len(self.found) >= min(3, len(self._looks)) or self._was_certain

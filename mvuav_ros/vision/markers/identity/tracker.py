@@ -156,13 +156,14 @@ class IdentityTracker:
         consensus = faults.weigh(places_of(found))
         if len(consensus.kept) == self._count:
             faults.commit(places_of(found))
+            self._rejections.clear()
             self._doubts = self._suspicions = self._unexplained = 0
             memory.remember(frame.time, spots, {})
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
         in_image = dict(zip(found.values(), seen.values(), strict=True))
-        memory.contest(seen)
+        doubted = memory.contest(seen)
         faults.contested = memory.contested
         motion = memory.motion(self._lens)
         search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
@@ -175,6 +176,7 @@ class IdentityTracker:
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
+        memory.acquit(doubted, search.alone)
         unverified = search.faults.unverified(
             places_of(search.found),
             memory.returned - search.reacquired,
