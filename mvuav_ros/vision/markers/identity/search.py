@@ -158,7 +158,8 @@ class Search:
     def _recover(self, free: list[Detection], clutter: Clutter, recovery: Recovery) -> None:
         """Name lights that are not where they were expected, as the rig alone tells."""
         new = [spot for spot in free if not clutter.is_stranger(spot)]
-        found = recovery.name(self.views, self.found, new, self._is_likely)
+        # Lights that fit the rig together are its markers, whatever was thought of one of them.
+        found = recovery.name(self.views, self.found, new, self._looks_alike)
         if len(found) == len(self.found):
             return
         self.found = found
@@ -322,7 +323,10 @@ class Search:
         return float(offset[0]), float(offset[1])
 
     def _is_likely(self, index: int, spot: Detection) -> bool:
-        return self._looks[index].is_likely(spot) and not self._rejections.concern(index, spot)
+        return self._looks_alike(index, spot) and not self._rejections.concern(index, spot)
+
+    def _looks_alike(self, index: int, spot: Detection) -> bool:
+        return self._looks[index].is_likely(spot)
 
     def _is_joined(self, index: int, spot: Detection, gates: dict[int, Expectation]) -> bool:
         """Whether the spot is probably this marker and another missing one together."""
