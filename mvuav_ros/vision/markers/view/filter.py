@@ -170,7 +170,7 @@ class ViewFilter:
         self.bank = self.bank.predicted(time - self.time, walk, unrest)
         self.time = time
         if self._seen < _FEWEST_HOLDING:
-            usual = np.clip(self._liveliest, TUNING.least_unseen, 1.0)
+            usual = np.clip(self._liveliest, TUNING.least_unseen, 8.0)
             grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
             self._motion = np.maximum(self._motion, grown)
         self._seen = 0
