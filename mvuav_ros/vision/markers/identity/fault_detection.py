@@ -41,7 +41,8 @@ class FaultTuning:
         upset: by which all variances grow where what is seen makes no sense.
         free: by which they grow to find out whether it is only the motion that was not foreseen.
         fewest_free: coordinates for that.
-        exact: deviations, root mean square, up to which the markers then fit the rig.
+        fitting: squared residuals over their variances up to which the markers then fit the rig.
+        fitting_few: the same of as few markers as can show that at all.
     """
 
     gate: float = 16.0
@@ -60,7 +61,8 @@ class FaultTuning:
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
-    exact: float = 3.0
+    fitting: float = 12.0
+    fitting_few: float = 4.0
 
 
 TUNING = FaultTuning()
@@ -166,9 +168,8 @@ class FaultDetector:
         before = self.views.bank
         self.views.upset(TUNING.free)
         view = self.views.look(found)
-        if view.surprise.max() <= TUNING.gate and view.misfit <= TUNING.exact * (
-            self.views.deviation
-        ):
+        few = len(found) <= TUNING.fewest_agreeing
+        if view.cost <= (TUNING.fitting_few if few else TUNING.fitting):
             self._evidence = 0 * self._evidence
             return True
         self.views.bank = before
