@@ -16,7 +16,7 @@ from mvuav_ros.vision.markers.identity.fault_detection import Consensus, FaultDe
 from mvuav_ros.vision.markers.identity.initialization import Named
 from mvuav_ros.vision.markers.identity.joining import offset_by_view, offset_in, touching
 from mvuav_ros.vision.markers.identity.marker_memory import FORGOTTEN, Motion
-from mvuav_ros.vision.markers.identity.reacquisition import extend, reacquire
+from mvuav_ros.vision.markers.identity.reacquisition import FEWEST_TELLING, extend, reacquire
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
@@ -25,6 +25,8 @@ KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
+GATE_OF_FEW = 6.0
+"""Squared distance over variance at which a light is too far where later frames could not tell."""
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
 MOST_RETURNED = 10
@@ -198,7 +200,8 @@ class Search:
         newcomers = [marker for marker in self.found if marker not in self._known]
         while newcomers and len(self._known) >= 2:
             surprise = self.faults.surprise_of(places_of(self.found))
-            if max(surprise.values()) <= GATE:
+            few = len(self.found) < FEWEST_TELLING < len(self._looks)
+            if max(surprise.values()) <= (GATE_OF_FEW if few else GATE):
                 break
             worst = max(newcomers, key=lambda marker: surprise[marker])
             newcomers.remove(worst)
