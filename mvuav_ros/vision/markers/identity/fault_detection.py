@@ -35,14 +35,14 @@ class FaultTuning:
         contested: evidence that a marker has against it that was out of sight shortly before.
         protected: px (1 sigma), of a marker's place by the others, up to which they would
             contradict another light there.
+        protected_by_few: the same where too few are in sight to tell each other's places later.
         fewest_telling: markers not out of sight before, by which alone others' places are told.
         fewest_agreeing: markers that tell each other's places.
-        agreed: frames in a row in which fewer do as well, if three are less surprising than this:
-        unsurprising: squared distance over variance.
         upset: by which all variances grow where what is seen makes no sense.
         free: by which they grow to find out whether it is only the motion that was not foreseen.
         fewest_free: coordinates for that.
-        exact: deviations, root mean square, up to which the markers then fit the rig.
+        fitting: squared residuals over their variances up to which the markers then fit the rig.
+        fitting_few: the same of as few markers as can show that at all.
     """
 
     gate: float = 16.0
@@ -55,14 +55,14 @@ class FaultTuning:
     doubtful_share: float = 0.1
     contested: float = 50.0
     protected: float = 4.0
+    protected_by_few: float = 1.3
     fewest_telling: int = 2
     fewest_agreeing: int = 4
-    agreed: int = 5
-    unsurprising: float = 2.0
     upset: float = 4.0
     free: float = 1e3
     fewest_free: int = 8
-    exact: float = 3.0
+    fitting: float = 12.0
+    fitting_few: float = 4.0
 
 
 TUNING = FaultTuning()
@@ -104,7 +104,6 @@ class FaultDetector:
         self.contested: set[int] = set()
         self._evidence: Array = np.zeros(views.doubted)
         self._corrected: tuple[object, Correction] | None = None
-        self._agreed = 0
 
     def _correct(self, found: Mapping[int, Point]) -> Correction:
         key = (self.views.bank, self.contested, list(found.items()))
@@ -169,9 +168,8 @@ class FaultDetector:
         before = self.views.bank
         self.views.upset(TUNING.free)
         view = self.views.look(found)
-        if view.surprise.max() <= TUNING.gate and view.misfit <= TUNING.exact * (
-            self.views.deviation
-        ):
+        few = len(found) <= TUNING.fewest_agreeing
+        if view.cost <= (TUNING.fitting_few if few else TUNING.fitting):
             self._evidence = 0 * self._evidence
             return True
         self.views.bank = before
@@ -260,13 +258,13 @@ class FaultDetector:
         doubtful = {m for m in found if m in asked and m < self.views.doubted}
         if not doubtful:
             return set()
-        few = len(found) - len(doubtful) < TUNING.fewest_telling
-        if few and len(found) < TUNING.fewest_agreeing and self._agreed < TUNING.agreed:
+        if few and len(found) - len(doubtful) < TUNING.fewest_telling:
             return doubtful
         correction = self._correct(found)
         # The marker has taken part a little: what it says of its own place is taken out.
         own = self.views.doubted_deviation
-        most = own * TUNING.protected / math.hypot(own, TUNING.protected)
+        protected = TUNING.protected_by_few if few else TUNING.protected
+        most = own * protected / math.hypot(own, protected)
         return {
             marker
             for marker in doubtful
@@ -285,6 +283,4 @@ class FaultDetector:
         self._evidence = self._weighed(found, correction)
         self._evidence -= max(self._evidence.max(initial=0.0) - TUNING.most_evidence, 0.0)
         np.maximum(self._evidence, 0.0, out=self._evidence)
-        calm = correction.surprise[MAIN].max() < TUNING.unsurprising
-        self._agreed = self._agreed + 1 if calm and len(found) >= TUNING.fewest_firm else 0
         self.views.commit(correction)

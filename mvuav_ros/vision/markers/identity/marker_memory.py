@@ -124,11 +124,23 @@ class MarkerMemory:
             [max(marker.unseen, marker.returning) for marker in self.markers],
         )
 
-    def contest(self, seen: Mapping[int, Detection]) -> None:
-        """Doubt those that were expected in their windows and are not seen there."""
+    def contest(self, seen: Mapping[int, Detection]) -> dict[int, int]:
+        """Doubt those that were expected in their windows and are not seen there.
+
+        Returns:
+            For each of them in how many frames its light was doubted before.
+        """
+        before: dict[int, int] = {}
         for index, known in enumerate(self.markers):
             if not (index in seen or (known.returning and not known.unseen)):
+                before[index] = known.contested
                 known.contested = PROBATION
+        return before
+
+    def acquit(self, doubted: Mapping[int, int], alone: Collection[int]) -> None:
+        """Doubt those no more than before (see `contest`) that were alone after all."""
+        for index in doubted.keys() & set(alone):
+            self.markers[index].contested = doubted[index]
 
     def trust(self, markers: Collection[int]) -> None:
         """Doubt these no longer, which were found again together."""

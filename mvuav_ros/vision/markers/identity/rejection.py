@@ -12,9 +12,9 @@ REMEMBERED = 45
 """Frames for which a light is not taken for that marker again."""
 STEP = 10.0
 """px that it may move in a frame."""
-RELEASED = 1.0
+RELEASED = 2.0
 """Deviations within which it lies where the others put the marker: then it is the marker."""
-SURE = 2.0
+SURE = 5.0
 """px (1 sigma): how well that place must be known."""
 
 

@@ -16,7 +16,7 @@ from mvuav_ros.vision.markers.identity.fault_detection import Consensus, FaultDe
 from mvuav_ros.vision.markers.identity.initialization import Named
 from mvuav_ros.vision.markers.identity.joining import offset_by_view, offset_in, touching
 from mvuav_ros.vision.markers.identity.marker_memory import FORGOTTEN, Motion
-from mvuav_ros.vision.markers.identity.reacquisition import extend, reacquire
+from mvuav_ros.vision.markers.identity.reacquisition import FEWEST_TELLING, extend, reacquire
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
@@ -25,6 +25,10 @@ KNOWN_PLACE = 5.0
 """px (1 sigma): where a marker's place is known better, even a stranger may be it."""
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
+GATE_OF_FEW = 6.0
+"""Squared distance over variance at which a light is too far where later frames could not tell."""
+BESIDE = 24.0
+"""px within which another light may be taken for a marker that is not where it was expected."""
 MOST_RETURNED = 10
 """Lights among which a body that was out of sight is looked for."""
 
@@ -41,6 +45,7 @@ class Search:
         is_contradicted: whether lights without a name cannot be markers that return: false where
             it is only not clear which they are.
         reacquired: markers found again together, after hardly any was in sight.
+        alone: markers beside whose lights no other light is near.
     """
 
     def __init__(
@@ -71,6 +76,7 @@ class Search:
         self.views = faults.views
         self.suspects = set(consensus.suspects)
         self.reacquired: set[int] = set()
+        self.alone: set[int] = set()
         self.unexplained = 0
         self.is_contradicted = True
         self._looks = looks
@@ -114,6 +120,11 @@ class Search:
             self._recover(free, clutter, recovery)
         self._check()
         self._forget_lone()
+        self.alone = {
+            marker
+            for marker, own in self.found.items()
+            if sum(are_close(own, spot, BESIDE) for spot in lights.spots) <= 1
+        }
         named = list(self.found.values())
         nameless = [spot for spot in free if spot not in named]
         known = len(self.found) >= min(3, len(self._looks)) or self._was_certain
@@ -149,7 +160,8 @@ class Search:
     def _recover(self, free: list[Detection], clutter: Clutter, recovery: Recovery) -> None:
         """Name lights that are not where they were expected, as the rig alone tells."""
         new = [spot for spot in free if not clutter.is_stranger(spot)]
-        found = recovery.name(self.views, self.found, new, self._is_likely)
+        # Lights that fit the rig together are its markers, whatever was thought of one of them.
+        found = recovery.name(self.views, self.found, new, self._looks_alike)
         if len(found) == len(self.found):
             return
         self.found = found
@@ -188,7 +200,8 @@ class Search:
         newcomers = [marker for marker in self.found if marker not in self._known]
         while newcomers and len(self._known) >= 2:
             surprise = self.faults.surprise_of(places_of(self.found))
-            if max(surprise.values()) <= GATE:
+            few = len(self.found) < FEWEST_TELLING < len(self._looks)
+            if max(surprise.values()) <= (GATE_OF_FEW if few else GATE):
                 break
             worst = max(newcomers, key=lambda marker: surprise[marker])
             newcomers.remove(worst)
@@ -313,7 +326,10 @@ class Search:
         return float(offset[0]), float(offset[1])
 
     def _is_likely(self, index: int, spot: Detection) -> bool:
-        return self._looks[index].is_likely(spot) and not self._rejections.concern(index, spot)
+        return self._looks_alike(index, spot) and not self._rejections.concern(index, spot)
+
+    def _looks_alike(self, index: int, spot: Detection) -> bool:
+        return self._looks[index].is_likely(spot)
 
     def _is_joined(self, index: int, spot: Detection, gates: dict[int, Expectation]) -> bool:
         """Whether the spot is probably this marker and another missing one together."""

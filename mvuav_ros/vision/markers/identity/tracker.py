@@ -20,6 +20,7 @@ from mvuav_ros.vision.markers.identity.clutter import Clutter
 from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import Named, initialize
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.identity.reacquisition import FEWEST_TELLING
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.identity.reporting import Reporter
@@ -156,13 +157,14 @@ class IdentityTracker:
         consensus = faults.weigh(places_of(found))
         if len(consensus.kept) == self._count:
             faults.commit(places_of(found))
+            self._rejections.clear()
             self._doubts = self._suspicions = self._unexplained = 0
             memory.remember(frame.time, spots, {})
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
         in_image = dict(zip(found.values(), seen.values(), strict=True))
-        memory.contest(seen)
+        doubted = memory.contest(seen)
         faults.contested = memory.contested
         motion = memory.motion(self._lens)
         search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
@@ -175,16 +177,18 @@ class IdentityTracker:
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
+        memory.acquit(doubted, search.alone)
+        # Where other lights are about, some three of all nearly always look like three markers.
+        few = len(search.reacquired) < FEWEST_TELLING and self._clutter.is_about
+        trusted = set() if few else search.reacquired
         unverified = search.faults.unverified(
-            places_of(search.found),
-            memory.returned - search.reacquired,
-            memory.contested - search.reacquired,
+            places_of(search.found), memory.returned - trusted, memory.contested - trusted
         )
         expected = self._in_image(search.finish())
         self._widen(windows, expected, frame.search_radius)
         named = {index: in_image[spot] for index, spot in search.found.items()}
         spots = [named.get(index) for index in range(self._count)]
-        memory.trust(search.reacquired)
+        memory.trust(trusted)
         hidden = search.suspects
         if self._clutter.is_about:
             hidden = hidden | unverified

@@ -61,7 +61,7 @@ class ViewTuning:
     rig_error: float = 0.004
     least_rig_error: float = 0.0003
     other_rig_error: float = 0.02
-    learning: float = 0.1
+    learning: float = 0.25
     unlearning: float = 0.003
     motion_learning: float = 0.1
     motion_forgetting: float = 1.2
@@ -170,7 +170,7 @@ class ViewFilter:
         self.bank = self.bank.predicted(time - self.time, walk, unrest)
         self.time = time
         if self._seen < _FEWEST_HOLDING:
-            usual = np.clip(self._liveliest, TUNING.least_unseen, 1.0)
+            usual = np.clip(self._liveliest, TUNING.least_unseen, 8.0)
             grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
             self._motion = np.maximum(self._motion, grown)
         self._seen = 0
@@ -221,7 +221,9 @@ class ViewFilter:
         if self._seen >= _FEWEST_TELLING:
             self._learn_motion(correction)
         self.bank = correction.after
-        if self._seen == len(self.shape.points) > 3:
+        # Four markers before a lens that is not known fit any rig.
+        fewest = _FEWEST_TELLING if self._known else max(len(self.shape.points), _FEWEST_TELLING)
+        if self._seen >= fewest:
             self._learn_rig_error(correction.view(MAIN))
 
     def _learn_motion(self, correction: Correction) -> None:
@@ -238,7 +240,7 @@ class ViewFilter:
 
     def _learn_rig_error(self, view: ViewState) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
-        seen = len(self.shape.points)
+        seen = self._seen
         shown = view.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / view.scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning

@@ -35,7 +35,7 @@ def test_it_is_followed_until_it_is_forgotten():
 
 def test_a_light_right_where_the_others_put_the_marker_is_the_marker():
     rejections = rejected()
-    rejections.follow([light(50.0)], {2: Expectation(50.5, 100.0, 3.0)})
+    rejections.follow([light(50.0)], {2: Expectation(50.5, 100.0, 6.0)})
     assert rejections.concern(2, light(50.0)), 'the place is hardly known'
     rejections.follow([light(50.0)], {2: Expectation(50.5, 100.0, 1.0)})
     assert not rejections.concern(2, light(50.0))
