@@ -36,12 +36,13 @@ _STAMP_AT = 4
 
 
 def scene(width: int, height: int, encoding: str, index: int) -> Image:
-    """Five marker lights on a circle above runway lines; thesis's layouts, any size."""
+    """Five marker lights on a circle above swaying runway lines; thesis's layouts, any size."""
     image = np.full((height, width), 40, np.uint8)
-    apex, foot = (width // 2, 20), height - 1
-    for offset in (-width // 5, 0, width // 5):
-        cv2.line(image, apex, (width // 2 + offset, foot), 150, 5, cv2.LINE_AA)
     angle = 2 * np.pi * index / 60
+    # A runway that stands still would cost the detector less than one in flight.
+    middle, foot = width // 2 + round(8 * np.sin(angle)), height - 1
+    for offset in (-width // 5, 0, width // 5):
+        cv2.line(image, (middle, 20), (middle + offset, foot), 150, 5, cv2.LINE_AA)
     centre = (width / 2 + 20 * np.cos(angle), height / 2 + 20 * np.sin(angle))
     for x, y in PLACES:
         place = round((x + centre[0]) * 16), round((y + centre[1]) * 16)
