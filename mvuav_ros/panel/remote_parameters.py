@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
@@ -13,83 +13,53 @@ from mvuav_ros.panel.controls import Control, control_of
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.parameters.declaration import Value
 
-_SERVICES = {
-    'list_parameters': ListParameters,
-    'describe_parameters': DescribeParameters,
-    'get_parameters': GetParameters,
-    'set_parameters': SetParameters,
-}
 _MOST = 500
 """Parameters shown; more are no vision node's."""
 
 
 class RemoteParameters:
-    """Clients for one node; make and close it in the ROS thread."""
+    """Clients for one node; every method raises NoAnswerError where it does not answer."""
 
     def __init__(self, ros: RosThread, name: str) -> None:
-        """Make the clients.
-
-        Args:
-            ros: our own node.
-            name: the other node's, fully qualified.
-        """
         self._ros = ros
-        self._clients: dict[str, Any] = {
-            service: ros.node.create_client(kind, f'{name}/{service}')
-            for service, kind in _SERVICES.items()
-        }
+        client = ros.node.create_client
+        self._list = client(ListParameters, f'{name}/list_parameters')
+        self._describe = client(DescribeParameters, f'{name}/describe_parameters')
+        self._get = client(GetParameters, f'{name}/get_parameters')
+        self._set = client(SetParameters, f'{name}/set_parameters')
 
     def close(self) -> None:
         """Destroy the clients."""
-        for client in self._clients.values():
+        for client in (self._list, self._describe, self._get, self._set):
             self._ros.node.destroy_client(client)
 
     async def describe(self) -> list[Control]:
-        """Every parameter's control, in the order of declaration where the node keeps it.
-
-        Raises:
-            NoAnswerError: the node does not answer.
-        """
-        listed = (await self._ask('list_parameters', ListParameters.Request())).result.names
-        short = [name for name in dict.fromkeys(listed) if 0 < len(name) <= foreign.LONGEST_NAME]
-        names = short[:_MOST]
-        answer = await self._ask('describe_parameters', DescribeParameters.Request(names=names))
+        """Every parameter's control, in the order of declaration where the node keeps it."""
+        listed = await self._ros.request(self._list, ListParameters.Request())
+        said = dict.fromkeys(listed.result.names)
+        names = [name for name in said if 0 < len(name) <= foreign.LONGEST_NAME][:_MOST]
+        request = DescribeParameters.Request(names=names)
+        answer = await self._ros.request(self._describe, request)
         controls = {each.name: control_of(each) for each in answer.descriptors}
         return [controls[name] for name in names if name in controls]
 
-    async def get(self, names: list[str]) -> dict[str, Any]:
-        """Current values.
-
-        Raises:
-            NoAnswerError: the node does not answer.
-        """
-        answer = await self._ask('get_parameters', GetParameters.Request(names=names))
-        values = [value_of(value) for value in answer.values]
-        return dict(zip(names, values, strict=False))
+    async def get(self, names: Sequence[str]) -> dict[str, Any]:
+        """Current values."""
+        answer = await self._ros.request(self._get, GetParameters.Request(names=names))
+        return dict(zip(names, map(value_of, answer.values), strict=False))
 
     async def set(self, values: Mapping[str, Value]) -> dict[str, str]:
-        """Set values in one request.
-
-        Returns:
-            The node's reason for each that it refused.
-
-        Raises:
-            NoAnswerError: the node does not answer.
-        """
+        """Set values in one request; returns the reason for each that was refused."""
         try:
             messages = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
         except (AssertionError, OverflowError, TypeError, ValueError) as error:
             return dict.fromkeys(values, f'cannot be sent: {foreign.words(error)}')
-        request = SetParameters.Request(parameters=messages)
-        answer = await self._ask('set_parameters', request)
+        answer = await self._ros.request(self._set, SetParameters.Request(parameters=messages))
         return {
-            name: _plain(name, result.reason)
-            for name, result in zip(values, answer.results, strict=False)
-            if not result.successful
+            name: foreign.words(said.reason.removeprefix(f'{name}: ')) or 'refused without a reason'
+            for name, said in zip(values, answer.results, strict=False)
+            if not said.successful
         }
-
-    async def _ask(self, service: str, request: Any) -> Any:
-        return await self._ros.request(self._clients[service], request)
 
 
 def value_of(message: Any) -> Any:
@@ -98,7 +68,3 @@ def value_of(message: Any) -> Any:
         return foreign.parameter_value(parameter_value_to_python(message))
     except RuntimeError:
         return None
-
-
-def _plain(name: str, reason: str) -> str:
-    return foreign.words(reason.removeprefix(f'{name}: ')) or 'refused without a reason'

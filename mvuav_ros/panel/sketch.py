@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +29,8 @@ _TANKER = (
 )
 
 
-@dataclass(frozen=True)
-class Sketch:
-    """What the page shows of a pose.
-
-    Attributes:
-        numbers: label and value with unit.
-        segments: lines.
-    """
+class Sketch(NamedTuple):
+    """What the page shows of a pose: labels and values with units, and lines."""
 
     numbers: tuple[tuple[str, str], ...]
     segments: tuple[Segment, ...] = ()

@@ -163,7 +163,7 @@ class Images:
         if recorder is None:
             return
         try:
-            await recorder.stop()
+            recorder.stop()
             said = f'Recorded {recorder.messages} messages: {recorder.path}'
         except RecordingError as error:
             said = str(error)
