@@ -18,7 +18,6 @@ from mvuav_ros.panel.guard import NONCE, Guard
 from mvuav_ros.panel.live_socket import LiveSocket
 from mvuav_ros.panel.page.context import Services
 from mvuav_ros.panel.page.view import View
-from mvuav_ros.panel.ros_thread import RosThread
 
 _STATIC = Path(__file__).with_name('static')
 _RECONNECT_TIME = 30.0
@@ -32,25 +31,24 @@ _ICON = (
 )
 
 
-def make_application(ros: RosThread, services: Services, token: str) -> Guard:
-    """Everything that the web server serves.
+def make_application(services: Services, token: str) -> Guard:
+    """Everything that the web server serves; our own node spins while it does.
 
     Args:
-        ros: our own node; it spins while the application runs.
         services: what the pages work with.
         token: what a visitor must know; empty on loopback.
     """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        ros.start(asyncio.get_running_loop())
+        services.ros.start(asyncio.get_running_loop())
         yield
 
     application = FastAPI(lifespan=lifespan, openapi_url=None)
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:
-        await LiveSocket(socket, ros, services.system, services.feed).run()
+        await LiveSocket(socket, services.ros, services.system, services.feed).run()
 
     @application.get('/report/{name}')
     def report(name: str) -> Response:

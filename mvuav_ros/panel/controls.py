@@ -197,36 +197,29 @@ def control_of(descriptor: ParameterDescriptor) -> Control:
     )
     constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
-    kind, choices, (low, high) = _kind(descriptor, type_, constraint)
+    kind, choices, limits = Kind.TEXT, '', (math.nan, math.nan)
+    if type_ is bool:
+        kind = Kind.SWITCH
+    elif type_ is str and constraint.startswith(_CHOICES):
+        kind, choices = Kind.MENU, constraint.removeprefix(_CHOICES)
+    elif type_ in (int, float):
+        kind = Kind.NUMBER
+        for each in (*descriptor.integer_range, *descriptor.floating_point_range):
+            low, high = float(each.from_value), float(each.to_value)
+            if -_WIDEST < low < high < _WIDEST:
+                kind, limits = Kind.SLIDER, (low, high)
     return Control(
         name=str(descriptor.name),
         kind=kind,
         type=type_,
         text=text,
         constraint=constraint,
-        minimum=low,
-        maximum=high,
-        choices=choices,
+        minimum=limits[0],
+        maximum=limits[1],
+        choices=tuple(choices.split(', ')) if choices else (),
         odd=constraint.startswith('odd'),
         read_only=bool(descriptor.read_only) or type_ is None,
     )
-
-
-def _kind(
-    descriptor: ParameterDescriptor, type_: type | None, constraint: str
-) -> tuple[Kind, tuple[str, ...], tuple[float, float]]:
-    none = (math.nan, math.nan)
-    if type_ is bool:
-        return Kind.SWITCH, (), none
-    if type_ is str and constraint.startswith(_CHOICES):
-        return Kind.MENU, tuple(constraint.removeprefix(_CHOICES).split(', ')), none
-    if type_ not in (int, float):
-        return Kind.TEXT, (), none
-    for each in (*descriptor.integer_range, *descriptor.floating_point_range):
-        limits = float(each.from_value), float(each.to_value)
-        if -_WIDEST < limits[0] < limits[1] < _WIDEST:
-            return Kind.SLIDER, (), limits
-    return Kind.NUMBER, (), none
 
 
 def value_text(value: object) -> str:

@@ -106,13 +106,8 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
 
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
-    from mvuav_ros.panel.images import ImageFeed
-    from mvuav_ros.panel.live_system import LiveSystem
-    from mvuav_ros.panel.package_data import built_in_sets, sample_bags
     from mvuav_ros.panel.page.context import Services
     from mvuav_ros.panel.ros_thread import RosThread
-    from mvuav_ros.panel.runs import RunStore
-    from mvuav_ros.panel.sets import SetStore
     from mvuav_ros.processing.process_tuning import tune_process
 
     tune_process()
@@ -120,17 +115,8 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     token = make_token(arguments.host)
     folder: Path = arguments.folder.expanduser().resolve()
     with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:
-        services = Services(
-            ros=ros,
-            system=LiveSystem(ros),
-            feed=ImageFeed(ros),
-            sets=SetStore(folder / 'sets', built_in_sets()),
-            runs=RunStore(folder / 'runs'),
-            bags=tuple(arguments.bags or sample_bags()),
-            scratch=Path(scratch),
-            recordings=folder / 'recordings',
-        )
-        application = make_application(ros, services, token)
+        services = Services(ros, folder, arguments.bags, Path(scratch))
+        application = make_application(services, token)
         port = listening.getsockname()[1]
         print(f'tuning_panel: {address(arguments.host, port, token)}', flush=True)
         config = uvicorn.Config(

@@ -6,7 +6,9 @@ import json
 import math
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +30,9 @@ _LARGEST_SUMMARY = 1_000_000
 
 @dataclass(frozen=True)
 class SavedRun:
-    """One run.
+    """One run of a kind of node over a recording.
 
     Attributes:
-        name: of its folder.
-        kind: the node that ran.
-        source: the recording.
-        parameters: all of the node's.
         metrics: its numbers, those of ``mvuav sweep``.
         version: of this package.
         made: seconds since the epoch.
@@ -64,7 +62,7 @@ class SavedRun:
 
 
 class RunStore:
-    """The runs of a folder."""
+    """The runs of a folder; a name that none can have raises NameRefusedError."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -73,25 +71,17 @@ class RunStore:
         """Every complete run, the oldest first; what cannot be read is left out."""
         runs = []
         for path in self.folder.glob(f'*/{_SUMMARY}'):
-            try:
+            with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
                 runs.append(_read(path))
-            except (OSError, ValueError, KeyError, TypeError, RecursionError):
-                continue
         return sorted(runs, key=lambda run: run.made)
 
     def free_name(self) -> str:
         """A name that no run has."""
-        number = 1
-        while (self.folder / f'run {number}').exists():
-            number += 1
-        return f'run {number}'
+        names = (f'run {number}' for number in count(1))
+        return next(name for name in names if not (self.folder / name).exists())
 
     def new_folder(self, name: str) -> Path:
-        """Make the folder of a run to come.
-
-        Raises:
-            NameRefusedError: the name cannot be given, or is a run's already.
-        """
+        """Make the folder of a run to come; a name that a run has is refused as well."""
         folder = self.folder / checked_name(name)
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
@@ -106,20 +96,15 @@ class RunStore:
         path.write_text(json.dumps(run.as_dict(), indent=1, ensure_ascii=False))
 
     def delete(self, name: str) -> None:
-        """Remove a run.
-
-        Raises:
-            NameRefusedError: no run can have this name.
-        """
+        """Remove a run."""
         shutil.rmtree(self.folder / checked_name(name), ignore_errors=True)
 
     def report(self, name: str) -> Path | None:
         """The page of a run's report."""
-        try:
+        with suppress(NameRefusedError):
             page = self.folder / checked_name(name) / REPORT / 'index.html'
-        except NameRefusedError:
-            return None
-        return page if page.is_file() else None
+            return page if page.is_file() else None
+        return None
 
 
 def _read(path: Path) -> SavedRun:
@@ -159,23 +144,17 @@ def varied(runs: Sequence[SavedRun]) -> list[str]:
 
 def run_table(runs: Sequence[SavedRun]) -> Table:
     """Everything about runs but their messages: one row each."""
-    metrics = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
-    parameters = list(dict.fromkeys(name for run in runs for name in run.parameters))
+    columns = dict.fromkeys(metric.column for run in runs for metric in run.metrics)
+    names = dict.fromkeys(name for run in runs for name in run.parameters)
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         numbers = {metric.column: metric.cell for metric in run.metrics}
-        rows.append(
-            (
-                run.name,
-                run.kind,
-                run.source,
-                run.version,
-                *(numbers.get(column) for column in metrics),
-                *(_cell(run.parameters.get(name)) for name in parameters),
-            )
-        )
-    heads = ('run', 'node', 'input', 'version', *metrics, *parameters)
-    return Table('runs', 'Runs', tuple(Column(head) for head in heads), tuple(rows))
+        values = (run.parameters.get(name) for name in names)
+        cells = (default_text(value) if isinstance(value, tuple) else value for value in values)
+        whole = (run.name, run.kind, run.source, run.version)
+        rows.append((*whole, *map(numbers.get, columns), *cells))
+    heads = ('run', 'node', 'input', 'version', *columns, *names)
+    return Table('runs', 'Runs', tuple(map(Column, heads)), tuple(rows))
 
 
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
@@ -187,7 +166,3 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 bags.setdefault(foreign.words(name), path)
     return bags
-
-
-def _cell(value: Value | None) -> Cell:
-    return default_text(value) if isinstance(value, tuple) else value

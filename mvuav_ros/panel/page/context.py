@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableMapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,35 +15,36 @@ from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.recordings.shipped import shipped_folder
 
 
-@dataclass(frozen=True)
 class Services:
-    """Of the whole process.
+    """Of the whole process: running nodes and their images, saved sets, runs and recordings.
 
-    Attributes:
-        ros: our own node.
-        system: the running nodes.
-        feed: their images.
-        sets: named parameters.
-        runs: saved runs.
-        bags: folders and files with recordings.
-        scratch: folder for runs that are not kept.
-        recordings: folder of what is recorded here.
-        sets_changed: a set was saved, taken in or deleted, on whatever page.
-        runs_changed: a run was saved or deleted, or a recording made.
+    ``sets_changed`` says that a set was saved, taken in or deleted, on whatever page;
+    ``runs_changed`` that a run was saved or deleted, or a recording made.
     """
 
-    ros: RosThread
-    system: LiveSystem
-    feed: ImageFeed
-    sets: SetStore
-    runs: RunStore
-    bags: tuple[Path, ...]
-    scratch: Path
-    recordings: Path
-    sets_changed: Event[()] = field(default_factory=Event)
-    runs_changed: Event[()] = field(default_factory=Event)
+    def __init__(
+        self, ros: RosThread, folder: Path, bags: Sequence[Path] | None, scratch: Path
+    ) -> None:
+        """Begin.
+
+        Args:
+            ros: our own node.
+            folder: of what is saved.
+            bags: folders and files with recordings; None: the sample bags.
+            scratch: folder for runs that are not kept.
+        """
+        shipped = shipped_folder('bags')
+        self.ros, self.scratch = ros, scratch
+        self.system, self.feed = LiveSystem(ros), ImageFeed(ros)
+        self.sets = SetStore(folder / 'sets', shipped_folder('config'))
+        self.runs = RunStore(folder / 'runs')
+        self.recordings = folder / 'recordings'
+        self.bags = bags or ([shipped] if shipped else [])
+        self.sets_changed: Event[()] = Event()
+        self.runs_changed: Event[()] = Event()
 
 
 class Page:
