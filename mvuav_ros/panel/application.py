@@ -32,12 +32,7 @@ _ICON = (
 
 
 def make_application(services: Services, token: str) -> Guard:
-    """Everything that the web server serves; our own node spins while it does.
-
-    Args:
-        services: what the pages work with.
-        token: what a visitor must know; empty on loopback.
-    """
+    """Everything that the web server serves; our own node spins while it does."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -67,7 +62,7 @@ def make_application(services: Services, token: str) -> Guard:
     async def page(client: Client) -> None:
         # What nodes say goes over the WebSocket only; the page's own HTML holds nothing of it.
         await client.connected()
-        View(services, client, app.storage.tab)
+        await View(services, client, app.storage.tab).restore()
 
     ui.run_with(
         application,

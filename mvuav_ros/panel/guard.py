@@ -50,12 +50,7 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, token: str) -> None:
-        """Put a guard in front of an application.
-
-        Args:
-            app: the application.
-            token: what a visitor must know; empty on loopback.
-        """
+        """Put a guard in front of an application; the token is empty on loopback."""
         self.app = app
         self._token = token
         # Browsers send a cookie to every port of a host: each panel's has a name of its own.

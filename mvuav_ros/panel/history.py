@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import Value
 
@@ -15,22 +14,14 @@ _MOST = 200
 Values = Mapping[str, Value]
 
 
-@dataclass(frozen=True)
-class Change:
-    """Values before and after, and when."""
-
-    before: Values
-    after: Values
-    at: float
-
-
 class History:
-    """What a user has done to one node."""
+    """What a user has done to one node: the values before and after each change."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._done: list[Change] = []
-        self._undone: list[Change] = []
+        self._done: list[tuple[Values, Values]] = []
+        self._undone: list[tuple[Values, Values]] = []
+        self._changed_at = 0.0
 
     @property
     def can_undo(self) -> bool:
@@ -46,24 +37,24 @@ class History:
         """Keep a change that the node has taken."""
         if dict(before) == dict(after):
             return
-        self._undone.clear()
-        now = self._clock()
-        last = self._done[-1] if self._done else None
-        if last and last.after.keys() == after.keys() and now - last.at < _ONE_MOVEMENT:
-            before = self._done.pop().before
-        self._done.append(Change(before, after, now))
+        quick = self._clock() - self._changed_at < _ONE_MOVEMENT
+        if quick and not self._undone and self._done and self._done[-1][1].keys() == after.keys():
+            before = self._done.pop()[0]
+        self._done.append((before, after))
         del self._done[:-_MOST]
+        self._undone.clear()
+        self._changed_at = self._clock()
 
     def undo(self) -> Values:
         """The values to set to take back the last change; none where there is none."""
         if not self._done:
             return {}
         self._undone.append(self._done.pop())
-        return self._undone[-1].before
+        return self._undone[-1][0]
 
     def redo(self) -> Values:
         """The values to set to do again what was undone last."""
         if not self._undone:
             return {}
         self._done.append(self._undone.pop())
-        return self._done[-1].after
+        return self._done[-1][1]

@@ -29,7 +29,7 @@ _SHORTEST = 0.2
 _LARGEST_SIDE = 100_000
 
 
-@dataclass
+@dataclass(eq=False)
 class LiveNode:
     """One node.
 
@@ -87,6 +87,12 @@ class LiveNode:
         sides = map(foreign.number, self.status.get('image', '').split(' ')[0].split('x'))
         return max((int(side) for side in sides if 0 < side <= _LARGEST_SIDE), default=0)
 
+    @property
+    def own_values(self) -> dict[str, Value]:
+        """Its values, without what every ROS node has."""
+        own = (control.name for control in self.controls if not control.foreign)
+        return {name: self.values[name] for name in own if self.values.get(name) is not None}
+
 
 def same_value(left: object, right: object) -> bool:
     """Whether two values are one; NaN is NaN here."""
@@ -94,7 +100,7 @@ def same_value(left: object, right: object) -> bool:
 
 
 Listener = Callable[[str, LiveNode], None]
-"""Called in the loop with what changed: ``nodes``, ``values``, ``status`` or ``statistics``."""
+"""Called in the loop with what changed: ``nodes``, ``values`` or ``status``."""
 
 
 class LiveSystem:
@@ -229,7 +235,7 @@ class LiveSystem:
         if now - node.counted > _SHORTEST:
             node.counted = now
             node.statistics = foreign.statuses(message)
-            self._tell('statistics', node)
+            self._tell('status', node)
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         node = self.nodes.get(event.node)

@@ -30,12 +30,7 @@ class RosThread:
     """
 
     def __init__(self, name: str, arguments: list[str]) -> None:
-        """Start ROS.
-
-        Args:
-            name: of the node.
-            arguments: of the command line, with ``--ros-args``.
-        """
+        """Start ROS and a node of this name; ``arguments`` begin with ``--ros-args``."""
         # Signals belong to the web server, which ends us in order.
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         self.node: Node = rclpy.create_node(name)

@@ -37,16 +37,12 @@ Curves = dict[str, float | None]
 
 
 class SeriesFeed:
-    """Follows one node's results and keeps them until they are sent; called from the loop."""
+    """Follows one node's results until `close` and keeps them until they are sent.
+
+    Called from the loop; ``heard`` is, too, whenever there is something to be sent.
+    """
 
     def __init__(self, ros: RosThread, node: LiveNode, heard: Callable[[], None]) -> None:
-        """Subscribe.
-
-        Args:
-            ros: our own node.
-            node: the other node.
-            heard: called when there is something to be sent.
-        """
         self.name = node.name
         self._ros, self._node, self._heard = ros, node, heard
         self._points: list[tuple[float, str, Curves]] = []

@@ -37,12 +37,7 @@ class SetStore:
     """
 
     def __init__(self, folder: Path, built_in: Path | None = None) -> None:
-        """Look after a folder.
-
-        Args:
-            folder: of the user's sets; made when the first one is saved.
-            built_in: the folder with ``default.yaml`` and ``thesis.yaml``.
-        """
+        """Look after a folder, made when the first set is saved; ``built_in`` has the shipped."""
         self.folder = folder
         shipped = {name: built_in / f'{name}{_SUFFIX}' for name in _BUILT_IN} if built_in else {}
         self._built_in = {name: path for name, path in shipped.items() if path.is_file()}
@@ -142,10 +137,7 @@ def differences(
 ) -> list[Difference]:
     """The parameters that two sets have with different values, in the order of the first.
 
-    Args:
-        left: name to value.
-        right: the same.
-        all_of_them: also those that are equal or that only one set has.
+    With ``all_of_them`` also those that are equal or that only one set has.
     """
     both = [Difference(n, left.get(n), right.get(n)) for n in dict.fromkeys((*left, *right))]
     return both if all_of_them else [d for d in both if None not in d and d.left != d.right]

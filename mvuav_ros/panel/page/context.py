@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,21 +22,14 @@ from mvuav_ros.recordings.shipped import shipped_folder
 class Services:
     """Of the whole process: running nodes and their images, saved sets, runs and recordings.
 
-    ``sets_changed`` says that a set was saved, taken in or deleted, on whatever page;
-    ``runs_changed`` that a run was saved or deleted, or a recording made.
+    What is saved goes below ``folder``, runs that are not kept below ``scratch``; ``bags`` are
+    recordings and folders of them, or the sample bags. ``sets_changed`` says that a set was saved,
+    taken in or deleted, on whatever page; ``runs_changed`` the same of a run or recording.
     """
 
     def __init__(
         self, ros: RosThread, folder: Path, bags: Sequence[Path] | None, scratch: Path
     ) -> None:
-        """Begin.
-
-        Args:
-            ros: our own node.
-            folder: of what is saved.
-            bags: folders and files with recordings; None: the sample bags.
-            scratch: folder for runs that are not kept.
-        """
         shipped = shipped_folder('bags')
         self.ros, self.scratch = ros, scratch
         self.system, self.feed = LiveSystem(ros), ImageFeed(ros)
@@ -48,24 +42,32 @@ class Services:
 
 
 class Page:
-    """Of one browser tab: which node is looked at, and what is to survive a reload."""
+    """Of one browser tab: which node is looked at, and what is to survive a reload.
 
-    def __init__(self, services: Services, kept: MutableMapping[str, Any]) -> None:
-        """Take up where the tab was.
+    ``on_select`` is called after another node was selected.
+    """
 
-        Args:
-            services: of the process.
-            kept: the tab's memory.
-        """
-        self.services = services
-        self.kept = kept
-        self.on_select: list[Callable[[], Any]] = []
-        self._histories: dict[str, History] = {}
+    def __init__(
+        self, services: Services, kept: MutableMapping[str, Any], on_select: Callable[[], object]
+    ) -> None:
+        self.services, self.kept, self._on_select = services, kept, on_select
+        self.histories: defaultdict[str, History] = defaultdict(History)
 
     @property
     def selected(self) -> str:
         """Name of the node that parameters, results and runs are about."""
         return str(self.kept.get('node', ''))
+
+    @property
+    def node(self) -> LiveNode | None:
+        """The selected node."""
+        return self.services.system.nodes.get(self.selected)
+
+    def select(self, name: str) -> None:
+        """Look at another node."""
+        if name != self.selected:
+            self.kept['node'] = name
+            self._on_select()
 
     @property
     def chosen_set(self) -> str:
@@ -80,35 +82,3 @@ class Page:
         """Values entered for a node that it has not taken (yet)."""
         edits: MutableMapping[str, Value] = self.kept.setdefault('edits', {}).setdefault(node, {})
         return edits
-
-    @property
-    def edits(self) -> MutableMapping[str, Value]:
-        """Those of the selected node."""
-        return self.edits_of(self.selected)
-
-    def history_of(self, node: str) -> History:
-        """What was changed on a node."""
-        return self._histories.setdefault(node, History())
-
-    @property
-    def node(self) -> LiveNode | None:
-        """The selected node."""
-        return self.services.system.nodes.get(self.selected)
-
-    def select(self, name: str) -> None:
-        """Look at another node."""
-        if name != self.selected:
-            self.kept['node'] = name
-            for changed in self.on_select:
-                changed()
-
-    def own_values(self) -> dict[str, Value]:
-        """The selected node's values, without what every ROS node has."""
-        node = self.node
-        if node is None:
-            return {}
-        return {
-            control.name: node.values[control.name]
-            for control in node.controls
-            if not control.foreign and node.values.get(control.name) is not None
-        }

@@ -67,9 +67,9 @@ def choice(options: Any, label: str, value: Any = None, **more: Any) -> ui.selec
     return made
 
 
-def empty(title: str, words: str) -> None:
+def empty(title: str, words: str, classes: str = 'empty') -> None:
     """What is shown where there is nothing yet."""
-    with box('empty'):
+    with box(classes):
         text(title, tag='strong')
         text(words)
 

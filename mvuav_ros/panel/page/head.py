@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import box, icon_button, set_prop, text
 
@@ -22,6 +23,7 @@ class Head:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._dark = ui.dark_mode(value=None)
+        self._buttons: dict[str, ui.button] = {}
         with box('head', 'header'):
             text('Tuning panel', tag='h1')
             self._nodes = box('nodes grow').props('role=group aria-label="Nodes"')
@@ -34,9 +36,6 @@ class Head:
                     self._figures[key] = text('-', 'number')
                     text(unit, 'soft small')
             self._words = text('', 'words soft small')
-        self._buttons: dict[str, ui.button] = {}
-        page.on_select.append(self.refresh)
-        self.refresh()
 
     async def _toggle(self) -> None:
         dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
@@ -47,14 +46,13 @@ class Head:
         return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
 
     def refresh(self) -> None:
-        """After nodes came or went, or another was selected."""
+        """After nodes came or went, were selected, or said something."""
         nodes = self._page.services.system.nodes
-        if self._page.node is None and nodes:
-            alive = [name for name, node in nodes.items() if node.alive]
-            # What was chosen before a reload may need a moment to be found again.
-            if alive or not self._page.selected:
-                self._page.select((alive or list(nodes))[0])
-                return
+        alive = [name for name, node in nodes.items() if node.alive]
+        # What was chosen before a reload may need a moment to be found again.
+        if self._page.node is None and nodes and (alive or not self._page.selected):
+            self._page.select((alive or list(nodes))[0])
+            return
         if list(nodes) != list(self._buttons) or not nodes:
             # Only then: a button that is made anew loses the keyboard's focus.
             self._nodes.clear()
@@ -69,14 +67,11 @@ class Head:
             button.set_text(f'{name} {state}'.rstrip())
             button.classes(replace=f'node {color}')
             set_prop(button, 'aria-pressed', str(name == self._page.selected).lower())
-        self.show_status()
+        self._show_status(self._page.node)
 
-    def show_status(self) -> None:
-        """After new diagnostics."""
-        node = self._page.node
-        status = node.status if node is not None and node.alive else {}
+    def _show_status(self, node: LiveNode | None) -> None:
         for key, label in self._figures.items():
-            value = status.get(key, '-')
+            value = node.status.get(key, '-') if node is not None and node.alive else '-'
             label.set_text('-' if value == 'nan' else value[:12])
         if node is None:
             words = 'Start marker_tracker or runway_detector; it appears here by itself.'

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
-from typing import Any
 
 from nicegui import ui
 
@@ -22,22 +22,14 @@ from mvuav_ros.recordings.errors import RecordingError
 
 _SIZES = ('s', 'm', 'l')
 _KEPT = 'tuning_panel_images'
-KEPT_ARRANGEMENT = f'return localStorage.getItem({json.dumps(_KEPT)})'
-"""JavaScript for `Images.restore`."""
 Wish = tuple[str, str]
 """A stream's key and a size."""
 
 
 class Images:
-    """The tiles."""
+    """The tiles; a click on one calls ``set_parameter`` with node, parameter and value."""
 
     def __init__(self, page: Page, set_parameter: Callable[[str, str, Value], None]) -> None:
-        """Make the part in the place where elements now go.
-
-        Args:
-            page: whose nodes' images are shown.
-            set_parameter: called with node, parameter and value after a click on an image.
-        """
         self.page, self.set_parameter = page, set_parameter
         self._tiles: list[Tile] = []
         self._wished: list[Wish] = []
@@ -53,17 +45,15 @@ class Images:
             self._grid = box('tiles')
             with box('card') as self._empty:
                 empty('No image chosen', 'Add one with the buttons above.')
-        page.on_select.append(self.refresh)
-        self.refresh()
 
-    def restore(self, kept: Any) -> None:
-        """Take the arrangement that the browser has kept."""
-        try:
-            wishes = [(str(key), str(size)) for key, size in json.loads(kept)][:MOST_STREAMS]
-        except (TypeError, ValueError, RecursionError):
-            wishes = []
-        self._wished = [wish for wish in wishes if wish[1] in _SIZES]
-        self.refresh()
+    async def restore(self) -> None:
+        """Take the arrangement that the browser has kept; on a slow link the usual will do."""
+        with suppress(TimeoutError, TypeError, ValueError, RecursionError):
+            script = f'return localStorage.getItem({json.dumps(_KEPT)})'
+            kept = json.loads(await ui.run_javascript(script, timeout=10.0))
+            wishes = [(str(key), str(size)) for key, size in kept][:MOST_STREAMS]
+            self._wished = [wish for wish in wishes if wish[1] in _SIZES]
+            self.refresh()
 
     def _streams(self) -> dict[str, Stream]:
         nodes = self.page.services.system.nodes.values()
@@ -99,6 +89,16 @@ class Images:
         kept = json.dumps(wishes)
         ui.run_javascript(f'localStorage.setItem({json.dumps(_KEPT)}, {json.dumps(kept)})')
 
+    def rearrange(self, tile: Tile, what: str) -> None:
+        """Show a tile no more, at another place, or in the next size: third, half, whole width."""
+        wishes, place = self._shown(), self._tiles.index(tile)
+        key, size = wishes.pop(place)
+        if what == 'size':
+            wishes.insert(place, (key, _SIZES[(_SIZES.index(size) + 1) % len(_SIZES)]))
+        elif what in ('forward', 'back'):
+            wishes.insert(max(place + (1 if what == 'back' else -1), 0), (key, size))
+        self._wish(wishes)
+
     def _offer(self) -> None:
         shown = {tile.stream.key for tile in self._tiles}
         offered = [stream for key, stream in self._streams().items() if key not in shown]
@@ -120,34 +120,17 @@ class Images:
         for tile in self._tiles:
             tile.show_values()
 
-    def remove(self, tile: Tile) -> None:
-        """Show one less."""
-        self._wish([wish for wish in self._shown() if wish[0] != tile.stream.key])
-
-    def move(self, tile: Tile, by: int) -> None:
-        """Put a tile further to the front or to the back."""
-        wishes = self._shown()
-        old = self._tiles.index(tile)
-        wishes.insert(min(max(old + by, 0), len(wishes) - 1), wishes.pop(old))
-        self._wish(wishes)
-
-    def resize(self, tile: Tile) -> None:
-        """A third, a half and the whole of the width in turn."""
-        size = _SIZES[(_SIZES.index(tile.size) + 1) % len(_SIZES)]
-        self._wish([(k, size if k == tile.stream.key else old) for k, old in self._shown()])
-
-    async def _toggle_recording(self) -> None:
-        if self._recorder is not None:
-            await self.stop_recording()
-            return
+    def _toggle_recording(self) -> None:
         node, services = self.page.node, self.page.services
-        if node is None:
+        if self._recorder is not None:
+            self.stop_recording()
+        elif node is None:
             tell('There is no node to record.', bad=True)
-            return
-        name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
-        with errors_told():
-            self._recorder = Recorder(services.ros, node, services.recordings / name)
-        self.show_recording()
+        else:
+            name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
+            with errors_told():
+                self._recorder = Recorder(services.ros, node, services.recordings / name)
+            self.show_recording()
 
     def show_recording(self) -> None:
         """How far the recording is."""
@@ -157,7 +140,7 @@ class Images:
             words = f'{recorder.messages} messages, {recorder.seconds:.0f} s'
             self._words.set_text(f'Recording {recorder.path.name}: {words}')
 
-    async def stop_recording(self) -> None:
+    def stop_recording(self) -> None:
         """End it, also when the page is closed."""
         recorder, self._recorder = self._recorder, None
         if recorder is None:

@@ -17,20 +17,12 @@ Edited = Callable[[str, Value], Any]
 
 
 class ParameterRow:
-    """A parameter's line of the list.
+    """A parameter's line of the list; ``edited`` is called whenever the user has changed the value.
 
     What the user is typing is never overwritten, whoever changes the parameter meanwhile.
     """
 
-    def __init__(self, control: Control, value: Any, image_size: int, edited: Edited) -> None:
-        """Make the line in the place where elements now go.
-
-        Args:
-            control: what the descriptor says.
-            value: the current one.
-            image_size: longer side of the node's images, px; 0: not known.
-            edited: called with name and value whenever the user has changed it.
-        """
+    def __init__(self, control: Control, value: Any, edited: Edited) -> None:
         self.control = control
         self._edited = edited
         self._current: Any = value
@@ -49,8 +41,6 @@ class ParameterRow:
             if control.kind is Kind.SLIDER and not control.read_only:
                 self._slider = self._make_slider()
             self._hint = text('', 'hint').props('aria-live=polite')
-        self.fit(image_size)
-        self._say()
 
     def _make_name(self) -> None:
         with box('name'):
@@ -127,7 +117,7 @@ class ParameterRow:
         set_class(self._row, 'idle', not counts)
 
     def fit(self, image_size: int) -> None:
-        """Let a slider for places and lengths in the image end where the image does."""
+        """Let a slider for places and lengths end where the image does; see `scale_of`."""
         if self._slider is not None and image_size != self._image_size:
             self._image_size = image_size
             self._scale = scale_of(self.control, image_size)
@@ -135,23 +125,21 @@ class ParameterRow:
             set_prop(self._slider, 'data-values', ' '.join(map(value_text, self._scale.values)))
             self._place_thumb()
 
-    def show(self, value: Any, edit: Value | None = None) -> None:
-        """Show the node's value, and beside it the user's where the node has not taken that."""
+    def show(self, value: Any, edit: Value | None = None, difference: str = '') -> None:
+        """Show the node's value, and beside it the user's where the node has not taken that.
+
+        A value that is not the chosen set's is marked; ``difference`` says what that has.
+        """
         if not same_value(value, self._current):
             self._current = value
             self._now.set_text(value_text(value))
+        self._difference = difference
         self._show_new(value if edit is None else edit, self._refused if edit is not None else '')
 
     def refuse(self, reason: str) -> None:
         """Show why the edited value was not taken; it stays in its field."""
         self._refused = foreign.words(reason)
         self._say()
-
-    def mark_difference(self, other: str) -> None:
-        """Mark a value other than the chosen set's, which ``other`` names; '' where it is that."""
-        if other != self._difference:
-            self._difference = other
-            self._say()
 
     def _show_new(self, value: Any, refused: str = '') -> None:
         is_typing = not same_value(self._field.value, self._written)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.live_system import LiveNode
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import axes, box, button, empty, fill, sheet, tell, text
+from mvuav_ros.panel.page.elements import axes, box, button, fill, sheet, tell, text
 from mvuav_ros.panel.series import CURVES
 
 _COUNTS = {
@@ -47,33 +47,11 @@ _POSE = {
 
 
 class Results:
-    """Tables and charts; curves and pose come over the page's own WebSocket."""
+    """A node's tables and charts; curves and pose come over the page's own WebSocket."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._built: tuple[object, ...] = ('nothing yet',)
+    def __init__(self, page: Page, node: LiveNode) -> None:
+        self._page, self._node = page, node
         self._sheets: list[tuple[ui.table, Callable[[LiveNode], list[list[str]]]]] = []
-        self._place = box('part results')
-        page.on_select.append(self.refresh)
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Build anew where another node is chosen."""
-        node = self._page.node
-        built = (node.name, node.kind) if node is not None else ()
-        if built != self._built:
-            self._built = built
-            self._sheets = []
-            self._place.clear()
-            with self._place, box('stack'):
-                self._build(node)
-        self.show()
-
-    def _build(self, node: LiveNode | None) -> None:
-        if node is None:
-            with box('card'):
-                empty('No results yet', 'They appear as soon as a node runs.')
-            return
         with box('card pose'):
             text(_POSE[node.kind], tag='h2')
             with box('line wrap'):
@@ -102,16 +80,15 @@ class Results:
                 with box('card'):
                     text(title, tag='h2')
                     self._sheets.append((sheet(title, ('', '')), rows))
+        self.show()
 
     def show(self) -> None:
         """After new statistics or diagnostics."""
-        node = self._page.node
-        if node is not None:
-            for table, rows in self._sheets:
-                fill(table, rows(node))
+        for table, rows in self._sheets:
+            fill(table, rows(self._node))
 
     async def _reset(self) -> None:
-        reason = await self._page.services.system.trigger(f'{self._page.selected}/reset_statistics')
+        reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')
         if reason:
             tell(reason, bad=True)
 
@@ -126,12 +103,12 @@ def _time_rows(node: LiveNode) -> list[list[str]]:
 
 def _statistics_rows(node: LiveNode) -> list[list[str]]:
     """All lines, and each; numbered from 1, as in the images."""
-    total = node.statistics.get('runway', {})
-    keys = ('frames', *_COUNTS)
-    rows = [['all lines', *(foreign.fixed(total.get(key), 0) for key in keys), *[''] * len(_MEANS)]]
-    for name, values in node.statistics.items():
-        if name.startswith('line '):
-            counts = [foreign.fixed(values.get(key), 0) for key in ('found', *_COUNTS)]
-            means = [foreign.fixed(values.get(key), 2) for key in _MEANS]
-            rows.append([name, *counts, *means])
-    return rows
+
+    def row(name: str, values: Mapping[str, str], frames: str) -> list[str]:
+        counts = [foreign.fixed(values.get(key), 0) for key in (frames, *_COUNTS)]
+        means = [foreign.fixed(values[key], 2) if key in values else '' for key in _MEANS]
+        return [name, *counts, *means]
+
+    total = row('all lines', node.statistics.get('runway', {}), 'frames')
+    lines = [name for name in node.statistics if name.startswith('line ')]
+    return [total, *(row(name, node.statistics[name], 'found') for name in lines)]

@@ -24,17 +24,18 @@ class Tile:
 
     def __init__(self, stream: Stream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
-        with box(f'card tile {size}', 'article') as self.element:
-            self.element.props['aria-label'] = f'{stream.title} of {stream.node}'
+        change = part.rearrange
+        with box(f'card tile {size}', 'article') as element:
+            element.props['aria-label'] = f'{stream.title} of {stream.node}'
             with box('tile-head'):
                 text(stream.title, 'title')
                 text(stream.node, 'soft small grow title')
                 text('', 'rate number small soft')
-                icon_button('chevron_left', 'Move to the front', lambda: part.move(self, -1))
-                icon_button('chevron_right', 'Move to the back', lambda: part.move(self, 1))
-                icon_button('photo_size_select_large', 'Another size', lambda: part.resize(self))
+                icon_button('chevron_left', 'Move to the front', lambda: change(self, 'forward'))
+                icon_button('chevron_right', 'Move to the back', lambda: change(self, 'back'))
+                icon_button('photo_size_select_large', 'Another size', lambda: change(self, 'size'))
                 icon_button('photo_camera', 'Save this image as PNG', self._snapshot)
-                icon_button('close', 'Remove', lambda: part.remove(self))
+                icon_button('close', 'Remove', lambda: change(self, 'remove'))
             with box('well').props('data-fresh=never'):
                 self._canvas = box('image', 'canvas').props('role=img')
                 self._canvas.props['data-key'] = stream.key
@@ -55,10 +56,8 @@ class Tile:
     @property
     def _values(self) -> dict[str, Any]:
         node = self._part.page.services.system.nodes.get(self.stream.node)
-        if node is None:
-            return {}
-        counting = {control.name for control in node.controls if control.counts(node.values)}
-        return {name: value for name, value in node.values.items() if name in counting}
+        controls = node.controls if node is not None else []
+        return {c.name: node.values.get(c.name) for c in controls if node and c.counts(node.values)}
 
     def show_values(self) -> None:
         """Follow the node's values: the rows searched, and what a click can set."""
@@ -75,20 +74,18 @@ class Tile:
         self._offer.set_visibility(actions != _NOTHING)
 
     def _clicked(self, event: Any) -> None:
-        at = event.args['detail']
+        at, action, node = event.args['detail'], self._action.value, self.stream.node
         x, y = int(at['x']), int(at['y'])
-        action = self._action.value
         if action in (START_ROW, END_ROW):
             row = y + 1 if action == END_ROW else y
             self._words.set_text(f'{action} {row}')
-            self._part.set_parameter(self.stream.node, action, row)
+            self._part.set_parameter(node, action, row)
             return
         image = self._newest()
-        if image is None or not (0 <= x < image.width and 0 <= y < image.height):
-            return
-        self._words.set_text(pixel_words(image, x, y, self._values))
-        if action == THRESHOLD:
-            self._part.set_parameter(self.stream.node, THRESHOLD, threshold_below(image, x, y))
+        if image is not None and 0 <= x < image.width and 0 <= y < image.height:
+            self._words.set_text(pixel_words(image, x, y, self._values.get(THRESHOLD)))
+            if action == THRESHOLD:
+                self._part.set_parameter(node, THRESHOLD, threshold_below(image, x, y))
 
     def _newest(self) -> Image | None:
         try:
@@ -116,15 +113,14 @@ def threshold_below(image: Image, x: int, y: int) -> float:
     return max(math.ceil(1000.0 * pixel_value(image, x, y)) - 1, 0) / 1000.0
 
 
-def pixel_words(image: Image, x: int, y: int, values: dict[str, Any]) -> str:
+def pixel_words(image: Image, x: int, y: int, threshold: object) -> str:
     """A pixel's value as a fraction of full scale, held against the node's threshold."""
     value = pixel_value(image, x, y)
     words = f'x {x}, y {y}: {value:.3f}'
-    threshold = values.get(THRESHOLD)
     if isinstance(threshold, float):
         side = 'above' if value > threshold else 'not above'
         return f'{words}, {side} the threshold {threshold:.3f}'
     if not image.is_gray:
-        blue, green, red = (int(each) for each in image.bgr()[y, x])
+        blue, green, red = image.bgr()[y, x].tolist()
         words += f' (red {red}, green {green}, blue {blue})'
     return words

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -11,7 +11,7 @@ from nicegui import ui
 from mvuav_ros.offline.evaluation.metrics import metric_groups
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, tell, text
+from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, text
 from mvuav_ros.panel.runs import SavedRun, run_table, varied
 
 _FIRST = ('flag counts', 'markers by state')
@@ -44,12 +44,11 @@ class Trends:
         """Draw these runs, in their order."""
         self._runs = runs
         over = [_OVER_NAMES, *varied(runs)]
-        self._over.set_options(
-            over, value=self._over.value if self._over.value in over else _OVER_NAMES
-        )
+        chosen = self._over.value if self._over.value in over else _OVER_NAMES
+        self._over.set_options(over, value=chosen)
         columns = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
-        chosen = [column for column in self._numbers.value or [] if column in columns]
-        self._numbers.set_options(columns, value=chosen or self._usual())
+        numbers = [column for column in self._numbers.value or [] if column in columns]
+        self._numbers.set_options(columns, value=numbers or self._usual())
         self._csv.set_enabled(bool(runs))
         self._draw()
 
@@ -59,32 +58,27 @@ class Trends:
         return list(groups[first[0]]) if first else []
 
     def _draw(self) -> None:
+        columns, kind = list(self._numbers.value or []), self._arrangement.value
         self._place.clear()
-        columns = list(self._numbers.value or [])
         with self._place:
             if not self._runs:
                 empty('No run chosen', 'Tick saved runs above to compare them.')
             elif not columns:
                 empty('No number chosen', 'Choose one or more of the numbers above.')
-            elif self._arrangement.value == 'subplots':
+            elif kind == 'subplots':
                 with box('charts'):
                     for column in columns:
-                        self._chart([column], 220)
+                        self._chart(line_options, [column], 220)
             else:
-                self._chart(columns, 320)
+                self._chart(grouped_options if kind == 'grouped' else line_options, columns, 320)
 
-    def _chart(self, columns: list[str], height: int) -> None:
-        grouped = self._arrangement.value == 'grouped'
-        draw = grouped_options if grouped else line_options
-        chart = ui.echart(draw(self._runs, columns, self._over.value)).classes('chart')
+    def _chart(self, options: Callable[..., Any], columns: list[str], height: int) -> None:
+        chart = ui.echart(options(self._runs, columns, self._over.value)).classes('chart')
         chart.style(f'height: {height}px')
         chart.props['data-trend'] = ', '.join(columns)
         chart.props['aria-label'] = f'Trend of {", ".join(columns)}'
 
     def _export_csv(self) -> None:
-        if not self._runs:
-            tell('Tick saved runs first.', bad=True)
-            return
         ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
 
 
