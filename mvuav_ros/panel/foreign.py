@@ -1,4 +1,4 @@
-"""What nodes, bags and files say, made fit for the page: the one door through which it comes in.
+"""What nodes, bags, files and users say, made fit: the one door through which it comes in.
 
 Whatever passes is text of bounded length that cannot break a line, a layout or a number. The page
 shows it as text only and never puts it into markup, into an attribute that the browser acts on,
@@ -24,6 +24,7 @@ _MOST_NUMBERS = 16
 """Of one parameter; a user does not type more."""
 _MOST_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
+_FILE_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 _.-]{0,63}', re.ASCII)
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 
 
@@ -106,3 +107,22 @@ def plain_value(value: object) -> Any:
     if isinstance(value, list) and all(type(number) in (int, float) for number in value):
         return tuple(map(float, value))
     return None
+
+
+class NameRefusedError(ValueError):
+    """A name that cannot be given, with the reason."""
+
+
+def checked_name(text: str) -> str:
+    """The name, where it is one that stays in its folder on every file system.
+
+    Raises:
+        NameRefusedError: it is not.
+    """
+    name = text.strip()
+    if not _FILE_NAME.fullmatch(name) or '..' in name or name.endswith('.'):
+        raise NameRefusedError(
+            'a name has letters, digits, spaces, - _ and single dots, begins with a letter or '
+            'digit, and has at most 64 characters'
+        )
+    return name

@@ -6,7 +6,6 @@ import asyncio
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -15,9 +14,8 @@ from rcl_interfaces.msg import ParameterEvent
 from std_srvs.srv import Trigger
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.controls import Control
 from mvuav_ros.panel.discovery import Found, find_nodes
-from mvuav_ros.panel.remote_parameters import RemoteParameters, value_of
+from mvuav_ros.panel.live_node import LiveNode, same_value, value_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
 
@@ -26,78 +24,6 @@ _SILENCE = 4.0
 """Seconds without a sign of life; a killed node stays in the graph for much longer."""
 _SHORTEST = 0.2
 """Seconds between two reports of a node; one that says more is not listened to all the time."""
-_LARGEST_SIDE = 100_000
-
-
-@dataclass(eq=False)
-class LiveNode:
-    """One node.
-
-    Attributes:
-        found: its name, kind and input.
-        alive: it answers.
-        controls: its parameters, in order; empty until it has told them.
-        values: their current values.
-        status: its newest diagnostics.
-        message: the words of those.
-        level: their level, 0 when all is well.
-        statistics: its newest ``~/statistics``, values by status name.
-        heard: when its newest diagnostics came, s.
-        counted: when its newest statistics came, s.
-        remote: its parameters; None while nobody looks, or it is not in the ROS graph.
-        connection: what `remote` and its subscription need to be ended.
-        unread: it is to be asked for its parameters.
-        reading: asks it.
-    """
-
-    found: Found
-    alive: bool = False
-    controls: list[Control] = field(default_factory=list)
-    values: dict[str, Any] = field(default_factory=dict)
-    status: dict[str, str] = field(default_factory=dict)
-    message: str = ''
-    level: int = 0
-    statistics: dict[str, dict[str, str]] = field(default_factory=dict)
-    heard: float = 0.0
-    counted: float = 0.0
-    remote: RemoteParameters | None = None
-    connection: ExitStack = field(default_factory=ExitStack)
-    unread: bool = True
-    reading: asyncio.Task[None] | None = None
-
-    @property
-    def name(self) -> str:
-        """Fully qualified."""
-        return self.found.name
-
-    @property
-    def kind(self) -> str:
-        """What it is, however it is called."""
-        return self.found.kind
-
-    @property
-    def image_topic(self) -> str:
-        """Where its images come from."""
-        said = self.status.get('image_topic', '')
-        return self.found.image_topic or (said if foreign.is_ros_name(said) else '')
-
-    @property
-    def image_size(self) -> int:
-        """The longer side of its images, px; 0 while that is not known."""
-        sides = map(foreign.number, self.status.get('image', '').split(' ')[0].split('x'))
-        return max((int(side) for side in sides if 0 < side <= _LARGEST_SIDE), default=0)
-
-    @property
-    def own_values(self) -> dict[str, Value]:
-        """Its values, without what every ROS node has."""
-        own = (control.name for control in self.controls if not control.foreign)
-        return {name: self.values[name] for name in own if self.values.get(name) is not None}
-
-
-def same_value(left: object, right: object) -> bool:
-    """Whether two values are one; NaN is NaN here."""
-    return left == right or (left != left and right != right)
-
 
 Listener = Callable[[str, LiveNode], None]
 """Called in the loop with what changed: ``nodes``, ``values`` or ``status``."""
@@ -137,7 +63,7 @@ class LiveSystem:
             self._scanning = None
             self._subscriptions.close()
             for node in self.nodes.values():
-                self._disconnect(node)
+                node.disconnect()
                 # What changes while nobody looks is not heard of.
                 node.unread, node.heard = True, 0.0
 
@@ -148,12 +74,9 @@ class LiveSystem:
             For each that was not set the reason.
         """
         node = self.nodes.get(name)
-        if node is None or node.remote is None:
+        if node is None:
             return dict.fromkeys(values, 'the node is gone')
-        try:
-            refused = await node.remote.set(values)
-        except NoAnswerError as error:
-            return dict.fromkeys(values, str(error))
+        refused = await node.set(values)
         self._take_values(node, {k: v for k, v in values.items() if k not in refused})
         return refused
 
@@ -177,11 +100,10 @@ class LiveSystem:
         for name, each in found.items():
             node = self.nodes.get(name)
             if node is None or node.found != each:
-                node = self.nodes.setdefault(name, LiveNode(each))
+                node = self.nodes.setdefault(name, LiveNode(self._ros, each))
                 node.found = each
                 self._tell('nodes', node)
-            if not node.remote:
-                self._connect(node)
+            node.connect(self._on_statistics)
             if node.unread and (node.reading is None or node.reading.done()):
                 node.reading = asyncio.create_task(self._read(node))
         for name, node in self.nodes.items():
@@ -190,30 +112,12 @@ class LiveSystem:
                 node.alive, node.unread = False, True
                 self._tell('nodes', node)
             if name not in found:
-                self._disconnect(node)
-
-    def _connect(self, node: LiveNode) -> None:
-        node.remote = RemoteParameters(self._ros, node.name)
-        heard = partial(self._ros.tell, self._on_statistics, node)
-        node.connection.callback(node.remote.close)
-        node.connection.callback(
-            self._ros.subscribe(DiagnosticArray, f'{node.name}/statistics', heard)
-        )
-
-    def _disconnect(self, node: LiveNode) -> None:
-        node.remote = None
-        node.connection.close()
-        if node.reading:
-            node.reading.cancel()
+                node.disconnect()
 
     async def _read(self, node: LiveNode) -> None:
-        """Ask a node for everything; one that says nothing is asked again by the next scan."""
-        assert node.remote
+        """One that says nothing is asked again by the next scan."""
         with suppress(NoAnswerError):
-            controls = await node.remote.describe()
-            values = await node.remote.get([control.name for control in controls])
-            node.controls, node.values = controls, values
-            node.alive, node.unread, node.heard = True, False, time.monotonic()
+            await node.read()
             self._tell('nodes', node)
             self._tell('values', node)
 

@@ -15,7 +15,7 @@ from typing import Any
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.names import NameRefusedError, checked_name
+from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.descriptor_text import default_text
 from mvuav_ros.processing.registry import PROCESSORS

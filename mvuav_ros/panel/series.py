@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.sketch import Sketch, rotation_of, sketch_runway, sketch_tanker
 from mvuav_ros.processing.messages.points import decode_points

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import yaml
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.names import NameRefusedError, checked_name
+from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.processing.registry import PROCESSORS

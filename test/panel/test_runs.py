@@ -13,7 +13,7 @@ from support.graph import ROOT
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.report.writing import csv_text
-from mvuav_ros.panel.names import NameRefusedError
+from mvuav_ros.panel.foreign import NameRefusedError
 from mvuav_ros.panel.page.trends import grouped_options, line_options
 from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
 from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table, varied

@@ -11,7 +11,8 @@ from nicegui import Event
 
 from mvuav_ros.panel.history import History
 from mvuav_ros.panel.images import ImageFeed
-from mvuav_ros.panel.live_system import LiveNode, LiveSystem
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore

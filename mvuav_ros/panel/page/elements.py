@@ -11,7 +11,6 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
 
@@ -104,7 +103,7 @@ def errors_told() -> Iterator[None]:
     """Tell what is refused, or cannot be read or written; the rest of the block is left out."""
     try:
         yield
-    except (NameRefusedError, ParameterError, RecordingError, OSError) as error:
+    except (foreign.NameRefusedError, ParameterError, RecordingError, OSError) as error:
         tell(str(error), bad=True)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import box, icon_button, set_prop, text
 

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import Control, Kind, scale_of, value_text
-from mvuav_ros.panel.live_system import same_value
+from mvuav_ros.panel.live_node import same_value
 from mvuav_ros.panel.page.elements import box, set_class, set_prop, text
 from mvuav_ros.parameters.declaration import Value
 

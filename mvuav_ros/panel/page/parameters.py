@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mvuav_ros.panel.images import RESULT_OF_KIND
-from mvuav_ros.panel.live_system import LiveNode, same_value
+from mvuav_ros.panel.live_node import LiveNode, same_value
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import box, button, icon_button, tell, text
 from mvuav_ros.panel.page.parameter_row import ParameterRow

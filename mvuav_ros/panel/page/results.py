@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import axes, box, button, fill, sheet, tell, text
 from mvuav_ros.panel.series import CURVES

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import (
     box,

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import Client, ui
 
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page, Services
 from mvuav_ros.panel.page.elements import box, empty, set_prop
 from mvuav_ros.panel.page.head import Head
