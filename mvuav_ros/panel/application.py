@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
@@ -23,23 +21,12 @@ _STATIC = Path(__file__).with_name('static')
 _RECONNECT_TIME = 30.0
 _TAB_MEMORY = 86_400.0
 """Seconds for which a browser tab's node, edits and ticks are kept."""
-_ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
-    'rx="7" fill="#0b62b8"/><path d="M7 11h18M7 21h18" stroke="#fff" stroke-width="2.4"/>'
-    '<circle cx="20" cy="11" r="3.6" fill="#fff"/><circle cx="12" cy="21" r="3.6" fill="#fff"/>'
-    '</svg>'
-)
 
 
 def make_application(services: Services, token: str) -> Guard:
     """Everything that the web server serves; our own node spins while it does."""
-
-    @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        services.ros.start(asyncio.get_running_loop())
-        yield
-
-    application = FastAPI(lifespan=lifespan, openapi_url=None)
+    application = FastAPI(openapi_url=None)
+    app.on_startup(lambda: services.ros.start(asyncio.get_running_loop()))
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:
@@ -67,7 +54,7 @@ def make_application(services: Services, token: str) -> Guard:
     ui.run_with(
         application,
         title='Tuning panel',
-        favicon=_ICON,
+        favicon=(_STATIC / 'icon.svg').read_text(),
         dark=None,
         tailwind=False,
         binding_refresh_interval=None,

@@ -14,8 +14,7 @@ from rcl_interfaces.msg import ParameterEvent
 from std_srvs.srv import Trigger
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.discovery import Found, find_nodes
-from mvuav_ros.panel.live_node import LiveNode, same_value, value_of
+from mvuav_ros.panel.live_node import Found, LiveNode, find_nodes, same_value, value_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
 
