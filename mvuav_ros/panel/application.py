@@ -49,7 +49,7 @@ def make_application(services: Services, token: str) -> Guard:
     async def page(client: Client) -> None:
         # What nodes say goes over the WebSocket only; the page's own HTML holds nothing of it.
         await client.connected()
-        await View(services, client, app.storage.tab).restore()
+        await View(services, client, app.storage.tab).images.restore()
 
     ui.run_with(
         application,

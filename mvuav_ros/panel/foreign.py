@@ -36,8 +36,6 @@ def words(text: object, longest: int = LONGEST_WORDS) -> str:
     shown: list[str] = []
     marks = 0
     for letter in raw[: 4 * longest]:
-        if len(shown) > longest:
-            break
         category = unicodedata.category(letter)
         if letter.isspace() or category in ('Zl', 'Zp', 'Cc'):
             letter = ' '
@@ -45,17 +43,12 @@ def words(text: object, longest: int = LONGEST_WORDS) -> str:
             # Unseen: direction overrides, joiners, surrogates, private use.
             continue
         marks = marks + 1 if category[0] == 'M' else 0
-        if marks <= _MOST_MARKS and (letter != ' ' or not shown or shown[-1] != ' '):
+        if marks <= _MOST_MARKS:
             shown.append(letter)
-    line = ''.join(shown).strip()
+    line = ' '.join(''.join(shown).split())
     if len(line) > longest or len(raw) > 4 * longest:
         return line[: longest - 1].rstrip() + '…'
     return line
-
-
-def is_plain(text: str, longest: int = LONGEST_WORDS) -> bool:
-    """Whether `words` would show the text as it is."""
-    return words(text, longest) == text
 
 
 def number(text: object) -> float:

@@ -125,18 +125,16 @@ class ImageFeed:
         self._ros = ros
         self._taps: dict[Stream, _Tap] = {}
 
-    def look(self, stream: Stream, viewer: Look) -> None:
-        """Begin to look."""
-        if stream not in self._taps:
-            self._taps[stream] = _Tap(self._ros, stream)
-        self._taps[stream].viewers.add(viewer)
-
-    def look_away(self, stream: Stream, viewer: Look) -> None:
-        """End `look`; the last viewer ends the subscription."""
-        viewers = self._taps[stream].viewers
-        viewers.remove(viewer)
-        if not viewers:
-            self._taps.pop(stream).close()
+    def look(self, viewer: Look, streams: set[Stream]) -> None:
+        """Have a viewer see these streams and no others."""
+        for stream in streams:
+            if stream not in self._taps:
+                self._taps[stream] = _Tap(self._ros, stream)
+            self._taps[stream].viewers.add(viewer)
+        for stream in self._taps.keys() - streams:
+            self._taps[stream].viewers.discard(viewer)
+            if not self._taps[stream].viewers:
+                self._taps.pop(stream).close()
 
     def newest(self, key: str) -> Image | None:
         """The image that was shown last, at its full size; None where there is none."""

@@ -53,15 +53,12 @@ class LiveNode:
     """One node; its parameters are asked for and set without ever waiting for it.
 
     Attributes:
-        found: its name, kind and input.
         alive: it answers.
         unread: it is to be asked for its parameters.
         reading: asks it.
         controls: its parameters, in order; empty until it has told them.
-        values: their current values.
         status: its newest diagnostics.
-        message: the words of those.
-        level: their level, 0 when all is well.
+        level: of those, 0 when all is well.
         heard: when they came, s.
         statistics: its newest ``~/statistics``, values by status name.
         counted: when they came, s.

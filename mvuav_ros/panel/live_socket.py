@@ -10,7 +10,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from mvuav_ros.panel.images import ImageFeed, Stream, streams_of
+from mvuav_ros.panel.images import ImageFeed, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.series import SeriesFeed
@@ -35,7 +35,6 @@ class LiveSocket:
         self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: ImageFeed
     ) -> None:
         self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
-        self._looking: set[Stream] = set()
         self._waiting: dict[str, bytes] = {}
         self._under_way: Counter[str] = Counter()
         self._series: SeriesFeed | None = None
@@ -72,15 +71,11 @@ class LiveSocket:
     def _look_at(self, keys: list[str]) -> None:
         """Known streams only: what a page asks for never becomes a topic by itself."""
         streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
-        known = [each for each in streams if each.topic and each.key in keys]
-        wanted = set(known[:MOST_STREAMS])
-        for stream in self._looking - wanted:
-            self._feed.look_away(stream, self._arrived)
-            self._waiting.pop(stream.key, None)
-            self._under_way.pop(stream.key, None)
-        for stream in wanted - self._looking:
-            self._feed.look(stream, self._arrived)
-        self._looking = wanted
+        wanted = [each for each in streams if each.topic and each.key in keys][:MOST_STREAMS]
+        self._feed.look(self._arrived, set(wanted))
+        for key in self._under_way.keys() - {each.key for each in wanted}:
+            self._waiting.pop(key, None)
+            del self._under_way[key]
 
     def _follow(self, name: str) -> None:
         node = self._system.nodes.get(name)

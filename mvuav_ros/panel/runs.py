@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
@@ -44,21 +44,13 @@ class SavedRun:
     name: str
     kind: str
     source: str
-    parameters: Mapping[str, Value]
+    parameters: dict[str, Value]
     metrics: tuple[Metric, ...]
     version: str
     made: float
     frames: int
     answered: int
     settings: str = ''
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON, which has no NaN."""
-        metrics = [
-            {**metric._asdict(), 'value': metric.value if math.isfinite(metric.value) else None}
-            for metric in self.metrics
-        ]
-        return {**vars(self), 'parameters': dict(self.parameters), 'metrics': metrics}
 
 
 class RunStore:
@@ -92,8 +84,13 @@ class RunStore:
 
     def finish(self, run: SavedRun) -> None:
         """Write what makes a run complete."""
+        metrics: list[dict[str, Any]] = [metric._asdict() for metric in run.metrics]
+        for each in metrics:
+            # JSON has no NaN.
+            each['value'] = each['value'] if math.isfinite(each['value']) else None
+        content = {**vars(run), 'metrics': metrics}
         path = self.folder / checked_name(run.name) / _SUMMARY
-        path.write_text(json.dumps(run.as_dict(), indent=1, ensure_ascii=False))
+        path.write_text(json.dumps(content, indent=1, ensure_ascii=False))
 
     def delete(self, name: str) -> None:
         """Remove a run."""

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from nicegui import ui
 
@@ -14,6 +14,7 @@ from mvuav_ros.panel import foreign
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
 
+ElementT = TypeVar('ElementT', bound=ui.element)
 _CHART = Path(__file__).parent.with_name('static') / 'chart.json'
 
 
@@ -30,10 +31,15 @@ def text(words: object, classes: str = '', tag: str = '') -> ui.label:
     return label
 
 
-def set_prop(element: ui.element, name: str, value: object) -> None:
-    """Set an attribute; unlike by ``props`` itself, nothing is sent where it is that already."""
-    if element.props.get(name) != value:
-        element.props[name] = value
+def set_props(element: ElementT, **props: object) -> ElementT:
+    """Set attributes to values that may be anything, as ``props`` itself would read them as markup.
+
+    A ``_`` in a name stands for ``-``. Nothing is sent where they have these values already.
+    """
+    for name, value in props.items():
+        if element.props.get(name.replace('_', '-')) != value:
+            element.props[name.replace('_', '-')] = value
+    return element
 
 
 def set_class(element: ui.element, name: str, on: bool) -> None:
@@ -52,8 +58,7 @@ def button(
 def icon_button(icon: str, words: str, on_click: Callable[..., Any]) -> ui.button:
     """A small button with a tooltip, which is also its name for who cannot see it."""
     made = ui.button(icon=icon, on_click=on_click).props('flat round dense size=sm')
-    made.props['aria-label'] = words
-    with made:
+    with set_props(made, aria_label=words):
         ui.tooltip(words).props('delay=400')
     return made
 
@@ -61,9 +66,7 @@ def icon_button(icon: str, words: str, on_click: Callable[..., Any]) -> ui.butto
 def choice(options: Any, label: str, value: Any = None, **more: Any) -> ui.select:
     """A menu to choose from."""
     made = ui.select(options, value=value, label=label, **more)
-    made.props('outlined dense options-dense')
-    made.props['aria-label'] = label
-    return made
+    return set_props(made.props('outlined dense options-dense'), aria_label=label)
 
 
 def empty(title: str, words: str, classes: str = 'empty') -> None:
@@ -77,7 +80,7 @@ def empty(title: str, words: str, classes: str = 'empty') -> None:
 def dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
     """A dialog, opened; it is gone for good when it is closed."""
     with ui.dialog() as made, ui.card().classes('card wide' if wide else 'card'):
-        made.props['aria-label'] = foreign.words(title)
+        set_props(made, aria_label=foreign.words(title))
         text(title, 'title', tag='h2')
         yield made
     made.on('hide', made.delete)
@@ -110,15 +113,13 @@ def errors_told() -> Iterator[None]:
 def sheet(label: str, heads: Sequence[str]) -> ui.table:
     """A table of text for `fill`; without a line of headings where all are empty."""
     # A region that scrolls must be reached by the keyboard.
-    with box('sheet').props('tabindex=0 role=region') as region:
-        region.props['aria-label'] = label
+    with set_props(box('sheet').props('tabindex=0 role=region'), aria_label=label):
         columns = [
             {'name': str(i), 'label': head, 'field': str(i), 'align': 'right' if i else 'left'}
             for i, head in enumerate(heads)
         ]
         table = ui.table(rows=[], columns=columns, row_key='row').props('flat dense')
-        table.props['hide-header'] = not any(heads)
-    return table
+    return set_props(table, hide_header=not any(heads))
 
 
 def fill(table: ui.table, rows: Iterable[Sequence[object]]) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, icon_button, set_prop, text
+from mvuav_ros.panel.page.elements import box, icon_button, set_props, text
 
 _FIGURES = {
     'input_rate_hz': ('in', 'Hz'),
@@ -61,15 +60,13 @@ class Head:
                 if not nodes:
                     text('looking for nodes …', 'soft')
         for name, button in self._buttons.items():
-            node = nodes[name]
-            state = '' if node.alive else 'gone' if node.controls else 'starting'
-            color = 'bad' if state == 'gone' else 'warn' if state or node.level else 'good'
+            each = nodes[name]
+            state = '' if each.alive else 'gone' if each.controls else 'starting'
+            color = 'bad' if state == 'gone' else 'warn' if state or each.level else 'good'
             button.set_text(f'{name} {state}'.rstrip())
             button.classes(replace=f'node {color}')
-            set_prop(button, 'aria-pressed', str(name == self._page.selected).lower())
-        self._show_status(self._page.node)
-
-    def _show_status(self, node: LiveNode | None) -> None:
+            set_props(button, aria_pressed=str(name == self._page.selected).lower())
+        node = self._page.node
         for key, label in self._figures.items():
             value = node.status.get(key, '-') if node is not None and node.alive else '-'
             label.set_text('-' if value == 'nan' else value[:12])

@@ -22,7 +22,7 @@ from mvuav_ros.panel.page.elements import (
     empty,
     errors_told,
     icon_button,
-    set_prop,
+    set_props,
     tell,
     text,
 )
@@ -177,8 +177,8 @@ class Tile:
     def __init__(self, stream: Stream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
         change = part.rearrange
-        with box(f'card tile {size}', 'article') as element:
-            element.props['aria-label'] = f'{stream.title} of {stream.node}'
+        named = f'{stream.title} of {stream.node}'
+        with set_props(box(f'card tile {size}', 'article'), aria_label=named):
             with box('tile-head'):
                 text(stream.title, 'title')
                 text(stream.node, 'soft small grow title')
@@ -190,8 +190,7 @@ class Tile:
                 icon_button('close', 'Remove', lambda: change(self, 'remove'))
             with box('well').props('data-fresh=never'):
                 self._canvas = box('image', 'canvas').props('role=img')
-                self._canvas.props['data-key'] = stream.key
-                self._canvas.props['aria-label'] = stream.title
+                set_props(self._canvas, data_key=stream.key, aria_label=stream.title)
                 text('Waiting for images', 'waiting')
             if stream.name == INPUT:
                 self._canvas.classes('clickable')
@@ -218,7 +217,7 @@ class Tile:
         values = self._values
         rows = [values.get(name) for name in (START_ROW, END_ROW)]
         shown = ','.join(map(str, rows)) if None not in rows else ''
-        set_prop(self._canvas, 'data-rows', shown)
+        set_props(self._canvas, data_rows=shown)
         actions = _NOTHING | {key: words for key, words in _ACTIONS.items() if key in values}
         if actions != self._action.options:
             now = self._action.value

@@ -10,7 +10,7 @@ from nicegui import ui
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import Control, Kind, scale_of, value_text
 from mvuav_ros.panel.live_node import same_value
-from mvuav_ros.panel.page.elements import box, set_class, set_prop, text
+from mvuav_ros.panel.page.elements import box, set_class, set_props, text
 from mvuav_ros.parameters.declaration import Value
 
 Edited = Callable[[str, Value], Any]
@@ -32,8 +32,7 @@ class ParameterRow:
         self._difference = ''
         self._slider: ui.element | None = None
         with box(f'param of-{control.kind.value}') as self._row:
-            # As an item: `props` would read a name as markup of its own.
-            self._row.props['data-parameter'] = control.label
+            set_props(self._row, data_parameter=control.label)
             self._make_name()
             self._now = text(value_text(value), 'now')
             with box('edit'):
@@ -68,9 +67,9 @@ class ParameterRow:
                 field.props('inputmode=decimal')
             field.on('keydown.enter', self._commit).on('blur', self._commit)
             field.on('keydown.esc', self._write)
-        field.props['aria-label'] = f'{control.label}, new value'
+        set_props(field, aria_label=f'{control.label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
-        strange = isinstance(self._new, str) and not foreign.is_plain(self._new)
+        strange = isinstance(self._new, str) and foreign.words(self._new) != self._new
         if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
             field.disable()
         return field
@@ -81,8 +80,7 @@ class ParameterRow:
         ``static/live.js`` places its thumb and writes what it speaks.
         """
         slider = box('range', 'input').props('type=range min=0 step=1')
-        slider.props['aria-label'] = self.control.label
-        slider.props['data-unit'] = self.control.text.unit
+        set_props(slider, aria_label=self.control.label, data_unit=self.control.text.unit)
         move = '(e) => emit(e.target.value)'
         return slider.on('input', self._moved, js_handler=move, throttle=0.05)
 
@@ -121,8 +119,9 @@ class ParameterRow:
         if self._slider is not None and image_size != self._image_size:
             self._image_size = image_size
             self._scale = scale_of(self.control, image_size)
-            set_prop(self._slider, 'max', len(self._scale.values) - 1)
-            set_prop(self._slider, 'data-values', ' '.join(map(value_text, self._scale.values)))
+            values = self._scale.values
+            shown = ' '.join(map(value_text, values))
+            set_props(self._slider, max=len(values) - 1, data_values=shown)
             self._place_thumb()
 
     def show(self, value: Any, edit: Value | None = None, difference: str = '') -> None:
@@ -158,7 +157,7 @@ class ParameterRow:
     def _place_thumb(self) -> None:
         # What is no number has no place.
         if self._slider is not None and isinstance(self._new, (int, float)):
-            set_prop(self._slider, 'data-index', self._scale.position(self._new))
+            set_props(self._slider, data_index=self._scale.position(self._new))
 
     def _enter(self, value: Value) -> None:
         self._show_new(value)

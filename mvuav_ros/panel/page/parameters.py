@@ -8,16 +8,18 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
+from mvuav_ros.panel.controls import Control
 from mvuav_ros.panel.images import RESULT_OF_KIND
 from mvuav_ros.panel.live_node import LiveNode, same_value
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, icon_button, tell, text
+from mvuav_ros.panel.page.elements import box, button, icon_button, set_props, tell, text
 from mvuav_ros.panel.page.parameter_row import ParameterRow
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
 
-_STAGES = ('Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach')
-_LAST = ('Correction', 'Other', 'Node', 'Every ROS node')
+_STAGES = ['Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach']
+_STAGES += ['unknown', 'Correction', 'Other', 'Node', 'Every ROS node']
+"""In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
 _FOLDED = ('Node', 'Every ROS node')
 
 
@@ -32,12 +34,11 @@ class Parameters:
         self._page, self._node = page, node
         self._edits, self._history = page.edits_of(node.name), page.histories[node.name]
         self._rows: dict[str, ParameterRow] = {}
-        self._stages: dict[str, ui.label] = {}
         self._sending: set[str] = set()
         self._whole = False
         with box('preview well').props('data-fresh=never'):
             canvas = box('image', 'canvas').props('role=img aria-label="Result"')
-            canvas.props['data-key'] = f'{node.name} {RESULT_OF_KIND[node.kind]}'
+            set_props(canvas, data_key=f'{node.name} {RESULT_OF_KIND[node.kind]}')
         with box('card'):
             self._sets = SetBar(page, node, self.load, self.show)
             self._build_bar()
@@ -62,33 +63,31 @@ class Parameters:
         with box('filter'):
             self._filter = ui.input(placeholder='Find a parameter', on_change=self._arrange)
             self._filter.props('dense borderless clearable type=search')
-            self._filter.props['aria-label'] = 'Find a parameter'
+            self._filter.props('aria-label="Find a parameter"')
 
     def _build_list(self) -> None:
         with box('heads').props('aria-hidden=true'):
             for head in ('parameter', 'now', 'new'):
                 text(head)
-        controls = sorted(self._node.controls, key=lambda control: _rank(control.stage))
+        controls = sorted(self._node.controls, key=_rank)
         for stage, group in groupby(controls, key=lambda control: control.stage):
-            self._stages[stage] = text(stage, 'stage', tag='h2')
-            for each in group:
-                value = self._node.values.get(each.name)
-                self._rows[each.name] = ParameterRow(each, value, self._edited)
+            # Goes away with its last visible row; see the style sheet.
+            with box('stage-rows'):
+                text(stage, 'stage', tag='h2')
+                for each in group:
+                    value = self._node.values.get(each.name)
+                    self._rows[each.name] = ParameterRow(each, value, self._edited)
 
     def _arrange(self) -> None:
         """Show what counts now, or what is looked for."""
         sought = str(self._filter.value or '')
-        hidden, stages = 0, set()
+        hidden = 0
         for row in self._rows.values():
-            stage, counts = row.control.stage, row.control.counts(self._node.values)
-            wanted = row.matches(sought) if sought else counts and stage not in _FOLDED
+            counts = row.control.counts(self._node.values)
+            usual = counts and row.control.stage not in _FOLDED
+            wanted = row.matches(sought) if sought else usual
             hidden += not wanted
-            visible = wanted or (self._whole and not sought)
-            row.place(visible=visible, counts=counts)
-            if visible:
-                stages.add(stage)
-        for stage, label in self._stages.items():
-            label.set_visibility(stage in stages)
+            row.place(visible=wanted or (self._whole and not sought), counts=counts)
         self._more.set_visibility(hidden > 0 and not sought)
         what = f'{hidden} that have no effect in this mode, or belong to the node'
         self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
@@ -204,8 +203,5 @@ class Parameters:
         self._redo.set_enabled(self._history.can_redo)
 
 
-def _rank(stage: str) -> int:
-    """In the order of the processing; a stage that we do not know comes behind it."""
-    if stage in _STAGES:
-        return _STAGES.index(stage)
-    return len(_STAGES) + (1 + _LAST.index(stage) if stage in _LAST else 0)
+def _rank(control: Control) -> int:
+    return _STAGES.index(control.stage if control.stage in _STAGES else 'unknown')

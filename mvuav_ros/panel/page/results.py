@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import axes, box, button, fill, sheet, tell, text
+from mvuav_ros.panel.page.elements import axes, box, button, fill, set_props, sheet, tell, text
 from mvuav_ros.panel.series import CURVES
 
 _COUNTS = {
@@ -51,41 +51,45 @@ class Results:
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
-        self._sheets: list[tuple[ui.table, Callable[[LiveNode], list[list[str]]]]] = []
         with box('card pose'):
             text(_POSE[node.kind], tag='h2')
             with box('line wrap'):
                 sketch = box('sketch', 'canvas').props('width=320 height=220 role=img')
-                sketch.props['data-node'] = node.name
-                sketch.props['aria-label'] = f'Sketch. {_POSE[node.kind]}'
+                set_props(sketch, data_node=node.name, aria_label=f'Sketch. {_POSE[node.kind]}')
                 box('pose-numbers', 'dl')
             text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
+        self._lines: ui.table | None = None
         if node.kind == 'runway_detector':
             with box('card'):
                 with box('line titled'):
                     text('Statistics since the last reset', 'title grow', tag='h2')
                     button('Reset', self._reset, 'restart_alt')
                 heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
-                self._sheets.append((sheet('Statistics of the lines', heads), _statistics_rows))
+                self._lines = sheet('Statistics of the lines', heads)
         with box('charts'):
             for chart, (title, unit) in CURVES[node.kind].items():
                 with box('card'):
                     made = ui.echart(axes(title, unit)).classes('chart')
-                    made.props['data-curves'] = chart
                     # Until the first value there is nothing that the chart would say of itself.
-                    made.props['aria-label'] = f'Curve of {title}'
-                    made.props['data-node'] = node.name
+                    set_props(made, aria_label=f'Curve of {title}')
+                    set_props(made, data_curves=chart, data_node=node.name)
         with box('charts'):
-            for title, rows in (('Frames', _frame_rows), ('Time per frame', _time_rows)):
-                with box('card'):
-                    text(title, tag='h2')
-                    self._sheets.append((sheet(title, ('', '')), rows))
+            with box('card'):
+                text('Frames', tag='h2')
+                self._frames = sheet('Frames', ('', ''))
+            with box('card'):
+                text('Time per frame', tag='h2')
+                self._times = sheet('Time per frame', ('', ''))
         self.show()
 
     def show(self) -> None:
         """After new statistics or diagnostics."""
-        for table, rows in self._sheets:
-            fill(table, rows(self._node))
+        said = self._node.status
+        if self._lines:
+            fill(self._lines, _statistics_rows(self._node.statistics))
+        fill(self._frames, [(words, said.get(key, '-')) for key, words in _FRAMES.items()])
+        times = _TIMES.items()
+        fill(self._times, [(words, foreign.fixed(said.get(key), 2)) for key, words in times])
 
     async def _reset(self) -> None:
         reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')
@@ -93,15 +97,7 @@ class Results:
             tell(reason, bad=True)
 
 
-def _frame_rows(node: LiveNode) -> list[list[str]]:
-    return [[words, node.status.get(key, '-')] for key, words in _FRAMES.items()]
-
-
-def _time_rows(node: LiveNode) -> list[list[str]]:
-    return [[words, foreign.fixed(node.status.get(key), 2)] for key, words in _TIMES.items()]
-
-
-def _statistics_rows(node: LiveNode) -> list[list[str]]:
+def _statistics_rows(said: Mapping[str, Mapping[str, str]]) -> list[list[str]]:
     """All lines, and each; numbered from 1, as in the images."""
 
     def row(name: str, values: Mapping[str, str], frames: str) -> list[str]:
@@ -109,6 +105,5 @@ def _statistics_rows(node: LiveNode) -> list[list[str]]:
         means = [foreign.fixed(values[key], 2) if key in values else '' for key in _MEANS]
         return [name, *counts, *means]
 
-    total = row('all lines', node.statistics.get('runway', {}), 'frames')
-    lines = [name for name in node.statistics if name.startswith('line ')]
-    return [total, *(row(name, node.statistics[name], 'found') for name in lines)]
+    lines = [row(name, said[name], 'found') for name in said if name.startswith('line ')]
+    return [row('all lines', said.get('runway', {}), 'frames'), *lines]

@@ -19,6 +19,7 @@ from mvuav_ros.panel.page.elements import (
     confirmed,
     errors_told,
     fill,
+    set_props,
     sheet,
     tell,
     text,
@@ -42,6 +43,7 @@ _HEADS = {
 # Quasar's own checkboxes in a table have no name for who cannot see them.
 _CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
 _WORD_IN_BAG = {'marker_tracker': 'tanker', 'runway_detector': 'runway'}
+_AS_SET = 'Save to set, run and save'
 Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
 
 
@@ -78,11 +80,11 @@ class Runs:
                 self._buttons = [
                     button('Run', lambda: self._run(keep=False), 'play_arrow'),
                     button('Run and save', self._run, 'save', main=True),
-                    button('Save to set, run and save', self._save_and_run, 'playlist_add_check'),
+                    button(_AS_SET, lambda: self._run(as_set=True), 'playlist_add_check'),
                 ]
             with box('line').style('min-height: 32px'):
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
-                self._bar.classes('grow').props['aria-label'] = 'Progress'
+                self._bar.classes('grow').props('aria-label=Progress')
                 self._words = text('', 'small soft number').props('role=status')
                 self._cancel = button('Cancel', self._cancel_run)
                 self._cancel.disable()
@@ -103,7 +105,7 @@ class Runs:
             selection='multiple',
             on_select=self._tick,
         ).props('flat dense binary-state-sort')
-        self._table.props['no-data-label'] = 'No run saved yet. “Run and save” keeps one.'
+        set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
         self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
         self._table.add_slot('body-selection', _CHECKBOX.format('props.row.name'))
 
@@ -165,30 +167,19 @@ class Runs:
                 services.runs.delete(name)
             services.runs_changed.emit()
 
-    async def _save_and_run(self) -> None:
-        node = self._page.node
-        if self._can_run() and node is not None:
-            with errors_told():
-                save_set(self._page, node, self._name.value or '')
-                await self._run()
-
-    def _can_run(self) -> bool:
-        node = self._page.node
+    async def _run(self, *, keep: bool = True, as_set: bool = False) -> None:
+        node, services, name = self._page.node, self._page.services, self._name.value or ''
         if node is None or not node.controls:
             tell('No node is selected whose values a run could use.', bad=True)
-        elif (self._bag.value or '') not in self._bags:
+            return
+        if (self._bag.value or '') not in self._bags:
             tell('Choose a recording first.', bad=True)
-        else:
-            return self._process is None
-        return False
-
-    async def _run(self, *, keep: bool = True) -> None:
-        node, services = self._page.node, self._page.services
-        if not self._can_run() or node is None:
             return
         with errors_told():
+            if as_set:
+                save_set(self._page, node, name)
             if keep:
-                folder = services.runs.new_folder(self._name.value or '')
+                folder = services.runs.new_folder(name)
             else:
                 folder = Path(tempfile.mkdtemp(dir=services.scratch))
             values, known = node.own_values, PROCESSORS[node.kind].parameters_type.names()

@@ -20,6 +20,7 @@ from mvuav_ros.panel.page.elements import (
     errors_told,
     fill,
     set_class,
+    set_props,
     sheet,
     tell,
     text,
@@ -44,13 +45,12 @@ class SetBar:
                 self._choice = choice([], 'Set', on_change=self._choose).classes('grow')
                 button('Load', self._load_chosen)
                 button('Save', self._ask_name)
-                with ui.button(icon='more_vert').props('flat round dense size=sm') as more:
-                    more.props['aria-label'] = 'More about sets'
-                    with ui.menu():
-                        ui.menu_item('Compare two sets', self._compare)
-                        self._download = ui.menu_item('Download the set', self._send_file)
-                        ui.menu_item('Upload a set', self._ask_file)
-                        self._delete = ui.menu_item('Delete the set', self._delete_chosen)
+                more = ui.button(icon='more_vert').props('flat round dense size=sm')
+                with set_props(more, aria_label='More about sets'), ui.menu():
+                    ui.menu_item('Compare two sets', self._compare)
+                    self._download = ui.menu_item('Download the set', self._send_file)
+                    ui.menu_item('Upload a set', self._ask_file)
+                    self._delete = ui.menu_item('Delete the set', self._delete_chosen)
             self._match = text('', 'match').props('role=status')
         self.reload()
 
@@ -166,7 +166,7 @@ class SetBar:
                 right = choice(names, 'Another set', chosen).classes('grow')
             whole = ui.switch('Also what is equal').props('dense')
             table = sheet('The difference', ('parameter', 'one set', 'another set'))
-            table.props['no-data-label'] = 'No parameter differs.'
+            set_props(table, no_data_label='No parameter differs.')
 
             def show() -> None:
                 sets = (self._values_of(left.value), self._values_of(right.value))

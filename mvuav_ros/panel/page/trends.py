@@ -8,10 +8,10 @@ from typing import Any
 
 from nicegui import ui
 
-from mvuav_ros.offline.evaluation.metrics import metric_groups
+from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, text
+from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, set_props, text
 from mvuav_ros.panel.runs import SavedRun, run_table, varied
 
 _FIRST = ('flag counts', 'markers by state')
@@ -75,8 +75,8 @@ class Trends:
     def _chart(self, options: Callable[..., Any], columns: list[str], height: int) -> None:
         chart = ui.echart(options(self._runs, columns, self._over.value)).classes('chart')
         chart.style(f'height: {height}px')
-        chart.props['data-trend'] = ', '.join(columns)
-        chart.props['aria-label'] = f'Trend of {", ".join(columns)}'
+        names = ', '.join(columns)
+        set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
 
     def _export_csv(self) -> None:
         ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
@@ -89,14 +89,14 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
     options = axes(*_title(columns), [_place(run, over) for run in runs])
     look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
     options['series'] = [
-        {**look, 'name': _plain(column), 'data': _numbers(runs, column)} for column in columns
+        {**look, 'name': name_and_unit(each)[0], 'data': _numbers(runs, each)} for each in columns
     ]
     return options
 
 
 def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
     """A chart with a group of bars for each column."""
-    options = axes(*_title(columns), [_plain(column) for column in columns])
+    options = axes(*_title(columns), [name_and_unit(column)[0] for column in columns])
     options['yAxis']['scale'] = False
     look = {'type': 'bar', 'barMaxWidth': 36}
     values = zip(*(_numbers(runs, column) for column in columns), strict=True)
@@ -119,13 +119,9 @@ def _order(value: Any) -> tuple[bool, float, str]:
 
 def _title(columns: Sequence[str]) -> tuple[str, str]:
     """Of the chart, with the unit where all columns have the same."""
-    units = {column.rpartition(' [')[2].rstrip(']') if ' [' in column else '' for column in columns}
-    title = _plain(columns[0]).capitalize() if len(columns) == 1 else 'Trends'
-    return title, units.pop() if len(units) == 1 else ''
-
-
-def _plain(column: str) -> str:
-    return column.split(' [')[0]
+    names, units = zip(*map(name_and_unit, columns), strict=True)
+    title = names[0].capitalize() if len(names) == 1 else 'Trends'
+    return title, units[0] if len(set(units)) == 1 else ''
 
 
 def _numbers(runs: Sequence[SavedRun], column: str) -> list[float | None]:

@@ -9,7 +9,7 @@ from nicegui import Client, ui
 
 from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.page.context import Page, Services
-from mvuav_ros.panel.page.elements import box, empty, set_prop
+from mvuav_ros.panel.page.elements import box, empty, set_props
 from mvuav_ros.panel.page.head import Head
 from mvuav_ros.panel.page.images import Images
 from mvuav_ros.panel.page.parameters import Parameters
@@ -38,7 +38,7 @@ class View:
                 tabs.props('dense no-caps inline-label align=left aria-label="Parts of the panel"')
                 with ui.tab_panels(tabs, animated=False).classes('views') as panels:
                     with ui.tab_panel('images'):
-                        self._images = Images(self._page, self._set_parameter)
+                        self.images = Images(self._page, self._set_parameter)
                     with ui.tab_panel('results'):
                         self._results_place = box('part results stack')
                     with ui.tab_panel('runs'):
@@ -55,13 +55,9 @@ class View:
         services.sets_changed.subscribe(self._sets_changed)
         self._connected()
 
-    async def restore(self) -> None:
-        """Take the arrangement of the images that the browser has kept."""
-        await self._images.restore()
-
     def _show_part(self, event: Any) -> None:
         self._page.kept['part'] = str(event.value)
-        set_prop(self._root, 'data-part', self._page.kept['part'])
+        set_props(self._root, data_part=self._page.kept['part'])
 
     def _connected(self) -> None:
         self._page.services.system.listen(self._heard)
@@ -73,7 +69,7 @@ class View:
 
     def _closed(self) -> None:
         self._page.services.system.leave(self._heard)
-        self._images.stop_recording()
+        self.images.stop_recording()
 
     def _heard(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
@@ -81,12 +77,12 @@ class View:
             if what == 'nodes':
                 self._refresh()
             elif what == 'values':
-                self._images.show_values()
+                self.images.show_values()
                 if ours and self._parameters:
                     self._parameters.show()
             elif what == 'status':
                 self._head.refresh()
-                self._images.show_recording()
+                self.images.show_recording()
                 if ours and self._parameters:
                     self._parameters.show_status()
                 if ours and self._results:
@@ -95,8 +91,8 @@ class View:
     def _refresh(self) -> None:
         # The head first: it selects a node where none is.
         self._head.refresh()
-        self._images.refresh()
-        set_prop(self._root, 'data-node', self._page.selected)
+        self.images.refresh()
+        set_props(self._root, data_node=self._page.selected)
         node = self._page.node
         built = (node, *node.controls) if node else ()
         if built != self._built:
