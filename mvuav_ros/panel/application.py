@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
@@ -26,7 +25,7 @@ _TAB_MEMORY = 86_400.0
 def make_application(services: Services, token: str) -> Guard:
     """Everything that the web server serves; our own node spins while it does."""
     application = FastAPI(openapi_url=None)
-    app.on_startup(lambda: services.ros.start(asyncio.get_running_loop()))
+    app.on_startup(services.ros.start)
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:

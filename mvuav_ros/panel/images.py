@@ -81,11 +81,7 @@ def streams_of(node: LiveNode) -> list[Stream]:
 
 
 def decode(stream: Stream, data: bytes) -> Image:
-    """A serialized message's image.
-
-    Raises:
-        ImageError: it cannot be used.
-    """
+    """A serialized message's image; ImageError where it cannot be used."""
     if stream.compressed:
         return decode_compressed_image(view_compressed_image(data))
     return decode_image(view_image(data))

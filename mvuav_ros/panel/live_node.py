@@ -116,10 +116,9 @@ class LiveNode:
             self.reading.cancel()
 
     async def read(self) -> None:
-        """Ask it for everything; the controls come in the order of declaration where it keeps that.
+        """Ask it for everything; NoAnswerError where it does not answer.
 
-        Raises:
-            NoAnswerError: it does not answer.
+        The controls come in the order of declaration where it keeps that.
         """
         said = dict.fromkeys((await self._ask(ListParameters)).result.names)
         names = [n for n in said if 0 < len(n) <= foreign.LONGEST_NAME][:_MOST_PARAMETERS]

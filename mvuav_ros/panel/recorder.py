@@ -26,18 +26,11 @@ LONGEST = 600.0
 class Recorder:
     """Records one node until it is stopped; its file can be replayed.
 
-    Attributes:
-        messages: written so far.
-        error: why it ended by itself; empty while it goes on.
+    ``messages`` are written so far; ``error`` says why it ended by itself. Making it makes the
+    folder; that and the end raise RecordingError or OSError where the file cannot be written.
     """
 
     def __init__(self, ros: RosThread, node: LiveNode, path: Path) -> None:
-        """Begin, in a folder that is made.
-
-        Raises:
-            RecordingError: the file cannot be written.
-            OSError: its folder cannot be made.
-        """
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path, self.messages, self.error = path, 0, ''
         self._began = time.monotonic()
@@ -56,11 +49,7 @@ class Recorder:
         return time.monotonic() - self._began
 
     def stop(self) -> None:
-        """End the recording.
-
-        Raises:
-            RecordingError: the file could not be completed.
-        """
+        """End the recording."""
         self._stopped = True
         self._subscriptions.close()
         self._writer.close()

@@ -40,9 +40,9 @@ class RosThread:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping = False
 
-    def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to spin; `tell` reaches this loop from then on."""
-        self._loop = loop
+    def start(self) -> None:
+        """Begin to spin; `tell` reaches the loop in which this is called."""
+        self._loop = asyncio.get_running_loop()
         self._thread.start()
 
     def stop(self) -> None:

@@ -57,9 +57,7 @@ class RunProcess:
     ) -> SavedRun:
         """Replay a recording with a node's code and measure its results.
 
-        Args:
-            request: what to run.
-            progress: called with the frames done and, where that is known, how many there are.
+        ``progress`` gets the frames done and, where that is known, how many there are.
 
         Raises:
             RunFailedError: it failed, or was cancelled.

@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
@@ -29,7 +30,7 @@ from mvuav_ros.panel.page.elements import (
 from mvuav_ros.panel.recorder import Recorder
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.vision.image import Image, ImageError
+from mvuav_ros.vision.image import Image
 
 _SIZES = ('s', 'm', 'l')
 _KEPT = 'tuning_panel_images'
@@ -232,20 +233,18 @@ class Tile:
             self._words.set_text(f'{action} {row}')
             self._part.set_parameter(node, action, row)
             return
-        image = self._newest()
+        image = self._part.page.services.feed.newest(self.stream.key)
         if image is not None and 0 <= x < image.width and 0 <= y < image.height:
-            self._words.set_text(pixel_words(image, x, y, self._values.get(THRESHOLD)))
+            gray = image.gray()
+            value = float(gray[y, x]) / np.iinfo(gray.dtype).max
+            self._words.set_text(pixel_words(image, x, y, value, self._values.get(THRESHOLD)))
             if action == THRESHOLD:
-                self._part.set_parameter(node, THRESHOLD, threshold_below(image, x, y))
-
-    def _newest(self) -> Image | None:
-        try:
-            return self._part.page.services.feed.newest(self.stream.key)
-        except ImageError:
-            return None
+                # In thousandths; this pixel and all brighter ones exceed it.
+                below = max(math.ceil(1000.0 * value) - 1, 0) / 1000.0
+                self._part.set_parameter(node, THRESHOLD, below)
 
     def _snapshot(self) -> None:
-        image = self._newest()
+        image = self._part.page.services.feed.newest(self.stream.key)
         if image is None:
             tell('There is no image yet.', bad=True)
             return
@@ -253,20 +252,8 @@ class Tile:
         ui.download.content(encode_png(image), f'{name}.png', 'image/png')
 
 
-def pixel_value(image: Image, x: int, y: int) -> float:
-    """A pixel's intensity as a fraction of full scale."""
-    gray = image.gray()
-    return float(gray[y, x]) / (65535.0 if gray.dtype.itemsize == 2 else 255.0)
-
-
-def threshold_below(image: Image, x: int, y: int) -> float:
-    """The threshold, in thousandths, that this pixel and all brighter ones exceed."""
-    return max(math.ceil(1000.0 * pixel_value(image, x, y)) - 1, 0) / 1000.0
-
-
-def pixel_words(image: Image, x: int, y: int, threshold: object) -> str:
+def pixel_words(image: Image, x: int, y: int, value: float, threshold: object) -> str:
     """A pixel's value as a fraction of full scale, held against the node's threshold."""
-    value = pixel_value(image, x, y)
     words = f'x {x}, y {y}: {value:.3f}'
     if isinstance(threshold, float):
         side = 'above' if value > threshold else 'not above'

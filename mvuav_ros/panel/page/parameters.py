@@ -59,7 +59,7 @@ class Parameters:
             self._redo = icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
             box('grow')
             self._discard = button('Discard', self._forget_edits).props('flat')
-            self._apply = button('Apply', self._apply_edits, main=True)
+            self._apply = button('Apply', lambda: self._set(dict(self._edits)), main=True)
         with box('filter'):
             self._filter = ui.input(placeholder='Find a parameter', on_change=self._arrange)
             self._filter.props('dense borderless clearable type=search')
@@ -179,9 +179,6 @@ class Parameters:
 
     async def _step(self, values: Mapping[str, Value]) -> None:
         await self._set(values, undoable=False)
-
-    async def _apply_edits(self) -> None:
-        await self._set(dict(self._edits))
 
     def _forget_edits(self) -> None:
         self._edits.clear()
