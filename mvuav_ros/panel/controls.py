@@ -53,13 +53,11 @@ class Control:
 
     Attributes:
         name: the parameter's, as the node knows it.
-        kind: of the widget.
         type: of the value, a tuple being of numbers; None of one that the panel only shows.
         text: what the descriptor's description says.
         constraint: the values allowed, in words.
         minimum: the smallest value; NaN where the descriptor says none.
         maximum: the largest value.
-        choices: of a menu.
         odd: only odd numbers are allowed.
         read_only: it cannot be changed while the node runs.
     """
@@ -98,11 +96,7 @@ class Control:
         )
 
     def parse(self, words: object) -> Value:
-        """What a user typed, as a value to be sent to the node, which judges it.
-
-        Raises:
-            ValueError: it cannot even be sent, with the reason.
-        """
+        """What a user typed, as a value for the node to judge; ValueError where it can be none."""
         if self.type is bool:
             return bool(words)
         if self.type is str:
@@ -147,10 +141,7 @@ class Scale:
 def scale_of(control: Control, image_size: float = 0.0) -> Scale:
     """A slider's scale over the range that is usual for its parameter.
 
-    Args:
-        control: a slider.
-        image_size: longer side of the node's images, px; 0: not known. Places and lengths in the
-            image end there.
+    Places and lengths in the image end at the longer side of the node's images (px; 0: not known).
     """
     low, high = control.text.usual or (control.minimum, control.maximum)
     low, high = max(low, control.minimum), min(high, control.maximum)

@@ -107,11 +107,7 @@ class NameRefusedError(ValueError):
 
 
 def checked_name(text: str) -> str:
-    """The name, where it is one that stays in its folder on every file system.
-
-    Raises:
-        NameRefusedError: it is not.
-    """
+    """The name, where it stays in its folder on every file system; NameRefusedError elsewhere."""
     name = text.strip()
     if not _FILE_NAME.fullmatch(name) or '..' in name or name.endswith('.'):
         raise NameRefusedError(

@@ -34,13 +34,9 @@ _LARGEST_SIDE = 100_000
 
 
 class Found(NamedTuple):
-    """A running node.
+    """A running node: fully qualified name, and kind, however it is called.
 
-    Attributes:
-        name: fully qualified.
-        kind: ``marker_tracker`` or ``runway_detector``, however the node is called.
-        image_topic: what it subscribes to; empty where frames are handed over in its process.
-        compressed: whether those are compressed images.
+    ``image_topic`` is empty where frames are handed over in its process.
     """
 
     name: str

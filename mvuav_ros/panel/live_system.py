@@ -67,11 +67,7 @@ class LiveSystem:
                 node.unread, node.heard = True, 0.0
 
     async def set(self, name: str, values: Mapping[str, Value]) -> dict[str, str]:
-        """Set parameters of a node.
-
-        Returns:
-            For each that was not set the reason.
-        """
+        """Set parameters of a node; returns for each that was not set the reason."""
         node = self.nodes.get(name)
         if node is None:
             return dict.fromkeys(values, 'the node is gone')

@@ -68,20 +68,12 @@ class RosThread:
         *,
         raw: bool = False,
     ) -> Callable[[], object]:
-        """Subscribe; ``heard`` is called in the ROS thread.
-
-        Returns:
-            What ends the subscription.
-        """
+        """Subscribe until the returned is called; ``heard`` is called in the ROS thread."""
         made = self.node.create_subscription(kind, topic, heard, qos, raw=raw)
         return partial(self.node.destroy_subscription, made)
 
     async def request(self, client: Any, request: Any) -> Any:
-        """Ask a service.
-
-        Raises:
-            NoAnswerError: nothing came in time.
-        """
+        """Ask a service; NoAnswerError where nothing comes in time."""
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
 
         def take(response: Any) -> None:

@@ -30,15 +30,10 @@ _LARGEST_SUMMARY = 1_000_000
 
 @dataclass(frozen=True)
 class SavedRun:
-    """One run of a kind of node over a recording.
+    """One run of a kind of node over a recording, with the metrics of ``mvuav sweep``.
 
-    Attributes:
-        metrics: its numbers, those of ``mvuav sweep``.
-        version: of this package.
-        made: seconds since the epoch.
-        frames: read.
-        answered: with a result.
-        settings: the name of the parameters' set; empty where they were none's.
+    It was made in s since the epoch; ``answered`` of the frames have a result. ``settings`` names
+    the parameters' set, where they were one's.
     """
 
     name: str

@@ -64,11 +64,7 @@ class SetStore:
         return self._path(name).read_bytes()
 
     def add(self, name: str, content: bytes) -> list[str]:
-        """Take in a file from elsewhere; one that is no parameter file is not kept.
-
-        Returns:
-            The kinds of nodes that it says something of.
-        """
+        """Take in a parameter file; returns the kinds of nodes that it says something of."""
         path = self._path(name)
         if path.exists():
             raise NameRefusedError(f'there is a set {name} already')

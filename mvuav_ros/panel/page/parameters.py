@@ -140,11 +140,7 @@ class Parameters:
             self._sending.discard(name)
 
     async def _set(self, values: Mapping[str, Value], *, undoable: bool = True) -> dict[str, str]:
-        """Set values and show what the node says.
-
-        Returns:
-            The reason for each that it has refused; those stay edits.
-        """
+        """Set values; returns the reason for each that the node refused, which stays an edit."""
         before = dict(self._node.values)
         self._edits.update(values)
         system = self._page.services.system
