@@ -73,9 +73,10 @@ class LiveSocket:
         streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
         wanted = [each for each in streams if each.topic and each.key in keys][:MOST_STREAMS]
         self._feed.look(self._arrived, set(wanted))
-        for key in self._under_way.keys() - {each.key for each in wanted}:
+        known = self._waiting.keys() | self._under_way.keys()
+        for key in known - {each.key for each in wanted}:
             self._waiting.pop(key, None)
-            del self._under_way[key]
+            self._under_way.pop(key, None)
 
     def _follow(self, name: str) -> None:
         node = self._system.nodes.get(name)

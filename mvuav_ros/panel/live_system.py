@@ -97,7 +97,7 @@ class LiveSystem:
             if node is None or node.found != each:
                 node = self.nodes.setdefault(name, LiveNode(self._ros, each))
                 node.found = each
-                self._tell('nodes', node)
+                self.tell('nodes', node)
             node.connect(self._on_statistics)
             if node.unread and (node.reading is None or node.reading.done()):
                 node.reading = asyncio.create_task(self._read(node))
@@ -105,7 +105,7 @@ class LiveSystem:
             silent = node.heard and time.monotonic() - node.heard > _SILENCE
             if node.alive and (name not in found or silent):
                 node.alive, node.unread = False, True
-                self._tell('nodes', node)
+                self.tell('nodes', node)
             if name not in found:
                 node.disconnect()
 
@@ -113,10 +113,11 @@ class LiveSystem:
         """One that says nothing is asked again by the next scan."""
         with suppress(NoAnswerError):
             await node.read()
-            self._tell('nodes', node)
-            self._tell('values', node)
+            self.tell('nodes', node)
+            self.tell('values', node)
 
-    def _tell(self, what: str, node: LiveNode) -> None:
+    def tell(self, what: str, node: LiveNode) -> None:
+        """Call the listeners."""
         for listener in list(self._listeners):
             listener(what, node)
 
@@ -127,14 +128,14 @@ class LiveSystem:
                 node.heard = now
                 node.status = foreign.key_values(status.values)
                 node.message, node.level = foreign.words(status.message), status.level[0]
-                self._tell('status', node)
+                self.tell('status', node)
 
     def _on_statistics(self, node: LiveNode, message: DiagnosticArray) -> None:
         now = time.monotonic()
         if now - node.counted > _SHORTEST:
             node.counted = now
             node.statistics = foreign.statuses(message)
-            self._tell('status', node)
+            self.tell('status', node)
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         node = self.nodes.get(event.node)
@@ -147,4 +148,4 @@ class LiveSystem:
         """The answer to a request and the event of the change tell the same."""
         if any(not same_value(node.values.get(name), value) for name, value in values.items()):
             node.values.update(values)
-            self._tell('values', node)
+            self.tell('values', node)

@@ -151,11 +151,11 @@ class Parameters:
         for name, value in taken.items():
             if same_value(self._edits.get(name), value):
                 del self._edits[name]
-        if not self._list.is_deleted:
-            self.show()
-            for name, reason in refused.items():
-                if name in self._rows and same_value(self._edits.get(name), values[name]):
-                    self._rows[name].refuse(reason)
+        # Another list may show the node by now.
+        system.tell('values', self._node)
+        for name, reason in refused.items() if not self._list.is_deleted else ():
+            if name in self._rows and same_value(self._edits.get(name), values[name]):
+                self._rows[name].refuse(reason)
         return refused
 
     async def load(self, values: Mapping[str, Value], name: str) -> None:

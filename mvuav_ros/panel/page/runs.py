@@ -169,6 +169,8 @@ class Runs:
 
     async def _run(self, *, keep: bool = True, as_set: bool = False) -> None:
         node, services, name = self._page.node, self._page.services, self._name.value or ''
+        if self._process is not None:
+            return
         if node is None or not node.controls:
             tell('No node is selected whose values a run could use.', bad=True)
             return
