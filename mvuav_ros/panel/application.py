@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
 from fastapi.responses import FileResponse, Response
-from jinja2 import Environment, FunctionLoader
+from jinja2.ext import Extension
 from nicegui import Client, app, core, ui
 from nicegui.client import templates
 from starlette.staticfiles import StaticFiles
@@ -62,22 +62,15 @@ def make_application(services: Services, token: str) -> Guard:
         show_welcome_message=False,
     )
     app.storage.max_tab_storage_age = _TAB_MEMORY
-    _give_scripts_a_nonce(templates.env)
+    templates.env.add_extension(_Nonce)
+    templates.env.globals['csp_nonce'] = NONCE.get
     # NiceGUI answers pages of every origin; the guard asks for ours, and so does this.
     core.sio.eio.cors_allowed_origins = None
     return Guard(application, token)
 
 
-def _give_scripts_a_nonce(environment: Environment) -> None:
-    """Put the nonce into templates before any data are: data can never bring a script."""
-    if 'csp_nonce' in environment.globals:
-        return
-    inner = environment.loader
-    assert inner is not None
+class _Nonce(Extension):
+    """Put into templates before any data are: data can never bring a script."""
 
-    def source(template: str) -> str:
-        plain = inner.get_source(environment, template)[0]
-        return plain.replace('<script', '<script nonce="{{ csp_nonce() }}"')
-
-    environment.loader = FunctionLoader(source)
-    environment.globals['csp_nonce'] = NONCE.get
+    def preprocess(self, source: str, name: str | None, filename: str | None = None) -> str:
+        return source.replace('<script', '<script nonce="{{ csp_nonce() }}"')

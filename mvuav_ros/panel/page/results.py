@@ -12,11 +12,7 @@ from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.elements import axes, box, button, fill, set_props, sheet, tell, text
 from mvuav_ros.panel.series import CURVES
 
-_COUNTS = {
-    'rho_flags': 'rho flags',
-    'theta_flags': 'theta flags',
-    'combined_flags': 'combined',
-}
+_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
 _MEANS = {
     'rho_mean': 'mean rho px',
     'rho_std': 'std',
