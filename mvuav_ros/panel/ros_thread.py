@@ -99,6 +99,9 @@ class RosThread:
                 self._executor.spin_once()
             except (ExternalShutdownException, KeyboardInterrupt):
                 break
+            except InvalidHandle:
+                # The loop has just ended what was to be waited for: wait for the others.
+                continue
             except Exception as error:
                 if not rclpy.ok():
                     break
