@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -124,22 +123,8 @@ def _number(words: str, wanted: str) -> float:
     return number
 
 
-@dataclass(frozen=True)
-class Scale:
-    """The values at the positions of a slider, in rising order."""
-
-    values: tuple[float, ...]
-
-    def position(self, value: float) -> int:
-        """The position whose value is nearest."""
-        right = min(bisect_left(self.values, value), len(self.values) - 1)
-        left = max(right - 1, 0)
-        nearer = value - self.values[left] < self.values[right] - value
-        return left if nearer else right
-
-
-def scale_of(control: Control, image_size: float = 0.0) -> Scale:
-    """A slider's scale over the range that is usual for its parameter.
+def scale_of(control: Control, image_size: float = 0.0) -> tuple[float, ...]:
+    """The values at a slider's positions, rising, over the range usual for its parameter.
 
     Places and lengths in the image end at the longer side of the node's images (px; 0: not known).
     """
@@ -158,7 +143,13 @@ def scale_of(control: Control, image_size: float = 0.0) -> Scale:
         values = [round(low + step * index, 10) for index in range(count + 1)]
     if control.odd:
         values = sorted({2 * (int(value) // 2) + 1 for value in values} - {int(high) + 1})
-    return Scale(tuple(int(value) if whole else value for value in values))
+    return tuple(int(value) if whole else value for value in values)
+
+
+def position_on(scale: Sequence[float], value: float) -> int:
+    """The position on a slider's scale whose value is nearest."""
+    value = min(max(value, scale[0]), scale[-1])
+    return min(range(len(scale)), key=lambda index: abs(scale[index] - value))
 
 
 def _step(least: float, whole: bool) -> float:

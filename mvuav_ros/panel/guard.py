@@ -63,15 +63,16 @@ class Guard:
             return
         NONCE.set(secrets.token_urlsafe(16))
         visitor = HTTPConnection(scope)
-        answer = self._refusal(visitor)
-        if answer is None and scope['type'] == 'http' and self._token and _token_in(visitor):
+        given = visitor.query_params.get('token', '')
+        answer = self._refusal(visitor, given)
+        if answer is None and scope['type'] == 'http' and self._token and given:
             # The token does not stay in the address bar and its history.
             cookie = f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
             answer = RedirectResponse('/', 303, {'set-cookie': cookie})
         await (answer or self.app)(scope, receive, _with_headers(send))
 
-    def _refusal(self, visitor: HTTPConnection) -> Response | None:
-        """What a visitor gets who is turned away; None where he is not."""
+    def _refusal(self, visitor: HTTPConnection, token: str) -> Response | None:
+        """What a visitor with this token is told who is turned away; None where he is not."""
         host, origin = visitor.headers.get('host', ''), visitor.headers.get('origin')
         if not self._token and not is_loopback(_PORT.sub('', host.lower())):
             return PlainTextResponse(f'{host or "no host"} is not a name of this machine\n', 403)
@@ -80,19 +81,14 @@ class Guard:
         ours = (f'http://{host}'.lower(), f'https://{host}'.lower())
         if not reads and (origin or '').lower() not in ours:
             return PlainTextResponse('the request comes from a page of another site\n', 403)
-        given = (_token_in(visitor), visitor.cookies.get(self.cookie, ''))
-        if self._token and not any(map(self._is_token, given)):
+        tokens = (token, visitor.cookies.get(self.cookie, ''))
+        if self._token and not any(map(self._is_token, tokens)):
             words = 'open the address with ?token= that the panel printed\n'
             return PlainTextResponse(words, 401)
         return None
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode('utf-8', 'replace'), self._token.encode())
-
-
-def _token_in(visitor: HTTPConnection) -> str:
-    """The token in the address."""
-    return visitor.query_params.get('token', '')
 
 
 def _with_headers(send: Send) -> Send:

@@ -25,8 +25,7 @@ def main() -> None:
     try:
         listening = _listen(arguments.host, arguments.port)
     except OSError as error:
-        place = f'{arguments.host}:{arguments.port}'
-        print(f'{place}: {error.strerror or error}; choose another --port', file=sys.stderr)
+        print(f'{error.strerror}; choose another --host or --port', file=sys.stderr)
         sys.exit(2)
     _serve(arguments, listening)
 
@@ -68,12 +67,10 @@ def _existing(text: str) -> Path:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ':' in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listening.bind((host, port))
-    listening.listen(64)
-    return listening
+    if ':' not in host:
+        return socket.create_server((host, port))
+    both = socket.has_dualstack_ipv6()
+    return socket.create_server((host, port), family=socket.AF_INET6, dualstack_ipv6=both)
 
 
 def _address(host: str, port: int, token: str) -> str:

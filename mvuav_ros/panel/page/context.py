@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections import defaultdict
-from collections.abc import Callable, MutableMapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from nicegui import Event
 
-from mvuav_ros.panel.history import History
 from mvuav_ros.panel.images import ImageFeed
 from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.live_system import LiveSystem
@@ -18,6 +18,14 @@ from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.shipped import shipped_folder
+
+_ONE_MOVEMENT = 1.0
+"""Seconds; quicker changes of one parameter are one movement of a hand."""
+_MOST_CHANGES = 200
+
+Values = Mapping[str, Value]
+Load = Callable[[Values, str], Awaitable[None]]
+"""Gives the selected node the values of a set or run, which has this name."""
 
 
 class Services:
@@ -40,6 +48,41 @@ class Services:
         self.bags = bags or ([shipped] if shipped else [])
         self.sets_changed: Event[()] = Event()
         self.runs_changed: Event[()] = Event()
+
+
+class History:
+    """A user's changes of one node: the values before and after each, ``done`` and ``undone``."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._changed_at = clock, 0.0
+        self.done: list[tuple[Values, Values]] = []
+        self.undone: list[tuple[Values, Values]] = []
+
+    def record(self, before: Values, after: Values) -> None:
+        """Keep a change that the node has taken."""
+        if dict(before) == dict(after):
+            return
+        quick = self._clock() - self._changed_at < _ONE_MOVEMENT
+        if quick and not self.undone and self.done and self.done[-1][1].keys() == after.keys():
+            before = self.done.pop()[0]
+        self.done.append((before, after))
+        del self.done[:-_MOST_CHANGES]
+        self.undone.clear()
+        self._changed_at = self._clock()
+
+    def undo(self) -> Values:
+        """The values to set to take back the last change; none where there is none."""
+        if not self.done:
+            return {}
+        self.undone.append(self.done.pop())
+        return self.undone[-1][0]
+
+    def redo(self) -> Values:
+        """The values to set to do again what was undone last."""
+        if not self.undone:
+            return {}
+        self.done.append(self.undone.pop())
+        return self.done[-1][1]
 
 
 class Page:

@@ -1,4 +1,4 @@
-"""Small elements that the parts share."""
+"""Small elements that the parts share: their ``el``, beside NiceGUI's ``ui``."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def set_class(element: ui.element, name: str, on: bool) -> None:
 
 
 def button(
-    words: str, on_click: Callable[..., Any], icon: str = '', *, main: bool = False
+    words: str, on_click: Callable[..., Any] | None, icon: str = '', *, main: bool = False
 ) -> ui.button:
     """A button; the main one of its group is filled."""
     made = ui.button(words, on_click=on_click, icon=icon or None)
     return made.props('unelevated dense' if main else 'outline dense').classes('q-px-sm')
 
 
-def icon_button(icon: str, words: str, on_click: Callable[..., Any]) -> ui.button:
+def icon_button(icon: str, words: str, on_click: Callable[..., Any] | None) -> ui.button:
     """A small button with a tooltip, which is also its name for who cannot see it."""
     made = ui.button(icon=icon, on_click=on_click).props('flat round dense size=sm')
     with set_props(made, aria_label=words):

@@ -16,17 +16,8 @@ from nicegui import ui
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.images import INPUT, RESULT_OF_KIND, Stream, encode_png, streams_of
 from mvuav_ros.panel.live_socket import MOST_STREAMS
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import (
-    box,
-    button,
-    empty,
-    errors_told,
-    icon_button,
-    set_props,
-    tell,
-    text,
-)
 from mvuav_ros.panel.recorder import Recorder
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.errors import RecordingError
@@ -50,17 +41,17 @@ class Images:
         self._tiles: list[Tile] = []
         self._wished: list[Wish] = []
         self._recorder: Recorder | None = None
-        with box('part images'):
-            with box('bar'):
-                button('All windows', lambda: self._wish([]), 'grid_view')
-                button('Raw and result', lambda: self._wish(self._usual(pair=True)), 'compare')
-                with button('Add image', lambda: None, 'add'):
+        with el.box('part images'):
+            with el.box('bar'):
+                el.button('All windows', lambda: self._wish([]), 'grid_view')
+                el.button('Raw and result', lambda: self._wish(self._usual(pair=True)), 'compare')
+                with el.button('Add image', None, 'add'):
                     self._menu = ui.menu().on('before-show', self._offer)
-                self._record = button('Record', self._toggle_recording, 'fiber_manual_record')
-                self._words = text('', 'small soft grow').props('role=status')
-            self._grid = box('tiles')
-            with box('card') as self._empty:
-                empty('No image chosen', 'Add one with the buttons above.')
+                self._record = el.button('Record', self._toggle_recording, 'fiber_manual_record')
+                self._words = el.text('', 'small soft grow').props('role=status')
+            self._grid = el.box('tiles')
+            with el.box('card') as self._empty:
+                el.empty('No image chosen', 'Add one with the buttons above.')
 
     async def restore(self) -> None:
         """Take the arrangement that the browser has kept; on a slow link the usual will do."""
@@ -123,11 +114,11 @@ class Images:
             for stream in offered:
                 ui.menu_item(f'{stream.title} of {stream.node}', partial(self._add, stream.key))
             if not offered:
-                text('All are shown' if shown else 'No node yet', 'q-pa-sm soft')
+                el.text('All are shown' if shown else 'No node yet', 'q-pa-sm soft')
 
     def _add(self, key: str) -> None:
         if len(self._tiles) >= MOST_STREAMS:
-            tell(f'At most {MOST_STREAMS} images can be shown.', bad=True)
+            el.tell(f'At most {MOST_STREAMS} images can be shown.', bad=True)
             return
         self._wish([*self._shown(), (key, 'm')])
 
@@ -141,10 +132,10 @@ class Images:
         if self._recorder is not None:
             self.stop_recording()
         elif node is None:
-            tell('There is no node to record.', bad=True)
+            el.tell('There is no node to record.', bad=True)
         else:
             name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
-            with errors_told():
+            with el.errors_told():
                 self._recorder = Recorder(services.ros, node, services.recordings / name)
             self.show_recording()
 
@@ -179,30 +170,32 @@ class Tile:
         self.stream, self.size, self._part = stream, size, part
         change = part.rearrange
         named = f'{stream.title} of {stream.node}'
-        with set_props(box(f'card tile {size}', 'article'), aria_label=named):
-            with box('tile-head'):
-                text(stream.title, 'title')
-                text(stream.node, 'soft small grow title')
-                text('', 'rate number small soft')
-                icon_button('chevron_left', 'Move to the front', lambda: change(self, 'forward'))
-                icon_button('chevron_right', 'Move to the back', lambda: change(self, 'back'))
-                icon_button('photo_size_select_large', 'Another size', lambda: change(self, 'size'))
-                icon_button('photo_camera', 'Save this image as PNG', self._snapshot)
-                icon_button('close', 'Remove', lambda: change(self, 'remove'))
-            with box('well').props('data-fresh=never'):
-                self._canvas = box('image', 'canvas').props('role=img')
-                set_props(self._canvas, data_key=stream.key, aria_label=stream.title)
-                text('Waiting for images', 'waiting')
+        with el.set_props(el.box(f'card tile {size}', 'article'), aria_label=named):
+            with el.box('tile-head'):
+                el.text(stream.title, 'title')
+                el.text(stream.node, 'soft small grow title')
+                el.text('', 'rate number small soft')
+                el.icon_button('chevron_left', 'Move to the front', lambda: change(self, 'forward'))
+                el.icon_button('chevron_right', 'Move to the back', lambda: change(self, 'back'))
+                el.icon_button(
+                    'photo_size_select_large', 'Another size', lambda: change(self, 'size')
+                )
+                el.icon_button('photo_camera', 'Save this image as PNG', self._snapshot)
+                el.icon_button('close', 'Remove', lambda: change(self, 'remove'))
+            with el.box('well').props('data-fresh=never'):
+                self._canvas = el.box('image', 'canvas').props('role=img')
+                el.set_props(self._canvas, data_key=stream.key, aria_label=stream.title)
+                el.text('Waiting for images', 'waiting')
             if stream.name == INPUT:
                 self._canvas.classes('clickable')
                 self._canvas.on('pixel', self._clicked, ['detail'])
-                with box('tile-foot'):
-                    with box('line') as self._offer:
-                        text('A click sets', 'soft small')
+                with el.box('tile-foot'):
+                    with el.box('line') as self._offer:
+                        el.text('A click sets', 'soft small')
                         self._action = ui.toggle(_NOTHING, value=SHOW_VALUE)
                         self._action.props('dense unelevated toggle-color=primary size=sm no-caps')
-                    self._words = text('Click a pixel to see its value.', 'small soft grow pixel')
-                    self._words.props('role=status')
+                    self._words = el.text('Click a pixel to see its value.', 'small soft grow')
+                    self._words.classes('pixel').props('role=status')
         self.show_values()
 
     @property
@@ -218,7 +211,7 @@ class Tile:
         values = self._values
         rows = [values.get(name) for name in (START_ROW, END_ROW)]
         shown = ','.join(map(str, rows)) if None not in rows else ''
-        set_props(self._canvas, data_rows=shown)
+        el.set_props(self._canvas, data_rows=shown)
         actions = _NOTHING | {key: words for key, words in _ACTIONS.items() if key in values}
         if actions != self._action.options:
             now = self._action.value
@@ -246,7 +239,7 @@ class Tile:
     def _snapshot(self) -> None:
         image = self._part.page.services.feed.newest(self.stream.key)
         if image is None:
-            tell('There is no image yet.', bad=True)
+            el.tell('There is no image yet.', bad=True)
             return
         name = self.stream.key.strip('/').replace('/', '_').replace(' ', '_')
         ui.download.content(encode_png(image), f'{name}.png', 'image/png')

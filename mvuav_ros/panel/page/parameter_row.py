@@ -8,12 +8,10 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.controls import Control, Kind, scale_of, value_text
+from mvuav_ros.panel.controls import Control, Kind, position_on, scale_of, value_text
 from mvuav_ros.panel.live_node import same_value
-from mvuav_ros.panel.page.elements import box, set_class, set_props, text
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.parameters.declaration import Value
-
-Edited = Callable[[str, Value], Any]
 
 
 class ParameterRow:
@@ -22,7 +20,9 @@ class ParameterRow:
     What the user is typing is never overwritten, whoever changes the parameter meanwhile.
     """
 
-    def __init__(self, control: Control, value: Any, edited: Edited) -> None:
+    def __init__(
+        self, control: Control, value: Any, edited: Callable[[str, Value], object]
+    ) -> None:
         self.control = control
         self._edited = edited
         self._current: Any = value
@@ -31,27 +31,27 @@ class ParameterRow:
         self._refused = ''
         self._difference = ''
         self._slider: ui.element | None = None
-        with box(f'param of-{control.kind.value}') as self._row:
-            set_props(self._row, data_parameter=control.label)
+        with el.box(f'param of-{control.kind.value}') as self._row:
+            el.set_props(self._row, data_parameter=control.label)
             self._make_name()
-            self._now = text(value_text(value), 'now')
-            with box('edit'):
+            self._now = el.text(value_text(value), 'now')
+            with el.box('edit'):
                 self._field = self._make_field()
             if control.kind is Kind.SLIDER and not control.read_only:
                 self._slider = self._make_slider()
-            self._hint = text('', 'hint').props('aria-live=polite')
+            self._hint = el.text('', 'hint').props('aria-live=polite')
 
     def _make_name(self) -> None:
-        with box('name'):
+        with el.box('name'):
             # May break after an underscore only.
             for number, word in enumerate(self.control.label.split('_')):
                 if number:
-                    box(tag='wbr')
-                text(f'_{word}' if number else word, tag='span')
+                    el.box(tag='wbr')
+                el.text(f'_{word}' if number else word, tag='span')
             with ui.tooltip().props(
                 'max-width=320px delay=600 anchor="top left" self="bottom left"'
             ):
-                text(self._description)
+                el.text(self._description)
 
     def _make_field(self) -> Any:
         control = self.control
@@ -67,7 +67,7 @@ class ParameterRow:
                 field.props('inputmode=decimal')
             field.on('keydown.enter', self._commit).on('blur', self._commit)
             field.on('keydown.esc', self._write)
-        set_props(field, aria_label=f'{control.label}, new value')
+        el.set_props(field, aria_label=f'{control.label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
         strange = isinstance(self._new, str) and foreign.words(self._new) != self._new
         if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
@@ -79,8 +79,8 @@ class ParameterRow:
 
         ``static/live.js`` places its thumb and writes what it speaks.
         """
-        slider = box('range', 'input').props('type=range min=0 step=1')
-        set_props(slider, aria_label=self.control.label, data_unit=self.control.text.unit)
+        slider = el.box('range', 'input').props('type=range min=0 step=1')
+        el.set_props(slider, aria_label=self.control.label, data_unit=self.control.text.unit)
         move = '(e) => emit(e.target.value)'
         return slider.on('input', self._moved, js_handler=move, throttle=0.05)
 
@@ -112,16 +112,15 @@ class ParameterRow:
     def place(self, *, visible: bool, counts: bool) -> None:
         """Show or hide the line; one that does not count is drawn back."""
         self._row.set_visibility(visible)
-        set_class(self._row, 'idle', not counts)
+        el.set_class(self._row, 'idle', not counts)
 
     def fit(self, image_size: int) -> None:
         """Let a slider for places and lengths end where the image does; see `scale_of`."""
         if self._slider is not None and image_size != self._image_size:
             self._image_size = image_size
             self._scale = scale_of(self.control, image_size)
-            values = self._scale.values
-            shown = ' '.join(map(value_text, values))
-            set_props(self._slider, max=len(values) - 1, data_values=shown)
+            shown = ' '.join(map(value_text, self._scale))
+            el.set_props(self._slider, max=len(self._scale) - 1, data_values=shown)
             self._place_thumb()
 
     def show(self, value: Any, edit: Value | None = None, difference: str = '') -> None:
@@ -157,7 +156,7 @@ class ParameterRow:
     def _place_thumb(self) -> None:
         # What is no number has no place.
         if self._slider is not None and isinstance(self._new, (int, float)):
-            set_props(self._slider, data_index=self._scale.position(self._new))
+            el.set_props(self._slider, data_index=position_on(self._scale, self._new))
 
     def _enter(self, value: Value) -> None:
         self._show_new(value)
@@ -165,8 +164,8 @@ class ParameterRow:
 
     def _moved(self, event: Any) -> None:
         position = int(event.args)
-        if 0 <= position < len(self._scale.values):
-            self._enter(self._scale.values[position])
+        if 0 <= position < len(self._scale):
+            self._enter(self._scale[position])
 
     def _chosen(self, event: Any) -> None:
         if not same_value(event.value, self._written):
@@ -192,7 +191,7 @@ class ParameterRow:
         words += ['set at the start only'] if control.read_only else []
         plain = ' · '.join(word for word in words if word)
         self._hint.set_text(self._refused or foreign.words(plain or said.description))
-        set_class(self._hint, 'refused', bool(self._refused))
-        set_class(self._row, 'off-set', bool(self._difference))
+        el.set_class(self._hint, 'refused', bool(self._refused))
+        el.set_class(self._row, 'off-set', bool(self._difference))
         pending = bool(self._refused) or not same_value(self._new, self._current)
-        set_class(self._row, 'pending', pending)
+        el.set_class(self._row, 'pending', pending)

@@ -11,8 +11,8 @@ from nicegui import background_tasks, ui
 from mvuav_ros.panel.controls import Control
 from mvuav_ros.panel.images import RESULT_OF_KIND
 from mvuav_ros.panel.live_node import LiveNode, same_value
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, icon_button, set_props, tell, text
 from mvuav_ros.panel.page.parameter_row import ParameterRow
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
@@ -36,15 +36,15 @@ class Parameters:
         self._rows: dict[str, ParameterRow] = {}
         self._sending: set[str] = set()
         self._whole = False
-        with box('preview well').props('data-fresh=never'):
-            canvas = box('image', 'canvas').props('role=img aria-label="Result"')
-            set_props(canvas, data_key=f'{node.name} {RESULT_OF_KIND[node.kind]}')
-        with box('card'):
+        with el.box('preview well').props('data-fresh=never'):
+            canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
+            el.set_props(canvas, data_key=f'{node.name} {RESULT_OF_KIND[node.kind]}')
+        with el.box('card'):
             self._sets = SetBar(page, node, self.load, self.show)
             self._build_bar()
-            with box() as self._list:
+            with el.box() as self._list:
                 self._build_list()
-            self._more = button('', self._toggle_whole).props('flat').classes('more')
+            self._more = el.button('', self._toggle_whole).props('flat').classes('more')
         self.show_status()
         self.show()
 
@@ -53,27 +53,27 @@ class Parameters:
         return bool(self._page.kept.get('at_once', True))
 
     def _build_bar(self) -> None:
-        with box('apply'):
+        with el.box('apply'):
             ui.switch('At once', value=self._at_once, on_change=self._switch).props('dense')
-            self._undo = icon_button('undo', 'Undo', lambda: self._step(self._history.undo()))
-            self._redo = icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
-            box('grow')
-            self._discard = button('Discard', self._forget_edits).props('flat')
-            self._apply = button('Apply', lambda: self._set(dict(self._edits)), main=True)
-        with box('filter'):
+            self._undo = el.icon_button('undo', 'Undo', lambda: self._step(self._history.undo()))
+            self._redo = el.icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
+            el.box('grow')
+            self._discard = el.button('Discard', self._forget_edits).props('flat')
+            self._apply = el.button('Apply', lambda: self._set(dict(self._edits)), main=True)
+        with el.box('filter'):
             self._filter = ui.input(placeholder='Find a parameter', on_change=self._arrange)
             self._filter.props('dense borderless clearable type=search')
             self._filter.props('aria-label="Find a parameter"')
 
     def _build_list(self) -> None:
-        with box('heads').props('aria-hidden=true'):
+        with el.box('heads').props('aria-hidden=true'):
             for head in ('parameter', 'now', 'new'):
-                text(head)
+                el.text(head)
         controls = sorted(self._node.controls, key=_rank)
         for stage, group in groupby(controls, key=lambda control: control.stage):
             # Goes away with its last visible row; see the style sheet.
-            with box('stage-rows'):
-                text(stage, 'stage', tag='h2')
+            with el.box('stage-rows'):
+                el.text(stage, 'stage', tag='h2')
                 for each in group:
                     value = self._node.values.get(each.name)
                     self._rows[each.name] = ParameterRow(each, value, self._edited)
@@ -169,9 +169,11 @@ class Parameters:
         }
         refused = len(await self._set(changes))
         if refused:
-            tell(f'{refused} values of {name} were refused; the reasons are beside them', bad=True)
+            el.tell(
+                f'{refused} values of {name} were refused; the reasons are beside them', bad=True
+            )
         else:
-            tell(f'{name} is loaded')
+            el.tell(f'{name} is loaded')
 
     async def _step(self, values: Mapping[str, Value]) -> None:
         await self._set(values, undoable=False)
@@ -192,8 +194,8 @@ class Parameters:
         self._apply.set_text(f'Apply {waiting}' if waiting else 'Apply')
         self._apply.set_enabled(waiting > 0)
         self._discard.set_enabled(bool(self._edits))
-        self._undo.set_enabled(self._history.can_undo)
-        self._redo.set_enabled(self._history.can_redo)
+        self._undo.set_enabled(bool(self._history.done))
+        self._redo.set_enabled(bool(self._history.undone))
 
 
 def _rank(control: Control) -> int:

@@ -8,8 +8,8 @@ from nicegui import ui
 
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import axes, box, button, fill, set_props, sheet, tell, text
 from mvuav_ros.panel.series import CURVES
 
 _COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
@@ -47,50 +47,50 @@ class Results:
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
-        with box('card pose'):
-            text(_POSE[node.kind], tag='h2')
-            with box('line wrap'):
-                sketch = box('sketch', 'canvas').props('width=320 height=220 role=img')
-                set_props(sketch, data_node=node.name, aria_label=f'Sketch. {_POSE[node.kind]}')
-                box('pose-numbers', 'dl')
-            text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
+        with el.box('card pose'):
+            el.text(_POSE[node.kind], tag='h2')
+            with el.box('line wrap'):
+                sketch = el.box('sketch', 'canvas').props('width=320 height=220 role=img')
+                el.set_props(sketch, data_node=node.name, aria_label=f'Sketch. {_POSE[node.kind]}')
+                el.box('pose-numbers', 'dl')
+            el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
         self._lines: ui.table | None = None
         if node.kind == 'runway_detector':
-            with box('card'):
-                with box('line titled'):
-                    text('Statistics since the last reset', 'title grow', tag='h2')
-                    button('Reset', self._reset, 'restart_alt')
+            with el.box('card'):
+                with el.box('line titled'):
+                    el.text('Statistics since the last reset', 'title grow', tag='h2')
+                    el.button('Reset', self._reset, 'restart_alt')
                 heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
-                self._lines = sheet('Statistics of the lines', heads)
-        with box('charts'):
+                self._lines = el.sheet('Statistics of the lines', heads)
+        with el.box('charts'):
             for chart, (title, unit) in CURVES[node.kind].items():
-                with box('card'):
-                    made = ui.echart(axes(title, unit)).classes('chart')
+                with el.box('card'):
+                    made = ui.echart(el.axes(title, unit)).classes('chart')
                     # Until the first value there is nothing that the chart would say of itself.
-                    set_props(made, aria_label=f'Curve of {title}')
-                    set_props(made, data_curves=chart, data_node=node.name)
-        with box('charts'):
-            with box('card'):
-                text('Frames', tag='h2')
-                self._frames = sheet('Frames', ('', ''))
-            with box('card'):
-                text('Time per frame', tag='h2')
-                self._times = sheet('Time per frame', ('', ''))
+                    el.set_props(made, aria_label=f'Curve of {title}')
+                    el.set_props(made, data_curves=chart, data_node=node.name)
+        with el.box('charts'):
+            with el.box('card'):
+                el.text('Frames', tag='h2')
+                self._frames = el.sheet('Frames', ('', ''))
+            with el.box('card'):
+                el.text('Time per frame', tag='h2')
+                self._times = el.sheet('Time per frame', ('', ''))
         self.show()
 
     def show(self) -> None:
         """After new statistics or diagnostics."""
         said = self._node.status
         if self._lines:
-            fill(self._lines, _statistics_rows(self._node.statistics))
-        fill(self._frames, [(words, said.get(key, '-')) for key, words in _FRAMES.items()])
+            el.fill(self._lines, _statistics_rows(self._node.statistics))
+        el.fill(self._frames, [(words, said.get(key, '-')) for key, words in _FRAMES.items()])
         times = _TIMES.items()
-        fill(self._times, [(words, foreign.fixed(said.get(key), 2)) for key, words in times])
+        el.fill(self._times, [(words, foreign.fixed(said.get(key), 2)) for key, words in times])
 
     async def _reset(self) -> None:
         reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')
         if reason:
-            tell(reason, bad=True)
+            el.tell(reason, bad=True)
 
 
 def _statistics_rows(said: Mapping[str, Mapping[str, str]]) -> list[list[str]]:

@@ -5,30 +5,17 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
 from nicegui import ui
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import (
-    box,
-    button,
-    choice,
-    confirmed,
-    errors_told,
-    fill,
-    set_props,
-    sheet,
-    tell,
-    text,
-)
+from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.page.context import Load, Page
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.page.trends import Trends
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
-from mvuav_ros.panel.runs import RESULTS, SavedRun, find_bags
-from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
 
@@ -44,7 +31,6 @@ _HEADS = {
 _CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
 _WORD_IN_BAG = {'marker_tracker': 'tanker', 'runway_detector': 'runway'}
 _AS_SET = 'Save to set, run and save'
-Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
 
 
 class Runs:
@@ -54,13 +40,13 @@ class Runs:
         self._page, self._load = page, load
         self._process: RunProcess | None = None
         self._bags: dict[str, Path] = {}
-        self._runs: list[SavedRun] = []
-        with box('part runs stack'):
-            with box('card'):
-                text('A run over a recording, with the values that the node has now', tag='h2')
+        self._runs: list[Run] = []
+        with el.box('part runs stack'):
+            with el.box('card'):
+                el.text('A run over a recording, with the values that the node has now', tag='h2')
                 self._make_form()
-            self._result = box('stack')
-            with box('card'):
+            self._result = el.box('stack')
+            with el.box('card'):
                 self._make_table()
             self._trends = Trends()
         page.services.runs_changed.subscribe(self.refresh)
@@ -71,30 +57,30 @@ class Runs:
         return list(self._page.kept.setdefault('ticks', []))
 
     def _make_form(self) -> None:
-        with box('form'):
-            with box('line wrap'):
-                self._bag = choice([], 'Recording').classes('grow').style('min-width: 200px')
+        with el.box('form'):
+            with el.box('line wrap'):
+                self._bag = el.choice([], 'Recording').classes('grow').style('min-width: 200px')
                 self._name = ui.input('Name').props('outlined dense')
                 self._name.style('flex: 1 1 120px; max-width: 200px')
-            with box('line wrap'):
+            with el.box('line wrap'):
                 self._buttons = [
-                    button('Run', lambda: self._run(keep=False), 'play_arrow'),
-                    button('Run and save', self._run, 'save', main=True),
-                    button(_AS_SET, lambda: self._run(as_set=True), 'playlist_add_check'),
+                    el.button('Run', lambda: self._run(keep=False), 'play_arrow'),
+                    el.button('Run and save', self._run, 'save', main=True),
+                    el.button(_AS_SET, lambda: self._run(as_set=True), 'playlist_add_check'),
                 ]
-            with box('line').style('min-height: 32px'):
+            with el.box('line').style('min-height: 32px'):
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
                 self._bar.classes('grow').props('aria-label=Progress')
-                self._words = text('', 'small soft number').props('role=status')
-                self._cancel = button('Cancel', self._cancel_run)
+                self._words = el.text('', 'small soft number').props('role=status')
+                self._cancel = el.button('Cancel', self._cancel_run)
                 self._cancel.disable()
 
     def _make_table(self) -> None:
-        with box('line titled wrap'):
-            text('Saved runs', 'title grow', tag='h2')
-            self._load_one = button('Load its values', self._load_run)
-            self._report_one = button('Report', self._show_report)
-            self._delete_any = button('Delete', self._delete)
+        with el.box('line titled wrap'):
+            el.text('Saved runs', 'title grow', tag='h2')
+            self._load_one = el.button('Load its values', self._load_run)
+            self._report_one = el.button('Report', self._show_report)
+            self._delete_any = el.button('Delete', self._delete)
         self._table = ui.table(
             rows=[],
             columns=[
@@ -105,7 +91,7 @@ class Runs:
             selection='multiple',
             on_select=self._tick,
         ).props('flat dense binary-state-sort')
-        set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
+        el.set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
         self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
         self._table.add_slot('body-selection', _CHECKBOX.format('props.row.name'))
 
@@ -135,7 +121,7 @@ class Runs:
         self._page.kept['ticks'] = [row['name'] for row in self._table.selected]
         self._show_ticked()
 
-    def _chosen(self) -> list[SavedRun]:
+    def _chosen(self) -> list[Run]:
         return [run for run in self._runs if run.name in self._ticked]
 
     def _show_ticked(self) -> None:
@@ -149,20 +135,20 @@ class Runs:
         (run,) = self._chosen()
         node = self._page.node
         if node is None or node.kind != run.kind:
-            tell(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
+            el.tell(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
             return
         await self._load(run.parameters, run.name)
 
     def _show_report(self) -> None:
         (run,) = self._chosen()
         if self._page.services.runs.report(run.name) is None:
-            tell(f'{run.name} was made by an older version, without a report.', bad=True)
+            el.tell(f'{run.name} was made by an older version, without a report.', bad=True)
             return
         ui.navigate.to(f'/report/{run.name}', new_tab=True)
 
     async def _delete(self) -> None:
         names, services = [run.name for run in self._chosen()], self._page.services
-        if await confirmed(f'Delete {", ".join(names)} with all results?', 'Delete'):
+        if await el.confirmed(f'Delete {", ".join(names)} with all results?', 'Delete'):
             for name in names:
                 services.runs.delete(name)
             services.runs_changed.emit()
@@ -172,12 +158,12 @@ class Runs:
         if self._process is not None:
             return
         if node is None or not node.controls:
-            tell('No node is selected whose values a run could use.', bad=True)
+            el.tell('No node is selected whose values a run could use.', bad=True)
             return
         if (self._bag.value or '') not in self._bags:
-            tell('Choose a recording first.', bad=True)
+            el.tell('Choose a recording first.', bad=True)
             return
-        with errors_told():
+        with el.errors_told():
             if as_set:
                 save_set(self._page, node, name)
             if keep:
@@ -185,17 +171,16 @@ class Runs:
             else:
                 folder = Path(tempfile.mkdtemp(dir=services.scratch))
             values, known = node.own_values, PROCESSORS[node.kind].parameters_type.names()
-            request = RunRequest(
+            run = Run(
                 name=folder.name if keep else '',
                 kind=node.kind,
-                source=self._bags[self._bag.value],
+                source=str(self._bags[self._bag.value]),
                 parameters={name: values[name] for name in known if name in values},
-                output=folder / RESULTS,
                 settings=self._page.chosen_set,
             )
-            await self._replay(request)
+            await self._replay(run, folder)
 
-    async def _replay(self, request: RunRequest) -> None:
+    async def _replay(self, run: Run, folder: Path) -> None:
         """What a run makes goes away again unless it is finished, and to be kept."""
         process = self._process = RunProcess()
         keep = False
@@ -203,8 +188,8 @@ class Runs:
         self._bar.set_value(0.0)
         self._words.set_text('starting')
         try:
-            run = await process.run(request, self._progress)
-            if request.name:
+            run = await process.run(run, folder, self._progress)
+            if run.name:
                 self._page.services.runs.finish(run)
                 self._page.kept['ticks'] = [*self._ticked, run.name]
                 keep = True
@@ -213,7 +198,7 @@ class Runs:
             self._words.set_text('cancelled' if process.cancelled else f'failed: {error}')
         finally:
             if not keep:
-                shutil.rmtree(request.output.parent, ignore_errors=True)
+                shutil.rmtree(folder, ignore_errors=True)
             self._process = None
             self._show_busy()
             self._page.services.runs_changed.emit()
@@ -231,20 +216,20 @@ class Runs:
         if self._process is not None:
             self._process.cancel()
 
-    def _show_numbers(self, run: SavedRun) -> None:
+    def _show_numbers(self, run: Run) -> None:
         self._bar.set_value(1.0)
         self._words.set_text(f'{run.answered} of {run.frames} frames')
         rows = [[m.name, _number_text(m.value), m.unit] for m in run.metrics]
         half = -(-len(rows) // 2)
         self._result.clear()
-        with self._result, box('card'):
-            text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
-            with box('charts'):
-                fill(sheet('Numbers of the run', ('', '', '')), rows[:half])
-                fill(sheet('More numbers of the run', ('', '', '')), rows[half:])
+        with self._result, el.box('card'):
+            el.text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
+            with el.box('charts'):
+                el.fill(el.sheet('Numbers of the run', ('', '', '')), rows[:half])
+                el.fill(el.sheet('More numbers of the run', ('', '', '')), rows[half:])
 
 
-def _row(run: SavedRun) -> dict[str, str]:
+def _row(run: Run) -> dict[str, str]:
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
     changed = [
         f'{name} {value_text(value)}'
@@ -262,6 +247,4 @@ def _row(run: SavedRun) -> dict[str, str]:
 
 
 def _number_text(value: float) -> str:
-    if value != value:
-        return '-'
-    return f'{value:.0f}' if value == int(value) and abs(value) < 1e9 else f'{value:.3f}'
+    return foreign.fixed(value, 0 if float(value).is_integer() else 3)

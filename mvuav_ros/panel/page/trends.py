@@ -11,8 +11,8 @@ from nicegui import ui
 from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
 from mvuav_ros.offline.report.writing import csv_text
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.page.elements import axes, box, button, choice, empty, set_props, text
-from mvuav_ros.panel.runs import SavedRun, run_table, varied
+from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.runs import Run, run_table, varied
 
 _FIRST = ('flag counts', 'markers by state')
 _ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
@@ -23,24 +23,24 @@ class Trends:
     """Charts of any subset of the numbers of runs, those that ``mvuav sweep`` gives."""
 
     def __init__(self) -> None:
-        self._runs: list[SavedRun] = []
-        with box('card'):
-            with box('line titled wrap'):
-                text('Trends', 'title grow', tag='h2')
+        self._runs: list[Run] = []
+        with el.box('card'):
+            with el.box('line titled wrap'):
+                el.text('Trends', 'title grow', tag='h2')
                 self._arrangement = ui.toggle(
                     _ARRANGEMENTS, value='single', on_change=self._draw
                 ).props('dense unelevated toggle-color=primary size=sm no-caps')
-                self._csv = button('CSV', self._export_csv)
+                self._csv = el.button('CSV', self._export_csv)
                 self._csv.tooltip('Save the numbers and parameters of the chosen runs')
-            with box('line wrap fields'):
-                self._over = choice([_OVER_NAMES], 'Over', _OVER_NAMES, on_change=self._draw)
-                self._numbers = choice(
+            with el.box('line wrap fields'):
+                self._over = el.choice([_OVER_NAMES], 'Over', _OVER_NAMES, on_change=self._draw)
+                self._numbers = el.choice(
                     [], 'Numbers', [], multiple=True, on_change=self._draw
                 ).props('use-chips')
-            self._place = box()
+            self._place = el.box()
         self.show([])
 
-    def show(self, runs: list[SavedRun]) -> None:
+    def show(self, runs: list[Run]) -> None:
         """Draw these runs, in their order."""
         self._runs = runs
         over = [_OVER_NAMES, *varied(runs)]
@@ -62,11 +62,11 @@ class Trends:
         self._place.clear()
         with self._place:
             if not self._runs:
-                empty('No run chosen', 'Tick saved runs above to compare them.')
+                el.empty('No run chosen', 'Tick saved runs above to compare them.')
             elif not columns:
-                empty('No number chosen', 'Choose one or more of the numbers above.')
+                el.empty('No number chosen', 'Choose one or more of the numbers above.')
             elif kind == 'subplots':
-                with box('charts'):
+                with el.box('charts'):
                     for column in columns:
                         self._chart(line_options, [column], 220)
             else:
@@ -76,17 +76,17 @@ class Trends:
         chart = ui.echart(options(self._runs, columns, self._over.value)).classes('chart')
         chart.style(f'height: {height}px')
         names = ', '.join(columns)
-        set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
+        el.set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
 
     def _export_csv(self) -> None:
         ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
 
 
-def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
+def line_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
     """A chart with a line for each column, over the runs in order of the parameter's value."""
     if over != _OVER_NAMES:
         runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
-    options = axes(*_title(columns), [_place(run, over) for run in runs])
+    options = el.axes(*_title(columns), [_place(run, over) for run in runs])
     look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
     options['series'] = [
         {**look, 'name': name_and_unit(each)[0], 'data': _numbers(runs, each)} for each in columns
@@ -94,9 +94,9 @@ def line_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) ->
     return options
 
 
-def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str) -> Any:
+def grouped_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
     """A chart with a group of bars for each column."""
-    options = axes(*_title(columns), [name_and_unit(column)[0] for column in columns])
+    options = el.axes(*_title(columns), [name_and_unit(column)[0] for column in columns])
     options['yAxis']['scale'] = False
     look = {'type': 'bar', 'barMaxWidth': 36}
     values = zip(*(_numbers(runs, column) for column in columns), strict=True)
@@ -107,7 +107,7 @@ def grouped_options(runs: Sequence[SavedRun], columns: Sequence[str], over: str)
     return options
 
 
-def _place(run: SavedRun, over: str) -> str:
+def _place(run: Run, over: str) -> str:
     return run.name if over == _OVER_NAMES else f'{over} {value_text(run.parameters.get(over))}'
 
 
@@ -124,6 +124,6 @@ def _title(columns: Sequence[str]) -> tuple[str, str]:
     return title, units[0] if len(set(units)) == 1 else ''
 
 
-def _numbers(runs: Sequence[SavedRun], column: str) -> list[float | None]:
+def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:
     found = [next((m.value for m in run.metrics if m.column == column), math.nan) for run in runs]
     return [round(value, 4) if math.isfinite(value) else None for value in found]

@@ -1,4 +1,4 @@
-"""The whole page, for one browser tab."""
+"""The whole page, for one browser tab: its head, and the parts below."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 from nicegui import Client, ui
 
 from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
-from mvuav_ros.panel.page.elements import box, empty, set_props
-from mvuav_ros.panel.page.head import Head
 from mvuav_ros.panel.page.images import Images
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.results import Results
@@ -18,6 +17,76 @@ from mvuav_ros.panel.page.runs import Runs
 from mvuav_ros.parameters.declaration import Value
 
 _PARTS = {'images': 'Images', 'results': 'Results', 'runs': 'Runs', 'parameters': 'Parameters'}
+_FIGURES = {
+    'input_rate_hz': ('in', 'Hz'),
+    'output_rate_hz': ('out', 'Hz'),
+    'latency_p50_ms': ('latency p50', 'ms'),
+    'latency_p95_ms': ('p95', 'ms'),
+    'frames_rejected': ('rejected', ''),
+}
+
+
+class Head:
+    """Node buttons and the chosen node's diagnostics."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._dark = ui.dark_mode(value=None)
+        self._buttons: dict[str, ui.button] = {}
+        with el.box('head', 'header'):
+            el.text('Tuning panel', tag='h1')
+            self._nodes = el.box('nodes grow').props('role=group aria-label="Nodes"')
+            el.icon_button('contrast', 'Light or dark', self._toggle)
+        with el.box('health'):
+            self._figures = {}
+            for key, (words, unit) in _FIGURES.items():
+                with el.box():
+                    el.text(words, 'soft small')
+                    self._figures[key] = el.text('-', 'number')
+                    el.text(unit, 'soft small')
+            self._words = el.text('', 'words soft small')
+
+    async def _toggle(self) -> None:
+        dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
+        self._dark.value = not dark
+
+    def _node_button(self, name: str) -> ui.button:
+        made = ui.button(name, icon='circle', color=None)
+        return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
+
+    def refresh(self) -> None:
+        """After nodes came or went, were selected, or said something."""
+        nodes = self._page.services.system.nodes
+        alive = [name for name, node in nodes.items() if node.alive]
+        # What was chosen before a reload may need a moment to be found again.
+        if self._page.node is None and nodes and (alive or not self._page.selected):
+            self._page.select((alive or list(nodes))[0])
+            return
+        if list(nodes) != list(self._buttons) or not nodes:
+            # Only then: a button that is made anew loses the keyboard's focus.
+            self._nodes.clear()
+            with self._nodes:
+                self._buttons = {name: self._node_button(name) for name in nodes}
+                if not nodes:
+                    el.text('looking for nodes …', 'soft')
+        for name, button in self._buttons.items():
+            each = nodes[name]
+            state = '' if each.alive else 'gone' if each.controls else 'starting'
+            color = 'bad' if state == 'gone' else 'warn' if state or each.level else 'good'
+            button.set_text(f'{name} {state}'.rstrip())
+            button.classes(replace=f'node {color}')
+            el.set_props(button, aria_pressed=str(name == self._page.selected).lower())
+        node = self._page.node
+        for key, label in self._figures.items():
+            value = node.status.get(key, '-') if node is not None and node.alive else '-'
+            label.set_text('-' if value == 'nan' else value[:12])
+        if node is None:
+            words = 'Start marker_tracker or runway_detector; it appears here by itself.'
+        elif not node.alive and node.controls:
+            words = 'The node is gone. The panel uses it again as soon as it is back.'
+        else:
+            words = node.message
+        self._words.set_text(words)
 
 
 class View:
@@ -29,9 +98,9 @@ class View:
         self._results: Results | None = None
         self._built: tuple[object, ...] = ('nothing yet',)
         part = kept.get('part')
-        with box('panel') as self._root:
+        with el.box('panel') as self._root:
             self._head = Head(self._page)
-            with box('body'):
+            with el.box('body'):
                 with ui.tabs(on_change=self._show_part) as tabs:
                     for key, words in _PARTS.items():
                         ui.tab(key, words).classes(f'tab {key}')
@@ -40,11 +109,11 @@ class View:
                     with ui.tab_panel('images'):
                         self.images = Images(self._page, self._set_parameter)
                     with ui.tab_panel('results'):
-                        self._results_place = box('part results stack')
+                        self._results_place = el.box('part results stack')
                     with ui.tab_panel('runs'):
                         self._runs = Runs(self._page, self._load)
                 # Beside the others, or instead of them on a telephone.
-                self._parameters_place = box('part parameters', 'section')
+                self._parameters_place = el.box('part parameters', 'section')
                 self._parameters_place.props('aria-label=Parameters')
         tabs.set_value(part if part in _PARTS else 'images')
         ui.skip_link('Skip to the images and results', target=panels)
@@ -57,7 +126,7 @@ class View:
 
     def _show_part(self, event: Any) -> None:
         self._page.kept['part'] = str(event.value)
-        set_props(self._root, data_part=self._page.kept['part'])
+        el.set_props(self._root, data_part=self._page.kept['part'])
 
     def _connected(self) -> None:
         self._page.services.system.listen(self._heard)
@@ -92,7 +161,7 @@ class View:
         # The head first: it selects a node where none is.
         self._head.refresh()
         self.images.refresh()
-        set_props(self._root, data_node=self._page.selected)
+        el.set_props(self._root, data_node=self._page.selected)
         node = self._page.node
         built = (node, *node.controls) if node else ()
         if built != self._built:
@@ -108,11 +177,13 @@ class View:
         with self._results_place:
             self._results = Results(self._page, node) if node else None
             if node is None:
-                empty('No results yet', 'They appear as soon as a node runs.', 'card empty')
+                el.empty('No results yet', 'They appear as soon as a node runs.', 'card empty')
         with self._parameters_place:
             self._parameters = Parameters(self._page, node) if node and node.controls else None
             if self._parameters is None:
-                empty('No parameters yet', 'They appear as soon as a node answers.', 'card empty')
+                el.empty(
+                    'No parameters yet', 'They appear as soon as a node answers.', 'card empty'
+                )
 
     def _selected(self) -> None:
         self._refresh()
