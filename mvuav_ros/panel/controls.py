@@ -179,26 +179,27 @@ def control_of(descriptor: ParameterDescriptor) -> Control:
     )
     constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
-    kind, choices, limits = Kind.TEXT, '', (math.nan, math.nan)
+    choices: tuple[str, ...] = ()
+    kind, minimum, maximum = Kind.TEXT, math.nan, math.nan
     if type_ is bool:
         kind = Kind.SWITCH
     elif type_ is str and constraint.startswith(_CHOICES):
-        kind, choices = Kind.MENU, constraint.removeprefix(_CHOICES)
+        kind, choices = Kind.MENU, tuple(constraint.removeprefix(_CHOICES).split(', '))
     elif type_ in (int, float):
         kind = Kind.NUMBER
         for each in (*descriptor.integer_range, *descriptor.floating_point_range):
             low, high = float(each.from_value), float(each.to_value)
             if -_WIDEST < low < high < _WIDEST:
-                kind, limits = Kind.SLIDER, (low, high)
+                kind, minimum, maximum = Kind.SLIDER, low, high
     return Control(
         name=str(descriptor.name),
         kind=kind,
         type=type_,
         text=text,
         constraint=constraint,
-        minimum=limits[0],
-        maximum=limits[1],
-        choices=tuple(choices.split(', ')) if choices else (),
+        minimum=minimum,
+        maximum=maximum,
+        choices=choices,
         odd=constraint.startswith('odd'),
         read_only=bool(descriptor.read_only) or type_ is None,
     )

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from typing import Any
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from mvuav_ros.panel.images import ImageFeed, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
@@ -45,12 +45,11 @@ class LiveSocket:
         await self._socket.accept()
         sender = asyncio.create_task(self._send())
         try:
-            while True:
-                text = await self._socket.receive_text()
+            async for text in self._socket.iter_text():
                 if len(text) <= _LONGEST_REQUEST:
                     self._take(json.loads(text))
-        except (WebSocketDisconnect, ValueError, TypeError, AttributeError, RecursionError):
-            # Gone, or no page of ours.
+        except (ValueError, TypeError, AttributeError, RecursionError):
+            # No page of ours.
             pass
         finally:
             sender.cancel()

@@ -66,11 +66,8 @@ class LiveSystem:
                 # What changes while nobody looks is not heard of.
                 node.unread, node.heard = True, 0.0
 
-    async def set(self, name: str, values: Mapping[str, Value]) -> dict[str, str]:
+    async def set(self, node: LiveNode, values: Mapping[str, Value]) -> dict[str, str]:
         """Set parameters of a node; returns for each that was not set the reason."""
-        node = self.nodes.get(name)
-        if node is None:
-            return dict.fromkeys(values, 'the node is gone')
         refused = await node.set(values)
         self._take_values(node, {k: v for k, v in values.items() if k not in refused})
         return refused

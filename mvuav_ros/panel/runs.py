@@ -188,7 +188,7 @@ def _read(path: Path) -> Run:
     if path.stat().st_size > _LARGEST_SUMMARY:
         raise ValueError(path)
     content = json.loads(path.read_text())
-    words = foreign.words
+    number, words = foreign.number, foreign.words
     return Run(
         # The folder's name counts: a user may have renamed it.
         name=checked_name(path.parent.name),
@@ -200,9 +200,7 @@ def _read(path: Path) -> Run:
             if (value := foreign.plain_value(given)) is not None
         },
         metrics=tuple(
-            Metric(
-                words(m['group']), words(m['name']), words(m['unit']), foreign.number(m['value'])
-            )
+            Metric(words(m['group']), words(m['name']), words(m['unit']), number(m['value']))
             for m in content['metrics'][:_MOST_METRICS]
         ),
         version=words(content['version']),

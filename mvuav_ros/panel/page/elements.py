@@ -69,9 +69,9 @@ def choice(options: Any, label: str, value: Any = None, **more: Any) -> ui.selec
     return set_props(made.props('outlined dense options-dense'), aria_label=label)
 
 
-def empty(title: str, words: str, classes: str = 'empty') -> None:
+def empty(title: str, words: str, *, card: bool = False) -> None:
     """What is shown where there is nothing yet."""
-    with box(classes):
+    with box('card empty' if card else 'empty'):
         text(title, tag='strong')
         text(words)
 

@@ -168,20 +168,18 @@ class Tile:
 
     def __init__(self, stream: Stream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
-        change = part.rearrange
+        change = partial(part.rearrange, self)
         named = f'{stream.title} of {stream.node}'
         with el.set_props(el.box(f'card tile {size}', 'article'), aria_label=named):
             with el.box('tile-head'):
                 el.text(stream.title, 'title')
                 el.text(stream.node, 'soft small grow title')
                 el.text('', 'rate number small soft')
-                el.icon_button('chevron_left', 'Move to the front', lambda: change(self, 'forward'))
-                el.icon_button('chevron_right', 'Move to the back', lambda: change(self, 'back'))
-                el.icon_button(
-                    'photo_size_select_large', 'Another size', lambda: change(self, 'size')
-                )
+                el.icon_button('chevron_left', 'Move to the front', lambda: change('forward'))
+                el.icon_button('chevron_right', 'Move to the back', lambda: change('back'))
+                el.icon_button('photo_size_select_large', 'Another size', lambda: change('size'))
                 el.icon_button('photo_camera', 'Save this image as PNG', self._snapshot)
-                el.icon_button('close', 'Remove', lambda: change(self, 'remove'))
+                el.icon_button('close', 'Remove', lambda: change('remove'))
             with el.box('well').props('data-fresh=never'):
                 self._canvas = el.box('image', 'canvas').props('role=img')
                 el.set_props(self._canvas, data_key=stream.key, aria_label=stream.title)

@@ -31,6 +31,8 @@ class ParameterRow:
         self._refused = ''
         self._difference = ''
         self._slider: ui.element | None = None
+        thesis = f' Thesis: {control.text.thesis}.' if control.text.thesis else ''
+        self._description = (control.text.description or 'No description.') + thesis
         with el.box(f'param of-{control.kind.value}') as self._row:
             el.set_props(self._row, data_parameter=control.label)
             self._make_name()
@@ -83,12 +85,6 @@ class ParameterRow:
         el.set_props(slider, aria_label=self.control.label, data_unit=self.control.text.unit)
         move = '(e) => emit(e.target.value)'
         return slider.on('input', self._moved, js_handler=move, throttle=0.05)
-
-    @property
-    def _description(self) -> str:
-        said = self.control.text
-        thesis = f' Thesis: {said.thesis}.' if said.thesis else ''
-        return (said.description or 'No description.') + thesis
 
     @property
     def _options(self) -> list[Any]:

@@ -144,7 +144,7 @@ class Parameters:
         before = dict(self._node.values)
         self._edits.update(values)
         system = self._page.services.system
-        refused = await system.set(self._node.name, values) if values else {}
+        refused = await system.set(self._node, values) if values else {}
         taken = {name: value for name, value in values.items() if name not in refused}
         if undoable:
             self._history.record({name: before[name] for name in taken if name in before}, taken)
@@ -169,9 +169,7 @@ class Parameters:
         }
         refused = len(await self._set(changes))
         if refused:
-            el.tell(
-                f'{refused} values of {name} were refused; the reasons are beside them', bad=True
-            )
+            el.tell(f'{refused} values of {name} were refused; each line says why', bad=True)
         else:
             el.tell(f'{name} is loaded')
 

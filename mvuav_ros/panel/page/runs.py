@@ -19,14 +19,7 @@ from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
 
-_HEADS = {
-    'name': 'run',
-    'kind': 'node',
-    'source': 'recording',
-    'frames': 'frames',
-    'changed': 'other than default',
-    'made': 'made',
-}
+_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
 # Quasar's own checkboxes in a table have no name for who cannot see them.
 _CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
 _WORD_IN_BAG = {'marker_tracker': 'tanker', 'runway_detector': 'runway'}
@@ -83,17 +76,15 @@ class Runs:
             self._delete_any = el.button('Delete', self._delete)
         self._table = ui.table(
             rows=[],
-            columns=[
-                {'name': key, 'label': head, 'field': key, 'align': 'left', 'sortable': True}
-                for key, head in _HEADS.items()
-            ],
-            row_key='name',
+            columns=[{'name': head, 'label': head, 'field': head} for head in _HEADS],
+            column_defaults={'align': 'left', 'sortable': True},
+            row_key='run',
             selection='multiple',
             on_select=self._tick,
         ).props('flat dense binary-state-sort')
         el.set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
         self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
-        self._table.add_slot('body-selection', _CHECKBOX.format('props.row.name'))
+        self._table.add_slot('body-selection', _CHECKBOX.format('props.row.run'))
 
     def refresh(self) -> None:
         """Look for recordings and runs."""
@@ -106,7 +97,7 @@ class Runs:
         self._runs = services.runs.all()
         rows = [_row(run) for run in reversed(self._runs)]
         self._table.rows = rows
-        self._table.selected = [row for row in rows if row['name'] in self._ticked]
+        self._table.selected = [row for row in rows if row['run'] in self._ticked]
         self._show_ticked()
 
     def choose_recording(self) -> None:
@@ -118,7 +109,7 @@ class Runs:
         return next(iter(sorted(self._bags, key=lambda name: word not in name)), None)
 
     def _tick(self) -> None:
-        self._page.kept['ticks'] = [row['name'] for row in self._table.selected]
+        self._page.kept['ticks'] = [row['run'] for row in self._table.selected]
         self._show_ticked()
 
     def _chosen(self) -> list[Run]:
@@ -230,6 +221,7 @@ class Runs:
 
 
 def _row(run: Run) -> dict[str, str]:
+    """The cells below `_HEADS`."""
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
     changed = [
         f'{name} {value_text(value)}'
@@ -237,11 +229,11 @@ def _row(run: Run) -> dict[str, str]:
         if name in defaults and defaults[name] != value
     ]
     return {
-        'name': run.name,
-        'kind': run.kind,
-        'source': Path(run.source).name,
+        'run': run.name,
+        'node': run.kind,
+        'recording': Path(run.source).name,
         'frames': f'{run.answered} of {run.frames}',
-        'changed': ', '.join(changed) or 'nothing',
+        'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
     }
 

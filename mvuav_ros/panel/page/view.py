@@ -177,13 +177,11 @@ class View:
         with self._results_place:
             self._results = Results(self._page, node) if node else None
             if node is None:
-                el.empty('No results yet', 'They appear as soon as a node runs.', 'card empty')
+                el.empty('No results yet', 'They appear as soon as a node runs.', card=True)
         with self._parameters_place:
             self._parameters = Parameters(self._page, node) if node and node.controls else None
             if self._parameters is None:
-                el.empty(
-                    'No parameters yet', 'They appear as soon as a node answers.', 'card empty'
-                )
+                el.empty('No parameters yet', 'They appear as soon as a node answers.', card=True)
 
     def _selected(self) -> None:
         self._refresh()
