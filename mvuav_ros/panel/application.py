@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, WebSocket
 from fastapi.responses import FileResponse, Response
-from jinja2 import Environment, FunctionLoader
+from jinja2.ext import Extension
 from nicegui import Client, app, core, ui
 from nicegui.client import templates
 from starlette.staticfiles import StaticFiles
@@ -18,39 +15,21 @@ from mvuav_ros.panel.guard import NONCE, Guard
 from mvuav_ros.panel.live_socket import LiveSocket
 from mvuav_ros.panel.page.context import Services
 from mvuav_ros.panel.page.view import View
-from mvuav_ros.panel.ros_thread import RosThread
 
 _STATIC = Path(__file__).with_name('static')
 _RECONNECT_TIME = 30.0
 _TAB_MEMORY = 86_400.0
 """Seconds for which a browser tab's node, edits and ticks are kept."""
-_ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
-    'rx="7" fill="#0b62b8"/><path d="M7 11h18M7 21h18" stroke="#fff" stroke-width="2.4"/>'
-    '<circle cx="20" cy="11" r="3.6" fill="#fff"/><circle cx="12" cy="21" r="3.6" fill="#fff"/>'
-    '</svg>'
-)
 
 
-def make_application(ros: RosThread, services: Services, token: str) -> Guard:
-    """Everything that the web server serves.
-
-    Args:
-        ros: our own node; it spins while the application runs.
-        services: what the pages work with.
-        token: what a visitor must know; empty on loopback.
-    """
-
-    @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        ros.start(asyncio.get_running_loop())
-        yield
-
-    application = FastAPI(lifespan=lifespan, openapi_url=None)
+def make_application(services: Services, token: str) -> Guard:
+    """Everything that the web server serves; our own node spins while it does."""
+    application = FastAPI(openapi_url=None)
+    app.on_startup(services.ros.start)
 
     @application.websocket('/live')
     async def live(socket: WebSocket) -> None:
-        await LiveSocket(socket, ros, services.system, services.feed).run()
+        await LiveSocket(socket, services.ros, services.system, services.feed).run()
 
     @application.get('/report/{name}')
     def report(name: str) -> Response:
@@ -69,12 +48,12 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
     async def page(client: Client) -> None:
         # What nodes say goes over the WebSocket only; the page's own HTML holds nothing of it.
         await client.connected()
-        View(services, client, app.storage.tab)
+        await View(services, client, app.storage.tab).images.restore()
 
     ui.run_with(
         application,
         title='Tuning panel',
-        favicon=_ICON,
+        favicon=(_STATIC / 'icon.svg').read_text(),
         dark=None,
         tailwind=False,
         binding_refresh_interval=None,
@@ -83,22 +62,15 @@ def make_application(ros: RosThread, services: Services, token: str) -> Guard:
         show_welcome_message=False,
     )
     app.storage.max_tab_storage_age = _TAB_MEMORY
-    _give_scripts_a_nonce(templates.env)
+    templates.env.add_extension(_Nonce)
+    templates.env.globals['csp_nonce'] = NONCE.get
     # NiceGUI answers pages of every origin; the guard asks for ours, and so does this.
     core.sio.eio.cors_allowed_origins = None
     return Guard(application, token)
 
 
-def _give_scripts_a_nonce(environment: Environment) -> None:
-    """Put the nonce into templates before any data are: data can never bring a script."""
-    if 'csp_nonce' in environment.globals:
-        return
-    inner = environment.loader
-    assert inner is not None
+class _Nonce(Extension):
+    """Put into templates before any data are: data can never bring a script."""
 
-    def source(template: str) -> str:
-        plain = inner.get_source(environment, template)[0]
-        return plain.replace('<script', '<script nonce="{{ csp_nonce() }}"')
-
-    environment.loader = FunctionLoader(source)
-    environment.globals['csp_nonce'] = NONCE.get
+    def preprocess(self, source: str, name: str | None, filename: str | None = None) -> str:
+        return source.replace('<script', '<script nonce="{{ csp_nonce() }}"')

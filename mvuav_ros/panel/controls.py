@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -53,13 +52,11 @@ class Control:
 
     Attributes:
         name: the parameter's, as the node knows it.
-        kind: of the widget.
         type: of the value, a tuple being of numbers; None of one that the panel only shows.
         text: what the descriptor's description says.
         constraint: the values allowed, in words.
         minimum: the smallest value; NaN where the descriptor says none.
         maximum: the largest value.
-        choices: of a menu.
         odd: only odd numbers are allowed.
         read_only: it cannot be changed while the node runs.
     """
@@ -98,11 +95,7 @@ class Control:
         )
 
     def parse(self, words: object) -> Value:
-        """What a user typed, as a value to be sent to the node, which judges it.
-
-        Raises:
-            ValueError: it cannot even be sent, with the reason.
-        """
+        """What a user typed, as a value for the node to judge; ValueError where it can be none."""
         if self.type is bool:
             return bool(words)
         if self.type is str:
@@ -130,27 +123,10 @@ def _number(words: str, wanted: str) -> float:
     return number
 
 
-@dataclass(frozen=True)
-class Scale:
-    """The values at the positions of a slider, in rising order."""
+def scale_of(control: Control, image_size: float = 0.0) -> tuple[float, ...]:
+    """The values at a slider's positions, rising, over the range usual for its parameter.
 
-    values: tuple[float, ...]
-
-    def position(self, value: float) -> int:
-        """The position whose value is nearest."""
-        right = min(bisect_left(self.values, value), len(self.values) - 1)
-        left = max(right - 1, 0)
-        nearer = value - self.values[left] < self.values[right] - value
-        return left if nearer else right
-
-
-def scale_of(control: Control, image_size: float = 0.0) -> Scale:
-    """A slider's scale over the range that is usual for its parameter.
-
-    Args:
-        control: a slider.
-        image_size: longer side of the node's images, px; 0: not known. Places and lengths in the
-            image end there.
+    Places and lengths in the image end at the longer side of the node's images (px; 0: not known).
     """
     low, high = control.text.usual or (control.minimum, control.maximum)
     low, high = max(low, control.minimum), min(high, control.maximum)
@@ -167,7 +143,13 @@ def scale_of(control: Control, image_size: float = 0.0) -> Scale:
         values = [round(low + step * index, 10) for index in range(count + 1)]
     if control.odd:
         values = sorted({2 * (int(value) // 2) + 1 for value in values} - {int(high) + 1})
-    return Scale(tuple(int(value) if whole else value for value in values))
+    return tuple(int(value) if whole else value for value in values)
+
+
+def position_on(scale: Sequence[float], value: float) -> int:
+    """The position on a slider's scale whose value is nearest."""
+    value = min(max(value, scale[0]), scale[-1])
+    return min(range(len(scale)), key=lambda index: abs(scale[index] - value))
 
 
 def _step(least: float, whole: bool) -> float:
@@ -197,36 +179,30 @@ def control_of(descriptor: ParameterDescriptor) -> Control:
     )
     constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
-    kind, choices, (low, high) = _kind(descriptor, type_, constraint)
+    choices: tuple[str, ...] = ()
+    kind, minimum, maximum = Kind.TEXT, math.nan, math.nan
+    if type_ is bool:
+        kind = Kind.SWITCH
+    elif type_ is str and constraint.startswith(_CHOICES):
+        kind, choices = Kind.MENU, tuple(constraint.removeprefix(_CHOICES).split(', '))
+    elif type_ in (int, float):
+        kind = Kind.NUMBER
+        for each in (*descriptor.integer_range, *descriptor.floating_point_range):
+            low, high = float(each.from_value), float(each.to_value)
+            if -_WIDEST < low < high < _WIDEST:
+                kind, minimum, maximum = Kind.SLIDER, low, high
     return Control(
         name=str(descriptor.name),
         kind=kind,
         type=type_,
         text=text,
         constraint=constraint,
-        minimum=low,
-        maximum=high,
+        minimum=minimum,
+        maximum=maximum,
         choices=choices,
         odd=constraint.startswith('odd'),
         read_only=bool(descriptor.read_only) or type_ is None,
     )
-
-
-def _kind(
-    descriptor: ParameterDescriptor, type_: type | None, constraint: str
-) -> tuple[Kind, tuple[str, ...], tuple[float, float]]:
-    none = (math.nan, math.nan)
-    if type_ is bool:
-        return Kind.SWITCH, (), none
-    if type_ is str and constraint.startswith(_CHOICES):
-        return Kind.MENU, tuple(constraint.removeprefix(_CHOICES).split(', ')), none
-    if type_ not in (int, float):
-        return Kind.TEXT, (), none
-    for each in (*descriptor.integer_range, *descriptor.floating_point_range):
-        limits = float(each.from_value), float(each.to_value)
-        if -_WIDEST < limits[0] < limits[1] < _WIDEST:
-            return Kind.SLIDER, (), limits
-    return Kind.NUMBER, (), none
 
 
 def value_text(value: object) -> str:

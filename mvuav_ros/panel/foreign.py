@@ -1,4 +1,4 @@
-"""What nodes, bags and files say, made fit for the page: the one door through which it comes in.
+"""What nodes, bags, files and users say, made fit: the one door through which it comes in.
 
 Whatever passes is text of bounded length that cannot break a line, a layout or a number. The page
 shows it as text only and never puts it into markup, into an attribute that the browser acts on,
@@ -24,6 +24,7 @@ _MOST_NUMBERS = 16
 """Of one parameter; a user does not type more."""
 _MOST_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
+_FILE_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 _.-]{0,63}', re.ASCII)
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 
 
@@ -35,8 +36,6 @@ def words(text: object, longest: int = LONGEST_WORDS) -> str:
     shown: list[str] = []
     marks = 0
     for letter in raw[: 4 * longest]:
-        if len(shown) > longest:
-            break
         category = unicodedata.category(letter)
         if letter.isspace() or category in ('Zl', 'Zp', 'Cc'):
             letter = ' '
@@ -44,17 +43,12 @@ def words(text: object, longest: int = LONGEST_WORDS) -> str:
             # Unseen: direction overrides, joiners, surrogates, private use.
             continue
         marks = marks + 1 if category[0] == 'M' else 0
-        if marks <= _MOST_MARKS and (letter != ' ' or not shown or shown[-1] != ' '):
+        if marks <= _MOST_MARKS:
             shown.append(letter)
-    line = ''.join(shown).strip()
+    line = ' '.join(''.join(shown).split())
     if len(line) > longest or len(raw) > 4 * longest:
         return line[: longest - 1].rstrip() + '…'
     return line
-
-
-def is_plain(text: str, longest: int = LONGEST_WORDS) -> bool:
-    """Whether `words` would show the text as it is."""
-    return words(text, longest) == text
 
 
 def number(text: object) -> float:
@@ -106,3 +100,18 @@ def plain_value(value: object) -> Any:
     if isinstance(value, list) and all(type(number) in (int, float) for number in value):
         return tuple(map(float, value))
     return None
+
+
+class NameRefusedError(ValueError):
+    """A name that cannot be given, with the reason."""
+
+
+def checked_name(text: str) -> str:
+    """The name, where it stays in its folder on every file system; NameRefusedError elsewhere."""
+    name = text.strip()
+    if not _FILE_NAME.fullmatch(name) or '..' in name or name.endswith('.'):
+        raise NameRefusedError(
+            'a name has letters, digits, spaces, - _ and single dots, begins with a letter or '
+            'digit, and has at most 64 characters'
+        )
+    return name

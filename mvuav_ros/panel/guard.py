@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import hmac
 import ipaddress
+import re
 import secrets
 from contextvars import ContextVar
-from urllib.parse import urlsplit
 
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
@@ -16,6 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 NONCE: ContextVar[str] = ContextVar('NONCE', default='')
 """Of the request that is being answered; scripts written in its page bear it, others do not run."""
 _SAFE_METHODS = ('GET', 'HEAD')
+_PORT = re.compile(r':\d+$')
 _POLICY = (
     "default-src 'self'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
@@ -49,12 +50,7 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, token: str) -> None:
-        """Put a guard in front of an application.
-
-        Args:
-            app: the application.
-            token: what a visitor must know; empty on loopback.
-        """
+        """Put a guard in front of an application; the token is empty on loopback."""
         self.app = app
         self._token = token
         # Browsers send a cookie to every port of a host: each panel's has a name of its own.
@@ -67,50 +63,32 @@ class Guard:
             return
         NONCE.set(secrets.token_urlsafe(16))
         visitor = HTTPConnection(scope)
-        answer = self._refusal(visitor)
-        if answer is None and scope['type'] == 'http' and self._token and _given(visitor):
+        given = visitor.query_params.get('token', '')
+        answer = self._refusal(visitor, given)
+        if answer is None and scope['type'] == 'http' and self._token and given:
             # The token does not stay in the address bar and its history.
             cookie = f'{self.cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/'
             answer = RedirectResponse('/', 303, {'set-cookie': cookie})
         await (answer or self.app)(scope, receive, _with_headers(send))
 
-    def _refusal(self, visitor: HTTPConnection) -> Response | None:
-        """What a visitor gets who is turned away; None where he is not."""
+    def _refusal(self, visitor: HTTPConnection, token: str) -> Response | None:
+        """What a visitor with this token is told who is turned away; None where he is not."""
         host, origin = visitor.headers.get('host', ''), visitor.headers.get('origin')
-        if not self._token and not is_loopback(_name_of(host)):
+        if not self._token and not is_loopback(_PORT.sub('', host.lower())):
             return PlainTextResponse(f'{host or "no host"} is not a name of this machine\n', 403)
         scope = visitor.scope
         reads = scope['type'] == 'http' and scope['method'] in _SAFE_METHODS
-        if not reads and (origin is None or not _same_origin(origin, host)):
+        ours = (f'http://{host}'.lower(), f'https://{host}'.lower())
+        if not reads and (origin or '').lower() not in ours:
             return PlainTextResponse('the request comes from a page of another site\n', 403)
-        known = (_given(visitor), visitor.cookies.get(self.cookie, ''))
-        if self._token and not any(map(self._knows, known)):
+        tokens = (token, visitor.cookies.get(self.cookie, ''))
+        if self._token and not any(map(self._is_token, tokens)):
             words = 'open the address with ?token= that the panel printed\n'
             return PlainTextResponse(words, 401)
         return None
 
-    def _knows(self, given: str) -> bool:
+    def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode('utf-8', 'replace'), self._token.encode())
-
-
-def _given(visitor: HTTPConnection) -> str:
-    """The token in the address."""
-    return visitor.query_params.get('token', '')
-
-
-def _name_of(host: str) -> str:
-    try:
-        return urlsplit(f'//{host}').hostname or ''
-    except ValueError:
-        return ''
-
-
-def _same_origin(origin: str, host: str) -> bool:
-    try:
-        parts = urlsplit(origin)
-    except ValueError:
-        return False
-    return parts.scheme in ('http', 'https') and parts.netloc.lower() == host.lower()
 
 
 def _with_headers(send: Send) -> Send:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import json
+import struct
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -16,14 +15,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.panel.live_system import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.recordings.serialization import serialized_image
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.recordings.serialization.serialized_image import (
-    stamp_ns_in,
-    view_compressed_image,
-    view_image,
-)
 from mvuav_ros.vision.image import Image, ImageError
 
 HIGHEST_RATE = 10.0
@@ -52,15 +47,10 @@ _DRAWN = {
 }
 
 
-@dataclass(frozen=True)
-class Stream:
+class Stream(NamedTuple):
     """An image that can be shown: a node's input or one of its debug images.
 
-    Attributes:
-        node: its name.
-        name: of the image.
-        topic: empty while it has none.
-        compressed: whether that has compressed images.
+    ``topic`` is empty while it has none; ``compressed`` says whether that has compressed images.
     """
 
     node: str
@@ -79,25 +69,6 @@ class Stream:
         return TITLES.get(self.name, self.name)
 
 
-@dataclass(frozen=True)
-class Shot:
-    """An image ready to be sent.
-
-    Attributes:
-        width: of the original, px.
-        height: of the original, px.
-        jpeg: what is sent.
-        rate: of the topic, Hz.
-        age_ms: from the stamp until we had it; NaN where the stamp is not of now.
-    """
-
-    width: int
-    height: int
-    jpeg: bytes
-    rate: float
-    age_ms: float
-
-
 def streams_of(node: LiveNode) -> list[Stream]:
     """The images of a node."""
     given = Stream(node.name, INPUT, node.image_topic, node.found.compressed)
@@ -105,30 +76,27 @@ def streams_of(node: LiveNode) -> list[Stream]:
     return [given, *(Stream(node.name, name, f'{node.name}/{name}') for name in drawn)]
 
 
-def decode(data: bytes, compressed: bool) -> Image:
-    """A serialized message's image.
-
-    Raises:
-        ImageError: it cannot be used.
-    """
-    if compressed:
-        return decode_compressed_image(view_compressed_image(data))
-    return decode_image(view_image(data))
+def decode(stream: Stream, data: bytes) -> Image:
+    """A serialized message's image; ImageError where it cannot be used."""
+    if stream.compressed:
+        return decode_compressed_image(serialized_image.view_compressed_image(data))
+    return decode_image(serialized_image.view_image(data))
 
 
-def encode_jpeg(image: Image, largest: int = LARGEST_SIDE) -> bytes:
-    """An image as JPEG with sides of at most ``largest`` px."""
+def encode_jpeg(image: Image) -> bytes:
+    """An image as JPEG with sides of at most `LARGEST_SIDE`."""
     pixels = _eight_bit(image)
-    factor = largest / max(pixels.shape[:2])
+    height, width = pixels.shape[:2]
+    factor = LARGEST_SIDE / max(height, width)
     if factor < 1.0:
-        size = (max(round(pixels.shape[1] * factor), 1), max(round(pixels.shape[0] * factor), 1))
+        size = (max(round(width * factor), 1), max(round(height * factor), 1))
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    return _encoded('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
 def encode_png(image: Image) -> bytes:
     """An image as PNG at its full size."""
-    return _encoded('.png', _eight_bit(image), [])
+    return cv2.imencode('.png', _eight_bit(image))[1].tobytes()
 
 
 def _eight_bit(image: Image) -> Any:
@@ -138,15 +106,8 @@ def _eight_bit(image: Image) -> Any:
     return cv2.convertScaleAbs(pixels, alpha=255.0 / np.iinfo(pixels.dtype).max)
 
 
-def _encoded(suffix: str, pixels: Any, options: list[int]) -> bytes:
-    done, data = cv2.imencode(suffix, pixels, options)
-    if not done:
-        raise ImageError('the image cannot be encoded')
-    return data.tobytes()
-
-
-Look = Callable[[str, Shot], None]
-"""Called in the loop with a stream's key and its newest image."""
+Look = Callable[[str, bytes], None]
+"""Called in the loop with a stream's key and its newest image, as it is sent to pages."""
 
 
 class ImageFeed:
@@ -154,83 +115,71 @@ class ImageFeed:
 
     def __init__(self, ros: RosThread) -> None:
         self._ros = ros
-        self._taps: dict[str, _Tap] = {}
+        self._taps: dict[Stream, _Tap] = {}
 
-    def look(self, stream: Stream, viewer: Look) -> None:
-        """Begin to look; a stream whose topic has changed is subscribed anew."""
-        tap = self._taps.get(stream.key)
-        if tap is None or tap.stream != stream:
-            viewers = tap.viewers if tap is not None else set()
-            if tap is not None:
-                tap.close()
-            tap = self._taps[stream.key] = _Tap(self._ros, stream, viewers)
-        tap.viewers.add(viewer)
-
-    def look_away(self, key: str, viewer: Look) -> None:
-        """End `look`; the last viewer ends the subscription."""
-        tap = self._taps.get(key)
-        if tap is not None:
-            tap.viewers.discard(viewer)
-            if not tap.viewers:
-                self._taps.pop(key).close()
+    def look(self, viewer: Look, streams: set[Stream]) -> None:
+        """Have a viewer see these streams and no others."""
+        for stream in streams:
+            if stream not in self._taps:
+                self._taps[stream] = _Tap(self._ros, stream)
+            self._taps[stream].viewers.add(viewer)
+        for stream in self._taps.keys() - streams:
+            self._taps[stream].viewers.discard(viewer)
+            if not self._taps[stream].viewers:
+                self._taps.pop(stream).close()
 
     def newest(self, key: str) -> Image | None:
-        """The image that was shown last, at its full size."""
-        tap = self._taps.get(key)
-        return tap.newest() if tap is not None else None
+        """The image that was shown last, at its full size; None where there is none."""
+        for stream, tap in self._taps.items():
+            if stream.key == key and tap.data:
+                return decode(stream, tap.data)
+        return None
 
 
 class _Tap:
     """One subscription, with the rate capped before anything is decoded."""
 
-    def __init__(self, ros: RosThread, stream: Stream, viewers: set[Look]) -> None:
-        self.stream, self.viewers, self._ros = stream, viewers, ros
+    def __init__(self, ros: RosThread, stream: Stream) -> None:
+        self.viewers: set[Look] = set()
+        self.data = b''
+        self._ros, self._stream = ros, stream
         self._due = 0.0
         self._arrivals: deque[float] = deque(maxlen=200)
-        self._data: bytes | None = None
-        self._closed = False
-        self._subscription = Subscriptions(ros.node)
         kind = CompressedImage if stream.compressed else RosImage
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        ros.do(partial(self._subscription.add, kind, stream.topic, self._on_image, qos, raw=True))
-
-    def newest(self) -> Image | None:
-        data = self._data
-        return decode(data, self.stream.compressed) if data is not None else None
-
-    def close(self) -> None:
-        self._closed = True
-        self._ros.do(self._subscription.close)
+        self.close = ros.subscribe(kind, stream.topic, self._on_image, qos, raw=True)
 
     def _on_image(self, data: bytes) -> None:
         now = time.monotonic()
         self._arrivals.append(now)
-        if self._closed or now < self._due:
+        if now < self._due:
             return
         # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
         self._due = max(self._due + 1.0 / HIGHEST_RATE, now)
         try:
-            image = decode(data, self.stream.compressed)
+            image = decode(self._stream, data)
             jpeg = encode_jpeg(image)
         except ImageError:
             # The node itself says so in its diagnostics.
             return
-        self._data = data
-        shot = Shot(image.width, image.height, jpeg, self._rate(now), _age_ms(data))
-        self._ros.tell(self._show, shot)
+        self.data = data
+        header = {'key': self._stream.key, 'width': image.width, 'height': image.height}
+        text = json.dumps({**header, 'words': self._rate(now) + _age(data)}).encode()
+        self._ros.tell(self._show, struct.pack('<I', len(text)) + text + jpeg)
 
-    def _show(self, shot: Shot) -> None:
+    def _show(self, message: bytes) -> None:
         for viewer in list(self.viewers):
-            viewer(self.stream.key, shot)
+            viewer(self._stream.key, message)
 
-    def _rate(self, now: float) -> float:
+    def _rate(self, now: float) -> str:
+        """Of the topic, Hz."""
         while self._arrivals[0] < now - _RATE_WINDOW:
             self._arrivals.popleft()
         span = now - self._arrivals[0]
-        return (len(self._arrivals) - 1) / span if span > 0 else math.nan
+        return f'{(len(self._arrivals) - 1) / span:.1f} Hz' if span > 0 else ''
 
 
-def _age_ms(data: bytes) -> float:
-    """From a message's stamp until now."""
-    age = time.time() - 1e-9 * stamp_ns_in(data)
-    return 1e3 * age if 0.0 <= age < _OLDEST_LIVE else math.nan
+def _age(data: bytes) -> str:
+    """From a message's stamp until now, ms, where the stamp is of now."""
+    age = time.time() - 1e-9 * serialized_image.stamp_ns_in(data)
+    return f' · {1e3 * age:.0f} ms' if 0.0 <= age < _OLDEST_LIVE else ''

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
-import struct
 import time
 from collections import Counter
 from typing import Any
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
-from mvuav_ros.panel.images import ImageFeed, Shot, streams_of
+from mvuav_ros.panel.images import ImageFeed, streams_of
 from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.panel.series import Point, SeriesFeed
-from mvuav_ros.panel.sketch import Sketch
+from mvuav_ros.panel.series import SeriesFeed
 
+MOST_STREAMS = 16
 _CURVE_INTERVAL = 0.2
 """Seconds between two batches of points."""
-MOST_STREAMS = 16
 _LONGEST_REQUEST = 10_000
 _UNANSWERED = 2
 """Images of one stream on their way; a slow link gets fewer images, not older ones."""
@@ -38,27 +35,21 @@ class LiveSocket:
         self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: ImageFeed
     ) -> None:
         self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
-        self._looking: set[str] = set()
-        self._waiting: dict[str, Shot] = {}
+        self._waiting: dict[str, bytes] = {}
         self._under_way: Counter[str] = Counter()
         self._series: SeriesFeed | None = None
-        self._series_of = ''
-        self._points: list[Point] = []
-        self._pose: Sketch | None = None
         self._something = asyncio.Event()
-        self._sent_curves = 0.0
 
     async def run(self) -> None:
         """Serve the page until it is closed."""
         await self._socket.accept()
         sender = asyncio.create_task(self._send())
         try:
-            while True:
-                text = await self._socket.receive_text()
+            async for text in self._socket.iter_text():
                 if len(text) <= _LONGEST_REQUEST:
                     self._take(json.loads(text))
-        except (WebSocketDisconnect, ValueError, TypeError, AttributeError, RecursionError):
-            # Gone, or no page of ours.
+        except (ValueError, TypeError, AttributeError, RecursionError):
+            # No page of ours.
             pass
         finally:
             sender.cancel()
@@ -80,80 +71,37 @@ class LiveSocket:
         """Known streams only: what a page asks for never becomes a topic by itself."""
         streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
         wanted = [each for each in streams if each.topic and each.key in keys][:MOST_STREAMS]
-        looking = {stream.key for stream in wanted}
-        for key in self._looking - looking:
-            self._feed.look_away(key, self._arrived)
+        self._feed.look(self._arrived, set(wanted))
+        known = self._waiting.keys() | self._under_way.keys()
+        for key in known - {each.key for each in wanted}:
             self._waiting.pop(key, None)
             self._under_way.pop(key, None)
-        for stream in wanted:
-            self._feed.look(stream, self._arrived)
-        self._looking = looking
 
     def _follow(self, name: str) -> None:
         node = self._system.nodes.get(name)
-        name = node.name if node is not None else ''
-        if name == self._series_of:
-            return
-        if self._series is not None:
+        if self._series is not None and (node is None or self._series.name != name):
             self._series.close()
-        self._points.clear()
-        self._pose = None
-        self._series_of, self._series = name, None
-        if node is not None:
-            self._series = SeriesFeed(self._ros, node, self._point_arrived, self._pose_arrived)
+            self._series = None
+        if self._series is None and node is not None:
+            self._series = SeriesFeed(self._ros, node, self._something.set)
 
-    def _arrived(self, key: str, shot: Shot) -> None:
-        self._waiting[key] = shot
-        self._something.set()
-
-    def _point_arrived(self, point: Point) -> None:
-        self._points.append(point)
-        self._something.set()
-
-    def _pose_arrived(self, pose: Sketch) -> None:
-        self._pose = pose
+    def _arrived(self, key: str, message: bytes) -> None:
+        self._waiting[key] = message
         self._something.set()
 
     async def _send(self) -> None:
+        sent_curves = 0.0
         while True:
             await self._something.wait()
             self._something.clear()
-            for key, shot in list(self._waiting.items()):
+            for key, message in list(self._waiting.items()):
                 if self._under_way[key] < _UNANSWERED:
                     self._waiting.pop(key, None)
                     self._under_way[key] += 1
-                    await self._socket.send_bytes(_message(key, shot))
+                    await self._socket.send_bytes(message)
             now = time.monotonic()
-            if (self._points or self._pose) and now - self._sent_curves >= _CURVE_INTERVAL:
-                self._sent_curves = now
-                points, self._points = self._points, []
-                pose, self._pose = self._pose, None
-                await self._socket.send_text(results_message(self._series_of, points, pose))
-
-
-def _message(key: str, shot: Shot) -> bytes:
-    words = f'{shot.rate:.1f} Hz' if math.isfinite(shot.rate) else ''
-    words += f' · {shot.age_ms:.0f} ms' if math.isfinite(shot.age_ms) else ''
-    header = {'key': key, 'width': shot.width, 'height': shot.height, 'words': words}
-    text = json.dumps(header).encode()
-    return struct.pack('<I', len(text)) + text + shot.jpeg
-
-
-def results_message(node: str, points: list[Point], pose: Sketch | None) -> str:
-    """As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "pose": …}``.
-
-    A value that is not known is null.
-    """
-    rounded = [
-        [
-            round(time_s, 3),
-            chart,
-            {
-                curve: round(value, 3) if math.isfinite(value) else None
-                for curve, value in values.items()
-            },
-        ]
-        for time_s, chart, values in points
-    ]
-    shown = {'numbers': pose.numbers, 'segments': pose.segments} if pose else None
-    return json.dumps({'series': node, 'points': rounded, 'pose': shown})
+            if self._series is not None and now - sent_curves >= _CURVE_INTERVAL:
+                text = self._series.take()
+                if text:
+                    sent_curves = now
+                    await self._socket.send_text(text)

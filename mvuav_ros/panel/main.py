@@ -8,6 +8,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 PORT = 8642
@@ -24,12 +25,9 @@ def main() -> None:
     try:
         listening = _listen(arguments.host, arguments.port)
     except OSError as error:
-        print(
-            f'{arguments.host}:{arguments.port}: {error.strerror or error}; choose another --port',
-            file=sys.stderr,
-        )
+        print(f'{error.strerror}; choose another --host or --port', file=sys.stderr)
         sys.exit(2)
-    sys.exit(_serve(arguments, listening))
+    _serve(arguments, listening)
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -41,26 +39,15 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         description='Serves a page that tunes running marker_tracker and runway_detector nodes.',
         epilog='ROS arguments follow --ros-args.',
     )
-    parser.add_argument(
-        '--host',
-        default='127.0.0.1',
-        help='address to serve on; any other than loopback asks visitors for a token',
-    )
+    what = 'address to serve on; any other than loopback asks visitors for a token'
+    parser.add_argument('--host', default='127.0.0.1', help=what)
     parser.add_argument('--port', type=_port, default=PORT, help='TCP port (%(default)s); 0: free')
-    parser.add_argument(
-        '--folder',
-        type=Path,
-        default=_data_folder(),
-        help='folder for saved sets and runs (%(default)s)',
-    )
-    parser.add_argument(
-        '--bags',
-        type=_existing,
-        action='append',
-        default=None,
-        help='a recording, or a folder of recordings, for runs; may be repeated '
-        '(default: the sample bags)',
-    )
+    folder = Path(os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share') / 'mvuav_ros'
+    what = 'folder for saved sets and runs (%(default)s)'
+    parser.add_argument('--folder', type=Path, default=folder, help=what)
+    what = 'a recording, or a folder of recordings, for runs; may be repeated'
+    what += ' (default: the sample bags)'
+    parser.add_argument('--bags', type=_existing, action='append', help=what)
     parsed = parser.parse_args(words[: len(words) - len(ros)])
     parsed.ros = ros
     return parsed
@@ -79,21 +66,14 @@ def _existing(text: str) -> Path:
     return path
 
 
-def _data_folder() -> Path:
-    base = os.environ.get('XDG_DATA_HOME') or Path.home() / '.local' / 'share'
-    return Path(base) / 'mvuav_ros'
-
-
 def _listen(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ':' in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listening.bind((host, port))
-    listening.listen(64)
-    return listening
+    if ':' not in host:
+        return socket.create_server((host, port))
+    both = socket.has_dualstack_ipv6()
+    return socket.create_server((host, port), family=socket.AF_INET6, dualstack_ipv6=both)
 
 
-def address(host: str, port: int, token: str) -> str:
+def _address(host: str, port: int, token: str) -> str:
     """What a user opens."""
     name = f'[{host}]' if ':' in host else host
     if host in ('0.0.0.0', '::'):
@@ -101,18 +81,13 @@ def address(host: str, port: int, token: str) -> str:
     return f'http://{name}:{port}/' + (f'?token={token}' if token else '')
 
 
-def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
+def _serve(arguments: argparse.Namespace, listening: socket.socket) -> None:
     import uvicorn
 
     from mvuav_ros.panel.application import make_application
     from mvuav_ros.panel.guard import make_token
-    from mvuav_ros.panel.images import ImageFeed
-    from mvuav_ros.panel.live_system import LiveSystem
-    from mvuav_ros.panel.package_data import built_in_sets, sample_bags
     from mvuav_ros.panel.page.context import Services
     from mvuav_ros.panel.ros_thread import RosThread
-    from mvuav_ros.panel.runs import RunStore
-    from mvuav_ros.panel.sets import SetStore
     from mvuav_ros.processing.process_tuning import tune_process
 
     tune_process()
@@ -120,19 +95,10 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
     token = make_token(arguments.host)
     folder: Path = arguments.folder.expanduser().resolve()
     with tempfile.TemporaryDirectory(prefix='tuning_panel_') as scratch:
-        services = Services(
-            ros=ros,
-            system=LiveSystem(ros),
-            feed=ImageFeed(ros),
-            sets=SetStore(folder / 'sets', built_in_sets()),
-            runs=RunStore(folder / 'runs'),
-            bags=tuple(arguments.bags or sample_bags()),
-            scratch=Path(scratch),
-            recordings=folder / 'recordings',
-        )
-        application = make_application(ros, services, token)
+        services = Services(ros, folder, arguments.bags, Path(scratch))
+        application = make_application(services, token)
         port = listening.getsockname()[1]
-        print(f'tuning_panel: {address(arguments.host, port, token)}', flush=True)
+        print(f'tuning_panel: {_address(arguments.host, port, token)}', flush=True)
         config = uvicorn.Config(
             application,
             log_level='warning',
@@ -142,9 +108,7 @@ def _serve(arguments: argparse.Namespace, listening: socket.socket) -> int:
             timeout_graceful_shutdown=1,
         )
         try:
-            uvicorn.Server(config).run(sockets=[listening])
-        except KeyboardInterrupt:
-            pass
+            with suppress(KeyboardInterrupt):
+                uvicorn.Server(config).run(sockets=[listening])
         finally:
             ros.stop()
-    return 0

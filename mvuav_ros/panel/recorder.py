@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.panel.live_system import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.serialization.type_name import type_name
@@ -25,51 +26,33 @@ LONGEST = 600.0
 class Recorder:
     """Records one node until it is stopped; its file can be replayed.
 
-    Attributes:
-        messages: written so far.
-        error: why it ended by itself; empty while it goes on.
+    ``messages`` are written so far; ``error`` says why it ended by itself. Making it makes the
+    folder; that and the end raise RecordingError or OSError where the file cannot be written.
     """
 
     def __init__(self, ros: RosThread, node: LiveNode, path: Path) -> None:
-        """Begin.
-
-        Args:
-            ros: our own node.
-            node: the other node.
-            path: the file to write; its folder is made.
-
-        Raises:
-            RecordingError: the file cannot be written.
-            OSError: its folder cannot be made.
-        """
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path, self.messages, self.error = path, 0, ''
-        self._ros, self._began = ros, time.monotonic()
+        self._began = time.monotonic()
         self._writer = RecordingWriter(path, metadata={'recorded': {'node': node.name}})
-        self._subscriptions = Subscriptions(ros.node)
-        self._topics = _topics(node)
-        ros.do(self._open)
+        self._stopped = False
+        self._subscriptions = ExitStack()
+        for topic, kind in _topics(node).items():
+            image = kind in (RosImage, CompressedImage)
+            qos: Any = qos_profile_sensor_data if image else QoSProfile(depth=100)
+            keep = partial(self._keep, topic, type_name(kind))
+            self._subscriptions.callback(ros.subscribe(kind, topic, keep, qos, raw=True))
 
     @property
     def seconds(self) -> float:
         """Since it began."""
         return time.monotonic() - self._began
 
-    async def stop(self) -> None:
-        """End the recording.
-
-        Raises:
-            RecordingError: the file could not be completed.
-        """
-        await self._ros.call(self._subscriptions.close)
+    def stop(self) -> None:
+        """End the recording."""
+        self._stopped = True
+        self._subscriptions.close()
         self._writer.close()
-
-    def _open(self) -> None:
-        for topic, kind in self._topics.items():
-            image = kind in (RosImage, CompressedImage)
-            qos: Any = qos_profile_sensor_data if image else QoSProfile(depth=100)
-            keep = partial(self._keep, topic, type_name(kind))
-            self._subscriptions.add(kind, topic, keep, qos, raw=True)
 
     def _keep(self, topic: str, kind: str, data: bytes) -> None:
         if self.error:
@@ -78,7 +61,8 @@ class Recorder:
             self._writer.write(topic, kind, time.time_ns(), data)
             self.messages += 1
         except RecordingError as error:
-            self.error = str(error)
+            # One message may come after the end.
+            self.error = '' if self._stopped else str(error)
         if self.seconds > LONGEST:
             self.error = f'ended after {LONGEST:.0f} s'
 

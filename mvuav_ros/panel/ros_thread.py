@@ -1,61 +1,36 @@
-"""A ROS node in a thread of its own beside an asyncio loop."""
+"""Our own ROS node, spun by a thread beside the asyncio loop that serves the pages."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-T = TypeVar('T')
+_PATIENCE = 3.0
+"""Seconds that a service may take to be found and to answer."""
 
 
 class NoAnswerError(RuntimeError):
     """A node did not answer in time."""
 
 
-class Subscriptions:
-    """Those of one purpose, which end together; used in the ROS thread."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._open: list[Any] = []
-
-    def add(
-        self,
-        kind: type,
-        topic: str,
-        heard: Callable[[Any], None],
-        qos: QoSProfile | int = 10,
-        *,
-        raw: bool = False,
-    ) -> None:
-        """Subscribe."""
-        self._open.append(self._node.create_subscription(kind, topic, heard, qos, raw=raw))
-
-    def close(self) -> None:
-        """Unsubscribe from all."""
-        while self._open:
-            self._node.destroy_subscription(self._open.pop())
-
-
 class RosThread:
-    """Spins one node. Everything of ROS is done in its thread, the loop never waits for it."""
+    """Spins one node. Its callbacks run in the thread and use `tell`; all else is for the loop.
+
+    rclpy lets other threads make and end subscriptions and clients while one spins.
+    """
 
     def __init__(self, name: str, arguments: list[str]) -> None:
-        """Start ROS.
-
-        Args:
-            name: of the node.
-            arguments: of the command line, with ``--ros-args``.
-        """
+        """Start ROS and a node of this name; ``arguments`` begin with ``--ros-args``."""
         # Signals belong to the web server, which ends us in order.
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         self.node: Node = rclpy.create_node(name)
@@ -65,9 +40,9 @@ class RosThread:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping = False
 
-    def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to spin; `tell` reaches this loop from then on."""
-        self._loop = loop
+    def start(self) -> None:
+        """Begin to spin; `tell` reaches the loop in which this is called."""
+        self._loop = asyncio.get_running_loop()
         self._thread.start()
 
     def stop(self) -> None:
@@ -84,46 +59,39 @@ class RosThread:
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(function, *arguments)
 
-    def do(self, function: Callable[[], object]) -> None:
-        """Call a function in the ROS thread and do not wait for it."""
-        self._executor.create_task(function)
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        heard: Callable[[Any], None],
+        qos: QoSProfile | int = 10,
+        *,
+        raw: bool = False,
+    ) -> Callable[[], object]:
+        """Subscribe until the returned is called; ``heard`` is called in the ROS thread."""
+        made = self.node.create_subscription(kind, topic, heard, qos, raw=raw)
+        return partial(self.node.destroy_subscription, made)
 
-    async def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the ROS thread; from the loop."""
-        value: T = await self._answer(lambda answer: answer.set_result(function()))
-        return value
+    async def request(self, client: Any, request: Any) -> Any:
+        """Ask a service; NoAnswerError where nothing comes in time."""
+        answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
 
-    async def request(self, client: Any, request: Any, timeout: float = 3.0) -> Any:
-        """Ask a service; from the loop.
-
-        Raises:
-            NoAnswerError: nothing came within ``timeout`` seconds.
-        """
-
-        def ask(answer: Future[Any]) -> None:
-            if not client.service_is_ready():
-                raise NoAnswerError('the node does not answer')
-            asked = client.call_async(request)
-            asked.add_done_callback(lambda answered: answer.set_result(answered.result()))
+        def take(response: Any) -> None:
+            # It may come after nobody waits any more.
+            if not answer.done():
+                answer.set_result(response)
 
         try:
-            return await asyncio.wait_for(self._answer(ask), timeout)
+            async with asyncio.timeout(_PATIENCE):
+                while not client.service_is_ready():
+                    await asyncio.sleep(0.05)
+                asked = client.call_async(request)
+                asked.add_done_callback(lambda done: self.tell(take, done.result()))
+                return await answer
         except TimeoutError:
-            raise NoAnswerError(f'the node did not answer within {timeout:g} s') from None
-
-    async def _answer(self, begin: Callable[[Future[Any]], None]) -> Any:
-        answer: Future[Any] = Future()
-        # From now on it cannot be cancelled: an answer may come after nobody waits any more.
-        answer.set_running_or_notify_cancel()
-
-        def run() -> None:
-            try:
-                begin(answer)
-            except Exception as error:
-                answer.set_exception(error)
-
-        self._executor.create_task(run)
-        return await asyncio.wrap_future(answer)
+            raise NoAnswerError(f'the node did not answer within {_PATIENCE:g} s') from None
+        except InvalidHandle:
+            raise NoAnswerError('the node is gone') from None
 
     def _spin(self) -> None:
         while rclpy.ok() and not self._stopping:
@@ -131,6 +99,9 @@ class RosThread:
                 self._executor.spin_once()
             except (ExternalShutdownException, KeyboardInterrupt):
                 break
+            except InvalidHandle:
+                # The loop has just ended what was to be waited for: wait for the others.
+                continue
             except Exception as error:
                 if not rclpy.ok():
                     break

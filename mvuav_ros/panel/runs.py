@@ -1,97 +1,159 @@
-"""Saved runs over recordings: a folder each, with the results' bag and ``run.json``."""
+"""Runs over recordings, each in a process of its own and into a folder of its own."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
+import os
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
+import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
+from mvuav_ros.offline.processes import ProcessDiedError, Report, Told, Worker
+from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 from mvuav_ros.offline.report.model import Cell, Column, Table
+from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.names import NameRefusedError, checked_name
+from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.descriptor_text import default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.content import BAG_SUFFIXES
+from mvuav_ros.recordings.errors import RecordingError
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
 _SUMMARY = 'run.json'
 _MOST_BAGS, _MOST_METRICS = 500, 200
 _LARGEST_SUMMARY = 1_000_000
+_ENDING_TIME = 5.0
+_NICENESS = 5
 
 
 @dataclass(frozen=True)
-class SavedRun:
-    """One run.
+class Run:
+    """A kind of node with some parameters over a recording, and what came of it.
 
-    Attributes:
-        name: of its folder.
-        kind: the node that ran.
-        source: the recording.
-        parameters: all of the node's.
-        metrics: its numbers, those of ``mvuav sweep``.
-        version: of this package.
-        made: seconds since the epoch.
-        frames: read.
-        answered: with a result.
-        settings: the name of the parameters' set; empty where they were none's.
+    ``settings`` names the parameters' set, where they are one's; a run without a name is not kept.
+    It was made in s since the epoch; ``answered`` of the frames have a result, and the metrics are
+    those of ``mvuav sweep``.
     """
 
     name: str
     kind: str
     source: str
-    parameters: Mapping[str, Value]
-    metrics: tuple[Metric, ...]
-    version: str
-    made: float
-    frames: int
-    answered: int
+    parameters: dict[str, Value]
     settings: str = ''
+    version: str = mvuav_ros.__version__
+    made: float = 0.0
+    frames: int = 0
+    answered: int = 0
+    metrics: tuple[Metric, ...] = ()
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON, which has no NaN."""
-        metrics = [
-            {**metric._asdict(), 'value': metric.value if math.isfinite(metric.value) else None}
-            for metric in self.metrics
-        ]
-        return {**vars(self), 'parameters': dict(self.parameters), 'metrics': metrics}
+
+class RunFailedError(RuntimeError):
+    """A run came to nothing, with the reason."""
+
+
+class RunProcess:
+    """A run under way, beside the panel, which stays quick and can end it."""
+
+    def __init__(self) -> None:
+        self._worker: Worker | None = None
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """End it; `run` then raises."""
+        self.cancelled = True
+        if self._worker is not None:
+            self._worker.request_stop()
+
+    async def run(self, run: Run, folder: Path, progress: Callable[[int, int | None], None]) -> Run:
+        """Replay a recording with a node's code and measure its results.
+
+        They go into the folder, with a report where the run has a name. ``progress`` gets the
+        frames done and, where that is known, how many there are.
+
+        Raises:
+            RunFailedError: it failed, or was cancelled.
+        """
+        done, failure = None, ''
+        # Spawned: a forked child would lack the threads of ROS.
+        worker = self._worker = await asyncio.to_thread(Worker, _measured_replay)
+        try:
+            worker.send(0, (run, folder))
+            if self.cancelled:
+                worker.request_stop()
+            while isinstance(message := await asyncio.to_thread(worker.receive), Told):
+                progress(message.message.done, message.message.total)
+            done, failure = message.result, str(message.error)
+        except ProcessDiedError as error:
+            failure = str(error)
+        finally:
+            await asyncio.to_thread(worker.end, _ENDING_TIME)
+        if not isinstance(done, Run):
+            raise RunFailedError('cancelled' if self.cancelled else failure)
+        return done
+
+
+def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
+    """Runs in the worker; what it imports is much, and for the worker only."""
+    from mvuav_ros.offline.evaluation.bag_report import bag_report
+    from mvuav_ros.offline.evaluation.evaluation_run import read_bag
+    from mvuav_ros.offline.evaluation.metrics import metrics_of
+    from mvuav_ros.offline.report.writing import write_report
+
+    os.nice(_NICENESS)
+    run, folder = task
+    output, settings = folder / RESULTS, ReplaySettings({run.kind: run.parameters})
+    outcome = attempt(ReplayJob(run.source, str(output), settings), report, stop)
+    if outcome.failure or outcome.interrupted:
+        raise RecordingError(outcome.failure or 'interrupted')
+    observed = read_bag(output)
+    observed.truth = read_bag(Path(run.source)).truth
+    observed.frames = outcome.frames
+    observed.rejected = outcome.frames - outcome.processed
+    if run.name:
+        described = {key: str(value) for key, value in run.parameters.items()}
+        write_report(bag_report(observed, described), folder / REPORT)
+    return replace(
+        run,
+        made=time.time(),
+        frames=outcome.frames,
+        answered=outcome.processed,
+        metrics=tuple(m for m in metrics_of(observed) if m.name != 'time per frame'),
+    )
 
 
 class RunStore:
-    """The runs of a folder."""
+    """The runs of a folder; a name that none can have raises NameRefusedError."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def all(self) -> list[SavedRun]:
+    def all(self) -> list[Run]:
         """Every complete run, the oldest first; what cannot be read is left out."""
         runs = []
         for path in self.folder.glob(f'*/{_SUMMARY}'):
-            try:
+            with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
                 runs.append(_read(path))
-            except (OSError, ValueError, KeyError, TypeError, RecursionError):
-                continue
         return sorted(runs, key=lambda run: run.made)
 
     def free_name(self) -> str:
         """A name that no run has."""
-        number = 1
-        while (self.folder / f'run {number}').exists():
-            number += 1
-        return f'run {number}'
+        names = (f'run {number}' for number in count(1))
+        return next(name for name in names if not (self.folder / name).exists())
 
     def new_folder(self, name: str) -> Path:
-        """Make the folder of a run to come.
-
-        Raises:
-            NameRefusedError: the name cannot be given, or is a run's already.
-        """
+        """Make the folder of a run to come; a name that a run has is refused as well."""
         folder = self.folder / checked_name(name)
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
@@ -100,34 +162,34 @@ class RunStore:
             raise NameRefusedError(f'there is a run {name} already') from None
         return folder
 
-    def finish(self, run: SavedRun) -> None:
+    def finish(self, run: Run) -> None:
         """Write what makes a run complete."""
+        metrics: list[dict[str, Any]] = [metric._asdict() for metric in run.metrics]
+        for each in metrics:
+            # JSON has no NaN.
+            each['value'] = each['value'] if math.isfinite(each['value']) else None
+        content = {**vars(run), 'metrics': metrics}
         path = self.folder / checked_name(run.name) / _SUMMARY
-        path.write_text(json.dumps(run.as_dict(), indent=1, ensure_ascii=False))
+        path.write_text(json.dumps(content, indent=1, ensure_ascii=False))
 
     def delete(self, name: str) -> None:
-        """Remove a run.
-
-        Raises:
-            NameRefusedError: no run can have this name.
-        """
+        """Remove a run."""
         shutil.rmtree(self.folder / checked_name(name), ignore_errors=True)
 
     def report(self, name: str) -> Path | None:
         """The page of a run's report."""
-        try:
+        with suppress(NameRefusedError):
             page = self.folder / checked_name(name) / REPORT / 'index.html'
-        except NameRefusedError:
-            return None
-        return page if page.is_file() else None
+            return page if page.is_file() else None
+        return None
 
 
-def _read(path: Path) -> SavedRun:
+def _read(path: Path) -> Run:
     if path.stat().st_size > _LARGEST_SUMMARY:
         raise ValueError(path)
     content = json.loads(path.read_text())
-    words = foreign.words
-    return SavedRun(
+    number, words = foreign.number, foreign.words
+    return Run(
         # The folder's name counts: a user may have renamed it.
         name=checked_name(path.parent.name),
         kind=PROCESSORS[content['kind']].name,
@@ -138,9 +200,7 @@ def _read(path: Path) -> SavedRun:
             if (value := foreign.plain_value(given)) is not None
         },
         metrics=tuple(
-            Metric(
-                words(m['group']), words(m['name']), words(m['unit']), foreign.number(m['value'])
-            )
+            Metric(words(m['group']), words(m['name']), words(m['unit']), number(m['value']))
             for m in content['metrics'][:_MOST_METRICS]
         ),
         version=words(content['version']),
@@ -151,31 +211,25 @@ def _read(path: Path) -> SavedRun:
     )
 
 
-def varied(runs: Sequence[SavedRun]) -> list[str]:
+def varied(runs: Sequence[Run]) -> list[str]:
     """The parameters that are not the same in all of these runs."""
     names = dict.fromkeys(name for run in runs for name in run.parameters)
     return [n for n in names if len({repr(run.parameters.get(n)) for run in runs}) > 1]
 
 
-def run_table(runs: Sequence[SavedRun]) -> Table:
+def run_table(runs: Sequence[Run]) -> Table:
     """Everything about runs but their messages: one row each."""
-    metrics = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
-    parameters = list(dict.fromkeys(name for run in runs for name in run.parameters))
+    columns = dict.fromkeys(metric.column for run in runs for metric in run.metrics)
+    names = dict.fromkeys(name for run in runs for name in run.parameters)
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         numbers = {metric.column: metric.cell for metric in run.metrics}
-        rows.append(
-            (
-                run.name,
-                run.kind,
-                run.source,
-                run.version,
-                *(numbers.get(column) for column in metrics),
-                *(_cell(run.parameters.get(name)) for name in parameters),
-            )
-        )
-    heads = ('run', 'node', 'input', 'version', *metrics, *parameters)
-    return Table('runs', 'Runs', tuple(Column(head) for head in heads), tuple(rows))
+        values = (run.parameters.get(name) for name in names)
+        cells = (default_text(value) if isinstance(value, tuple) else value for value in values)
+        whole = (run.name, run.kind, run.source, run.version)
+        rows.append((*whole, *map(numbers.get, columns), *cells))
+    heads = ('run', 'node', 'input', 'version', *columns, *names)
+    return Table('runs', 'Runs', tuple(map(Column, heads)), tuple(rows))
 
 
 def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
@@ -187,7 +241,3 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 bags.setdefault(foreign.words(name), path)
     return bags
-
-
-def _cell(value: Value | None) -> Cell:
-    return default_text(value) if isinstance(value, tuple) else value

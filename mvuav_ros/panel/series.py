@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
@@ -14,8 +15,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.live_system import LiveNode
-from mvuav_ros.panel.ros_thread import RosThread, Subscriptions
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.sketch import Sketch, rotation_of, sketch_runway, sketch_tanker
 from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
@@ -28,76 +29,69 @@ CURVES = {
 _MOST_ROWS = 12
 _HIGHEST_RATE = 30.0
 """Points per second of a curve; a screen shows no more."""
-
 _MOST_VALUES = 100_000
 _LARGEST = 1e9
 
-Charts = dict[str, dict[str, float]]
-"""Values by chart and curve."""
-Point = tuple[float, str, dict[str, float]]
-"""Time (s), chart, value by curve; NaN where there is none."""
+Curves = dict[str, float | None]
+"""Values by curve; None where there is none."""
 
 
 class SeriesFeed:
-    """Follows one node's results; made, and closed, in the loop."""
+    """Follows one node's results until `close` and keeps them until they are sent.
 
-    def __init__(
-        self,
-        ros: RosThread,
-        node: LiveNode,
-        point: Callable[[Point], None],
-        pose: Callable[[Sketch], None],
-    ) -> None:
-        """Subscribe.
+    Called from the loop; ``heard`` is, too, whenever there is something to be sent.
+    """
 
-        Args:
-            ros: our own node.
-            node: the other node.
-            point: called in the loop with points of the curves.
-            pose: called in the loop with the newest pose.
-        """
-        self._ros, self._node, self._point, self._sketch = ros, node, point, pose
-        self._subscriptions = Subscriptions(ros.node)
+    def __init__(self, ros: RosThread, node: LiveNode, heard: Callable[[], None]) -> None:
+        self.name = node.name
+        self._ros, self._node, self._heard = ros, node, heard
+        self._points: list[tuple[float, str, Curves]] = []
+        self._pose: Sketch | None = None
         self._due: dict[str, float] = {}
-        ros.do(self._open)
+        self._subscriptions = ExitStack()
+        # Best effort connects to every publisher and never slows one down.
+        qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+        for topic, (kind, shown) in _SOURCES[node.kind].items():
+            arrived = partial(self._arrived, topic, shown)
+            self._subscriptions.callback(ros.subscribe(kind, f'{node.name}/{topic}', arrived, qos))
+        self.close = self._subscriptions.close
 
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._ros.do(self._subscriptions.close)
+    def take(self) -> str:
+        """What was heard since the last time; empty where nothing was.
 
-    def _open(self) -> None:
-        for topic, kind, points in _SOURCES[self._node.kind]:
-            self._subscribe(topic, kind, partial(self._tell_points, points))
-        self._subscribe('pose', PoseWithCovarianceStamped, self._tell_pose)
+        As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "pose": …}``.
+        """
+        if not (self._points or self._pose):
+            return ''
+        pose = self._pose._asdict() if self._pose else None
+        said = {'series': self.name, 'points': self._points, 'pose': pose}
+        self._points, self._pose = [], None
+        return json.dumps(said)
 
-    def _subscribe(self, topic: str, kind: type, take: Callable[[Any, float], None]) -> None:
-        def arrived(message: Any) -> None:
-            now = time.monotonic()
-            if now < self._due.get(topic, 0.0):
-                return
+    def _arrived(self, topic: str, shown: Callable[[Any, LiveNode], Any], message: Any) -> None:
+        now = time.monotonic()
+        if now >= self._due.get(topic, 0.0):
             self._due[topic] = now + 0.5 / _HIGHEST_RATE
             # What is no such message of our nodes says nothing.
             with suppress(ValueError, KeyError, TypeError, IndexError, OverflowError):
-                take(message, now)
+                self._ros.tell(self._keep, round(now, 3), shown(message, self._node))
 
-        # Best effort connects to every publisher and never slows one down.
-        qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._subscriptions.add(kind, f'{self._node.name}/{topic}', arrived, qos)
-
-    def _tell_points(self, points: Callable[[Any], Charts], message: Any, now: float) -> None:
-        for chart, values in points(message).items():
-            self._ros.tell(self._point, (now, chart, values))
-
-    def _tell_pose(self, message: PoseWithCovarianceStamped, _: float) -> None:
-        pose = message.pose.pose
-        position = (pose.position.x, pose.position.y, pose.position.z)
-        rotation = rotation_of(pose.orientation)
-        if self._node.kind == 'marker_tracker':
-            sketch = sketch_tanker(position, rotation)
+    def _keep(self, now: float, shown: dict[str, Curves] | Sketch) -> None:
+        if isinstance(shown, dict):
+            self._points += [(now, chart, curves) for chart, curves in shown.items()]
         else:
-            width = foreign.number(self._node.values.get('runway_width', 0.0))
-            sketch = sketch_runway(position, rotation, width)
-        self._ros.tell(self._sketch, sketch)
+            self._pose = shown
+        self._heard()
+
+
+def _sketch(message: PoseWithCovarianceStamped, node: LiveNode) -> Sketch:
+    pose = message.pose.pose
+    position = (pose.position.x, pose.position.y, pose.position.z)
+    rotation = rotation_of(pose.orientation)
+    if node.kind == 'marker_tracker':
+        return sketch_tanker(position, rotation)
+    width = foreign.number(node.values.get('runway_width', 0.0))
+    return sketch_runway(position, rotation, width)
 
 
 def _rows(message: PointCloud2) -> Any:
@@ -107,41 +101,42 @@ def _rows(message: PointCloud2) -> Any:
     return decode_points(message)[:_MOST_ROWS]
 
 
-def _number(value: float) -> float:
-    number = float(value)
-    return number if abs(number) < _LARGEST else math.nan
+def _number(value: float) -> float | None:
+    return round(float(value), 3) if abs(value) < _LARGEST else None
 
 
-def _marker_points(message: PointCloud2) -> Charts:
-    charts: Charts = {'x': {}, 'y': {}}
+def _markers(message: PointCloud2, _: LiveNode) -> dict[str, Curves]:
+    charts: dict[str, Curves] = {'x': {}, 'y': {}}
     for index, row in enumerate(_rows(message), 1):
         label = int(row['label'])
         known = label != Label.UNLABELLED and label < len(TANKER_NAMES)
         name = TANKER_NAMES[label].replace('_', ' ') if known else f'marker {index}'
         lost = row['state'] == MarkerState.LOST
         for axis in ('x', 'y'):
-            charts[axis][name] = math.nan if lost else _number(row[axis])
+            charts[axis][name] = None if lost else _number(row[axis])
     return charts
 
 
-def _roll_points(message: Vector3Stamped) -> Charts:
-    return {'roll': {'roll': math.degrees(_number(message.vector.x))}}
+def _roll(message: Vector3Stamped, _: LiveNode) -> dict[str, Curves]:
+    return {'roll': {'roll': _number(math.degrees(message.vector.x))}}
 
 
-def _line_points(message: PointCloud2) -> Charts:
-    charts: Charts = {'rho': {}, 'theta': {}}
+def _lines(message: PointCloud2, _: LiveNode) -> dict[str, Curves]:
+    charts: dict[str, Curves] = {'rho': {}, 'theta': {}}
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(_rows(message), 1):
         charts['rho'][f'line {index}'] = _number(row['rho'])
-        charts['theta'][f'line {index}'] = math.degrees(_number(row['theta']))
+        charts['theta'][f'line {index}'] = _number(math.degrees(row['theta']))
     return charts
 
 
-_SOURCES: dict[str, tuple[tuple[str, type, Callable[[Any], Charts]], ...]] = {
-    'marker_tracker': (
-        ('markers', PointCloud2, _marker_points),
-        ('rpy', Vector3Stamped, _roll_points),
-    ),
-    'runway_detector': (('line_params', PointCloud2, _line_points),),
+_POSE = (PoseWithCovarianceStamped, _sketch)
+_SOURCES: dict[str, dict[str, tuple[type, Callable[[Any, LiveNode], Any]]]] = {
+    'marker_tracker': {
+        'markers': (PointCloud2, _markers),
+        'rpy': (Vector3Stamped, _roll),
+        'pose': _POSE,
+    },
+    'runway_detector': {'line_params': (PointCloud2, _lines), 'pose': _POSE},
 }
-"""Topic, type and what is drawn of a message."""
+"""Topics, with their types and what is shown of a message."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +29,8 @@ _TANKER = (
 )
 
 
-@dataclass(frozen=True)
-class Sketch:
-    """What the page shows of a pose.
-
-    Attributes:
-        numbers: label and value with unit.
-        segments: lines.
-    """
+class Sketch(NamedTuple):
+    """What the page shows of a pose: labels and values with units, and lines."""
 
     numbers: tuple[tuple[str, str], ...]
     segments: tuple[Segment, ...] = ()
@@ -62,21 +55,20 @@ def sketch_runway(position: Sequence[float], rotation: Array, width: float) -> S
         return Sketch(numbers)
     place = np.array([x if math.isfinite(x) else 0.0, y, z])
     half = (width if width > 0 else _USUAL_WIDTH) / 2
-    near, far = (0.0, _RUNWAY_LENGTH)
-    lines = [
-        ('ink', (near, -half), (near, half)),
+    far = _RUNWAY_LENGTH
+    lines = (
+        ('ink', (0.0, -half), (0.0, half)),
         ('ink', (far, -half), (far, half)),
-        ('ink', (near, half), (far, half)),
-        ('ink', (near, -half), (far, -half)),
-        ('soft', (near, 0.0), (far, 0.0)),
+        ('ink', (0.0, half), (far, half)),
+        ('ink', (0.0, -half), (far, -half)),
+        ('soft', (0.0, 0.0), (far, 0.0)),
         ('accent', (_FAR, 0.8 * _FAR), (_FAR, -0.8 * _FAR)),
-    ]
-    optical = OPTICAL_FROM_BODY @ rotation.T
-    seen = (
-        _projected(color, optical @ (np.array((*a, 0.0, *b, 0.0)).reshape(2, 3) - place).T)
-        for color, a, b in lines
     )
-    return Sketch(numbers, tuple(each for each in seen if each is not None))
+    optical = OPTICAL_FROM_BODY @ rotation.T
+    ends = [(color, np.array(((*a, 0.0), (*b, 0.0)))) for color, a, b in lines]
+    seen = [(color, optical @ (each - place).T) for color, each in ends]
+    ahead = [(color, _projected(each)) for color, each in seen if each[2].max() > _NEAREST]
+    return Sketch(numbers, tuple(_segment(color, each) for color, each in ahead))
 
 
 def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
@@ -95,11 +87,8 @@ def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
     )
     if not all(map(math.isfinite, (x, y, z, *rotation.flat))):
         return Sketch(numbers)
-    segments = []
-    for color, start, end in _TANKER:
-        ends = rotation @ np.array((start, end)).T / _TANKER_REACH
-        segments.append(_segment(color, ends[:2]))
-    return Sketch(numbers, tuple(segments))
+    ends = [(color, rotation @ np.array(line).T / _TANKER_REACH) for color, *line in _TANKER]
+    return Sketch(numbers, tuple(_segment(color, each) for color, each in ends))
 
 
 def rotation_of(quaternion: Any) -> Array:
@@ -114,20 +103,18 @@ def rotation_of(quaternion: Any) -> Array:
     return np.asarray(np.eye(3) + 2.0 * w * across + 2.0 * across @ across)
 
 
-def _projected(color: str, ends: Array) -> Segment | None:
-    """A line (3, 2) in the optical frame, as far as it lies ahead."""
+def _projected(ends: Array) -> Array:
+    """The part that lies ahead of a line (3, 2) in the optical frame, as the camera sees it."""
     depth = ends[2]
-    if depth.max() <= _NEAREST:
-        return None
     for near, far in ((0, 1), (1, 0)):
         if depth[near] < _NEAREST:
             share = (_NEAREST - depth[near]) / (depth[far] - depth[near])
             ends[:, near] += share * (ends[:, far] - ends[:, near])
-    return _segment(color, _FOCAL * ends[:2] / ends[2])
+    return np.asarray(_FOCAL * ends[:2] / ends[2])
 
 
 def _segment(color: str, ends: Array) -> Segment:
-    (x1, x2), (y1, y2) = np.clip(ends, -1e4, 1e4).round(4).tolist()
+    (x1, x2), (y1, y2) = np.clip(ends[:2], -1e4, 1e4).round(4).tolist()
     return color, x1, y1, x2, y2
 
 

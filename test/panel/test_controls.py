@@ -4,7 +4,7 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
 from mvuav_ros.nodes.live_parameters import _descriptor
-from mvuav_ros.panel.controls import Kind, control_of, scale_of, value_text
+from mvuav_ros.panel.controls import Kind, control_of, position_on, scale_of, value_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
@@ -54,7 +54,7 @@ SLIDERS = [s for s in SPECS if s.values[0].type in (int, float)]
 
 @pytest.mark.parametrize('spec', SLIDERS)
 def test_every_position_of_a_slider_is_a_value_that_the_node_takes(spec):
-    values = scale_of(control_of(described(spec))).values
+    values = scale_of(control_of(described(spec)))
     assert list(values) == sorted(set(values)) and 5 <= len(values) <= 600
     for value in values:
         assert spec.convert(value) == value
@@ -65,23 +65,23 @@ def test_a_slider_spans_what_is_usual_and_a_hand_can_set_the_default(spec):
     scale = scale_of(control_of(described(spec)))
     low, high = spec.usual
     assert spec.minimum <= low <= spec.default <= high <= spec.maximum
-    assert scale.values[0] == pytest.approx(low) and scale.values[-1] == pytest.approx(high)
-    place = scale.position(spec.default)
-    assert scale.values[place] == pytest.approx(spec.default)
+    assert scale[0] == pytest.approx(low) and scale[-1] == pytest.approx(high)
+    place = position_on(scale, spec.default)
+    assert scale[place] == pytest.approx(spec.default)
     # Not squeezed into a corner, unless the default is the end of the range.
-    assert spec.default == low or place >= 0.02 * len(scale.values)
+    assert spec.default == low or place >= 0.02 * len(scale)
 
 
 def test_fine_values_of_a_wide_range_can_be_reached():
     rho = scale_of(control_of(described(RunwayDetectorParameters.spec('rho_resolution'))))
-    assert {0.25, 0.5, 1.5, 2.0, 10.0} <= set(rho.values)
-    assert 60 < rho.position(1.5) < 140
+    assert {0.25, 0.5, 1.5, 2.0, 10.0} <= set(rho)
+    assert 60 < position_on(rho, 1.5) < 140
 
 
 def test_places_end_where_the_image_does():
     control = control_of(described(RunwayDetectorParameters.spec('end_row')))
-    assert scale_of(control, 240).values[-1] == 240
-    assert scale_of(control, 0).values[-1] == 1080
+    assert scale_of(control, 240)[-1] == 240
+    assert scale_of(control, 0)[-1] == 1080
 
 
 def test_what_has_an_effect_depends_on_the_other_values():

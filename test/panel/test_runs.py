@@ -13,10 +13,18 @@ from support.graph import ROOT
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.report.writing import csv_text
-from mvuav_ros.panel.names import NameRefusedError
+from mvuav_ros.panel.foreign import NameRefusedError
 from mvuav_ros.panel.page.trends import grouped_options, line_options
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
-from mvuav_ros.panel.runs import RESULTS, RunStore, find_bags, run_table, varied
+from mvuav_ros.panel.runs import (
+    RESULTS,
+    Run,
+    RunFailedError,
+    RunProcess,
+    RunStore,
+    find_bags,
+    run_table,
+    varied,
+)
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
 
@@ -30,8 +38,7 @@ def run(name, store, values=VALUES, source=BAG):
     folder = store.new_folder(name)
     done = asyncio.run(
         RunProcess().run(
-            RunRequest(name, KIND, source, values, folder / RESULTS),
-            lambda *step: steps.append(step),
+            Run(name, KIND, str(source), values), folder, lambda *step: steps.append(step)
         )
     )
     store.finish(done)
@@ -78,8 +85,7 @@ def test_a_run_can_be_cancelled(made):
 
     async def cancel_at_once():
         await process.run(
-            RunRequest('cancelled', KIND, BAG, VALUES, folder / RESULTS),
-            lambda *_: process.cancel(),
+            Run('cancelled', KIND, str(BAG), VALUES), folder, lambda *_: process.cancel()
         )
 
     with pytest.raises(RunFailedError, match='cancelled'):

@@ -4,13 +4,13 @@ from itertools import pairwise
 
 import pytest
 
-from mvuav_ros.panel.names import NameRefusedError, checked_name
-from mvuav_ros.panel.package_data import built_in_sets
+from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.recordings.shipped import shipped_folder
 
 KIND = 'marker_tracker'
 OUTSIDE = [
@@ -77,7 +77,7 @@ def test_several_numbers_survive_a_set(tmp_path):
 
 
 def test_shipped_sets_come_first_and_cannot_be_overwritten_or_deleted(tmp_path):
-    store = SetStore(tmp_path / 'sets', built_in_sets())
+    store = SetStore(tmp_path / 'sets', shipped_folder('config'))
     store.save('a first one', KIND, {'threshold': 0.5})
     assert store.names(KIND) == ['default', 'thesis', 'a first one']
     assert store.load('default', KIND) == MarkerTrackerParameters().as_dict()

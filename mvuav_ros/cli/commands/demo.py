@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from mvuav_ros.recordings.shipped import shipped_folder
 from mvuav_ros.recordings.sources.frame import SourceError
 
 
@@ -40,11 +40,7 @@ def demo(
 
 def sample_bags() -> Path:
     """The sample bags of a checkout, or those installed with the package."""
-    package = Path(__file__).resolve().parent.parent
-    places = [package.parent / 'bags', Path(sys.prefix) / 'share' / 'mvuav_ros' / 'bags']
-    # colcon: install/mvuav_ros/lib/python3.x/site-packages/mvuav_ros
-    places += [parent / 'share' / 'mvuav_ros' / 'bags' for parent in package.parents]
-    for place in places:
-        if place.is_dir():
-            return place
-    raise SourceError('the sample bags are not installed; name their folder with --bags')
+    folder = shipped_folder('bags')
+    if folder is None:
+        raise SourceError('the sample bags are not installed; name their folder with --bags')
+    return folder

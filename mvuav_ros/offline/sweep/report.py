@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import mvuav_ros
-from mvuav_ros.offline.evaluation.metrics import metric_groups
+from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
 from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below
 from mvuav_ros.offline.sweep.run import Axis as SweepAxis
@@ -111,7 +111,7 @@ def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
 
 
 def _column(heading: str) -> Column:
-    return Column(_plain(heading), _unit_of(heading))
+    return Column(*name_and_unit(heading))
 
 
 def _metric_cell(result: RunResult, column: str) -> Cell:
@@ -161,9 +161,9 @@ def _draw(
     numbers = [result.run.number for result in results]
     for index, name in enumerate(names):
         values = [_value(result, name) for result in results]
-        mark = _MARKS[index % len(_MARKS)]
+        mark, plain = _MARKS[index % len(_MARKS)], name_and_unit(name)[0]
         color = COLORS[index % len(COLORS)]
-        axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=_plain(name))
+        axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
     label(axes, group.capitalize(), 'run', _unit(names))
     if ticks:
         axes.set_xticks(numbers, ticks)
@@ -201,7 +201,7 @@ def _grouped(
                         label=source,
                     )
                 panel.grid(axis='x', visible=False)
-                label(panel, _plain(name), '', _unit([name]))
+                label(panel, name_and_unit(name)[0], '', _unit([name]))
             panels[-1].set_xticks(
                 range(len(cells)), titles, rotation=0 if len(cells) <= _MOST_LEVEL else 90
             )
@@ -226,18 +226,9 @@ def _cell(value: object) -> Cell:
     return f'{value:g}' if isinstance(value, float) else str(value)
 
 
-def _plain(column: str) -> str:
-    return re.sub(r' \[.*\]$', '', column)
-
-
 def _unit(names: Sequence[str]) -> str:
-    unit = _unit_of(names[0])
+    unit = name_and_unit(names[0])[1]
     return f'[{unit}]' if unit else 'count'
-
-
-def _unit_of(column: str) -> str:
-    found = re.search(r' \[(.*)\]$', column)
-    return found.group(1) if found else ''
 
 
 def _key(group: str) -> str:

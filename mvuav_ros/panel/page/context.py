@@ -2,70 +2,116 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableMapping
-from dataclasses import dataclass, field
+import time
+from collections import defaultdict
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from nicegui import Event
 
-from mvuav_ros.panel.history import History
 from mvuav_ros.panel.images import ImageFeed
-from mvuav_ros.panel.live_system import LiveNode, LiveSystem
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.live_system import LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.recordings.shipped import shipped_folder
+
+_ONE_MOVEMENT = 1.0
+"""Seconds; quicker changes of one parameter are one movement of a hand."""
+_MOST_CHANGES = 200
+
+Values = Mapping[str, Value]
+Load = Callable[[Values, str], Awaitable[None]]
+"""Gives the selected node the values of a set or run, which has this name."""
 
 
-@dataclass(frozen=True)
 class Services:
-    """Of the whole process.
+    """Of the whole process: running nodes and their images, saved sets, runs and recordings.
 
-    Attributes:
-        ros: our own node.
-        system: the running nodes.
-        feed: their images.
-        sets: named parameters.
-        runs: saved runs.
-        bags: folders and files with recordings.
-        scratch: folder for runs that are not kept.
-        recordings: folder of what is recorded here.
-        sets_changed: a set was saved, taken in or deleted, on whatever page.
-        runs_changed: a run was saved or deleted, or a recording made.
+    What is saved goes below ``folder``, runs that are not kept below ``scratch``; ``bags`` are
+    recordings and folders of them, or the sample bags. ``sets_changed`` says that a set was saved,
+    taken in or deleted, on whatever page; ``runs_changed`` the same of a run or recording.
     """
 
-    ros: RosThread
-    system: LiveSystem
-    feed: ImageFeed
-    sets: SetStore
-    runs: RunStore
-    bags: tuple[Path, ...]
-    scratch: Path
-    recordings: Path
-    sets_changed: Event[()] = field(default_factory=Event)
-    runs_changed: Event[()] = field(default_factory=Event)
+    def __init__(
+        self, ros: RosThread, folder: Path, bags: Sequence[Path] | None, scratch: Path
+    ) -> None:
+        shipped = shipped_folder('bags')
+        self.ros, self.scratch = ros, scratch
+        self.system, self.feed = LiveSystem(ros), ImageFeed(ros)
+        self.sets = SetStore(folder / 'sets', shipped_folder('config'))
+        self.runs = RunStore(folder / 'runs')
+        self.recordings = folder / 'recordings'
+        self.bags = bags or ([shipped] if shipped else [])
+        self.sets_changed: Event[()] = Event()
+        self.runs_changed: Event[()] = Event()
+
+
+class History:
+    """A user's changes of one node: the values before and after each, ``done`` and ``undone``."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._changed_at = clock, 0.0
+        self.done: list[tuple[Values, Values]] = []
+        self.undone: list[tuple[Values, Values]] = []
+
+    def record(self, before: Values, after: Values) -> None:
+        """Keep a change that the node has taken."""
+        if dict(before) == dict(after):
+            return
+        quick = self._clock() - self._changed_at < _ONE_MOVEMENT
+        if quick and not self.undone and self.done and self.done[-1][1].keys() == after.keys():
+            before = self.done.pop()[0]
+        self.done.append((before, after))
+        del self.done[:-_MOST_CHANGES]
+        self.undone.clear()
+        self._changed_at = self._clock()
+
+    def undo(self) -> Values:
+        """The values to set to take back the last change; none where there is none."""
+        if not self.done:
+            return {}
+        self.undone.append(self.done.pop())
+        return self.undone[-1][0]
+
+    def redo(self) -> Values:
+        """The values to set to do again what was undone last."""
+        if not self.undone:
+            return {}
+        self.done.append(self.undone.pop())
+        return self.done[-1][1]
 
 
 class Page:
-    """Of one browser tab: which node is looked at, and what is to survive a reload."""
+    """Of one browser tab: which node is looked at, and what is to survive a reload.
 
-    def __init__(self, services: Services, kept: MutableMapping[str, Any]) -> None:
-        """Take up where the tab was.
+    ``on_select`` is called after another node was selected.
+    """
 
-        Args:
-            services: of the process.
-            kept: the tab's memory.
-        """
-        self.services = services
-        self.kept = kept
-        self.on_select: list[Callable[[], Any]] = []
-        self._histories: dict[str, History] = {}
+    def __init__(
+        self, services: Services, kept: MutableMapping[str, Any], on_select: Callable[[], object]
+    ) -> None:
+        self.services, self.kept, self._on_select = services, kept, on_select
+        self.histories: defaultdict[str, History] = defaultdict(History)
 
     @property
     def selected(self) -> str:
         """Name of the node that parameters, results and runs are about."""
         return str(self.kept.get('node', ''))
+
+    @property
+    def node(self) -> LiveNode | None:
+        """The selected node."""
+        return self.services.system.nodes.get(self.selected)
+
+    def select(self, name: str) -> None:
+        """Look at another node."""
+        if name != self.selected:
+            self.kept['node'] = name
+            self._on_select()
 
     @property
     def chosen_set(self) -> str:
@@ -80,35 +126,3 @@ class Page:
         """Values entered for a node that it has not taken (yet)."""
         edits: MutableMapping[str, Value] = self.kept.setdefault('edits', {}).setdefault(node, {})
         return edits
-
-    @property
-    def edits(self) -> MutableMapping[str, Value]:
-        """Those of the selected node."""
-        return self.edits_of(self.selected)
-
-    def history_of(self, node: str) -> History:
-        """What was changed on a node."""
-        return self._histories.setdefault(node, History())
-
-    @property
-    def node(self) -> LiveNode | None:
-        """The selected node."""
-        return self.services.system.nodes.get(self.selected)
-
-    def select(self, name: str) -> None:
-        """Look at another node."""
-        if name != self.selected:
-            self.kept['node'] = name
-            for changed in self.on_select:
-                changed()
-
-    def own_values(self) -> dict[str, Value]:
-        """The selected node's values, without what every ROS node has."""
-        node = self.node
-        if node is None:
-            return {}
-        return {
-            control.name: node.values[control.name]
-            for control in node.controls
-            if not control.foreign and node.values.get(control.name) is not None
-        }

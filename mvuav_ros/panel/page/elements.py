@@ -1,4 +1,4 @@
-"""Small elements that the parts share."""
+"""Small elements that the parts share: their ``el``, beside NiceGUI's ``ui``."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.names import NameRefusedError
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.errors import RecordingError
 
+ElementT = TypeVar('ElementT', bound=ui.element)
 _CHART = Path(__file__).parent.with_name('static') / 'chart.json'
 
 
@@ -31,10 +31,15 @@ def text(words: object, classes: str = '', tag: str = '') -> ui.label:
     return label
 
 
-def set_prop(element: ui.element, name: str, value: object) -> None:
-    """Set an attribute; unlike by ``props`` itself, nothing is sent where it is that already."""
-    if element.props.get(name) != value:
-        element.props[name] = value
+def set_props(element: ElementT, **props: object) -> ElementT:
+    """Set attributes to values that may be anything, as ``props`` itself would read them as markup.
+
+    A ``_`` in a name stands for ``-``. Nothing is sent where they have these values already.
+    """
+    for name, value in props.items():
+        if element.props.get(name.replace('_', '-')) != value:
+            element.props[name.replace('_', '-')] = value
+    return element
 
 
 def set_class(element: ui.element, name: str, on: bool) -> None:
@@ -43,18 +48,17 @@ def set_class(element: ui.element, name: str, on: bool) -> None:
 
 
 def button(
-    words: str, on_click: Callable[..., Any], icon: str = '', *, main: bool = False
+    words: str, on_click: Callable[..., Any] | None, icon: str = '', *, main: bool = False
 ) -> ui.button:
     """A button; the main one of its group is filled."""
     made = ui.button(words, on_click=on_click, icon=icon or None)
     return made.props('unelevated dense' if main else 'outline dense').classes('q-px-sm')
 
 
-def icon_button(icon: str, words: str, on_click: Callable[..., Any]) -> ui.button:
+def icon_button(icon: str, words: str, on_click: Callable[..., Any] | None) -> ui.button:
     """A small button with a tooltip, which is also its name for who cannot see it."""
     made = ui.button(icon=icon, on_click=on_click).props('flat round dense size=sm')
-    made.props['aria-label'] = words
-    with made:
+    with set_props(made, aria_label=words):
         ui.tooltip(words).props('delay=400')
     return made
 
@@ -62,14 +66,12 @@ def icon_button(icon: str, words: str, on_click: Callable[..., Any]) -> ui.butto
 def choice(options: Any, label: str, value: Any = None, **more: Any) -> ui.select:
     """A menu to choose from."""
     made = ui.select(options, value=value, label=label, **more)
-    made.props('outlined dense options-dense')
-    made.props['aria-label'] = label
-    return made
+    return set_props(made.props('outlined dense options-dense'), aria_label=label)
 
 
-def empty(title: str, words: str) -> None:
+def empty(title: str, words: str, *, card: bool = False) -> None:
     """What is shown where there is nothing yet."""
-    with box('empty'):
+    with box('card empty' if card else 'empty'):
         text(title, tag='strong')
         text(words)
 
@@ -78,7 +80,7 @@ def empty(title: str, words: str) -> None:
 def dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
     """A dialog, opened; it is gone for good when it is closed."""
     with ui.dialog() as made, ui.card().classes('card wide' if wide else 'card'):
-        made.props['aria-label'] = foreign.words(title)
+        set_props(made, aria_label=foreign.words(title))
         text(title, 'title', tag='h2')
         yield made
     made.on('hide', made.delete)
@@ -104,22 +106,20 @@ def errors_told() -> Iterator[None]:
     """Tell what is refused, or cannot be read or written; the rest of the block is left out."""
     try:
         yield
-    except (NameRefusedError, ParameterError, RecordingError, OSError) as error:
+    except (foreign.NameRefusedError, ParameterError, RecordingError, OSError) as error:
         tell(str(error), bad=True)
 
 
 def sheet(label: str, heads: Sequence[str]) -> ui.table:
     """A table of text for `fill`; without a line of headings where all are empty."""
     # A region that scrolls must be reached by the keyboard.
-    with box('sheet').props('tabindex=0 role=region') as region:
-        region.props['aria-label'] = label
+    with set_props(box('sheet').props('tabindex=0 role=region'), aria_label=label):
         columns = [
             {'name': str(i), 'label': head, 'field': str(i), 'align': 'right' if i else 'left'}
             for i, head in enumerate(heads)
         ]
         table = ui.table(rows=[], columns=columns, row_key='row').props('flat dense')
-        table.props['hide-header'] = not any(heads)
-    return table
+    return set_props(table, hide_header=not any(heads))
 
 
 def fill(table: ui.table, rows: Iterable[Sequence[object]]) -> None:

@@ -8,66 +8,97 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.controls import Control, Kind, scale_of, value_text
-from mvuav_ros.panel.live_system import same_value
-from mvuav_ros.panel.page.elements import box, set_class, text
-from mvuav_ros.panel.page.range_slider import RangeSlider
-from mvuav_ros.panel.page.value_field import ValueField
+from mvuav_ros.panel.controls import Control, Kind, position_on, scale_of, value_text
+from mvuav_ros.panel.live_node import same_value
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.parameters.declaration import Value
-
-Edited = Callable[[str, Value], Any]
 
 
 class ParameterRow:
-    """A parameter's line of the list."""
+    """A parameter's line of the list; ``edited`` is called whenever the user has changed the value.
 
-    def __init__(self, control: Control, value: Any, image_size: int, edited: Edited) -> None:
-        """Make the line in the place where elements now go.
+    What the user is typing is never overwritten, whoever changes the parameter meanwhile.
+    """
 
-        Args:
-            control: what the descriptor says.
-            value: the current one.
-            image_size: longer side of the node's images, px; 0: not known.
-            edited: called with name and value whenever the user has changed it.
-        """
+    def __init__(
+        self, control: Control, value: Any, edited: Callable[[str, Value], object]
+    ) -> None:
         self.control = control
         self._edited = edited
         self._current: Any = value
-        self._shown: Any = value
+        self._new: Any = value
         self._image_size = -1
         self._refused = ''
         self._difference = ''
-        self._slider: RangeSlider | None = None
-        with box(f'param of-{control.kind.value}') as self._row:
-            # As an item: `props` would read a name as markup of its own.
-            self._row.props['data-parameter'] = control.label
-            self._name()
-            self._now = text(value_text(value), 'now')
-            with box('edit'):
-                self._field = ValueField(control, value, self._entered, self.refuse)
+        self._slider: ui.element | None = None
+        thesis = f' Thesis: {control.text.thesis}.' if control.text.thesis else ''
+        self._description = (control.text.description or 'No description.') + thesis
+        with el.box(f'param of-{control.kind.value}') as self._row:
+            el.set_props(self._row, data_parameter=control.label)
+            self._make_name()
+            self._now = el.text(value_text(value), 'now')
+            with el.box('edit'):
+                self._field = self._make_field()
             if control.kind is Kind.SLIDER and not control.read_only:
-                self._slider = RangeSlider(control.label, control.text.unit, self._entered)
-            self._hint = text('', 'hint').props('aria-live=polite')
-        self.fit(image_size)
-        self._say()
+                self._slider = self._make_slider()
+            self._hint = el.text('', 'hint').props('aria-live=polite')
 
-    def _name(self) -> None:
-        with box('name'):
+    def _make_name(self) -> None:
+        with el.box('name'):
             # May break after an underscore only.
             for number, word in enumerate(self.control.label.split('_')):
                 if number:
-                    box(tag='wbr')
-                text(f'_{word}' if number else word, tag='span')
+                    el.box(tag='wbr')
+                el.text(f'_{word}' if number else word, tag='span')
             with ui.tooltip().props(
                 'max-width=320px delay=600 anchor="top left" self="bottom left"'
             ):
-                text(self._description)
+                el.text(self._description)
+
+    def _make_field(self) -> Any:
+        control = self.control
+        field: Any
+        if control.kind is Kind.SWITCH:
+            field = ui.switch(value=self._written, on_change=self._chosen).props('dense')
+        elif control.kind is Kind.MENU:
+            field = ui.select(self._options, value=self._new, on_change=self._chosen)
+            field.props('outlined dense options-dense')
+        else:
+            field = ui.input(value=self._written).props('outlined dense')
+            if control.type in (int, float):
+                field.props('inputmode=decimal')
+            field.on('keydown.enter', self._commit).on('blur', self._commit)
+            field.on('keydown.esc', self._write)
+        el.set_props(field, aria_label=f'{control.label}, new value')
+        # What cannot be typed as it is must not be changed by being looked at.
+        strange = isinstance(self._new, str) and foreign.words(self._new) != self._new
+        if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
+            field.disable()
+        return field
+
+    def _make_slider(self) -> ui.element:
+        """The browser's own: Quasar's puts the keyboard's focus on an element without a role.
+
+        ``static/live.js`` places its thumb and writes what it speaks.
+        """
+        slider = el.box('range', 'input').props('type=range min=0 step=1')
+        el.set_props(slider, aria_label=self.control.label, data_unit=self.control.text.unit)
+        move = '(e) => emit(e.target.value)'
+        return slider.on('input', self._moved, js_handler=move, throttle=0.05)
 
     @property
-    def _description(self) -> str:
-        said = self.control.text
-        thesis = f' Thesis: {said.thesis}.' if said.thesis else ''
-        return (said.description or 'No description.') + thesis
+    def _options(self) -> list[Any]:
+        """Of a menu; a node's value may be none of the choices."""
+        return list(dict.fromkeys((*self.control.choices, self._new)))
+
+    @property
+    def _written(self) -> Any:
+        """The new value as the field holds it while nobody types."""
+        if self.control.kind is Kind.SWITCH:
+            return bool(self._new)
+        if self.control.kind is Kind.MENU:
+            return self._new
+        return foreign.words(self._new) if isinstance(self._new, str) else value_text(self._new)
 
     def matches(self, words: str) -> bool:
         """Whether every typed word occurs in name, description or thesis."""
@@ -77,20 +108,26 @@ class ParameterRow:
     def place(self, *, visible: bool, counts: bool) -> None:
         """Show or hide the line; one that does not count is drawn back."""
         self._row.set_visibility(visible)
-        set_class(self._row, 'idle', not counts)
+        el.set_class(self._row, 'idle', not counts)
 
     def fit(self, image_size: int) -> None:
-        """Let a slider for places and lengths in the image end where the image does."""
+        """Let a slider for places and lengths end where the image does; see `scale_of`."""
         if self._slider is not None and image_size != self._image_size:
             self._image_size = image_size
-            self._slider.set_scale(scale_of(self.control, image_size))
-            self._slider.show(self._shown)
+            self._scale = scale_of(self.control, image_size)
+            shown = ' '.join(map(value_text, self._scale))
+            el.set_props(self._slider, max=len(self._scale) - 1, data_values=shown)
+            self._place_thumb()
 
-    def show(self, value: Any, edit: Value | None = None) -> None:
-        """Show the node's value, and beside it the user's where the node has not taken that."""
+    def show(self, value: Any, edit: Value | None = None, difference: str = '') -> None:
+        """Show the node's value, and beside it the user's where the node has not taken that.
+
+        A value that is not the chosen set's is marked; ``difference`` says what that has.
+        """
         if not same_value(value, self._current):
             self._current = value
             self._now.set_text(value_text(value))
+        self._difference = difference
         self._show_new(value if edit is None else edit, self._refused if edit is not None else '')
 
     def refuse(self, reason: str) -> None:
@@ -98,22 +135,49 @@ class ParameterRow:
         self._refused = foreign.words(reason)
         self._say()
 
-    def mark_difference(self, other: str) -> None:
-        """Mark a value other than the chosen set's, which ``other`` names; '' where it is that."""
-        if other != self._difference:
-            self._difference = other
-            self._say()
+    def _show_new(self, value: Any, refused: str = '') -> None:
+        is_typing = not same_value(self._field.value, self._written)
+        self._new, self._refused = value, refused
+        if not is_typing:
+            self._write()
+        self._place_thumb()
+        self._say()
 
-    def _entered(self, value: Value) -> None:
-        self._show_new(value, '')
+    def _write(self) -> None:
+        if self.control.kind is Kind.MENU and self._new not in self._field.options:
+            self._field.set_options(self._options, value=self._new)
+        elif not same_value(self._field.value, self._written):
+            self._field.value = self._written
+
+    def _place_thumb(self) -> None:
+        # What is no number has no place.
+        if self._slider is not None and isinstance(self._new, (int, float)):
+            el.set_props(self._slider, data_index=position_on(self._scale, self._new))
+
+    def _enter(self, value: Value) -> None:
+        self._show_new(value)
         self._edited(self.control.name, value)
 
-    def _show_new(self, value: Any, refused: str) -> None:
-        self._shown, self._refused = value, refused
-        self._field.show(value)
-        if self._slider is not None:
-            self._slider.show(value)
-        self._say()
+    def _moved(self, event: Any) -> None:
+        position = int(event.args)
+        if 0 <= position < len(self._scale):
+            self._enter(self._scale[position])
+
+    def _chosen(self, event: Any) -> None:
+        if not same_value(event.value, self._written):
+            self._enter(event.value)
+
+    def _commit(self) -> None:
+        if self._field.value == self._written:
+            return
+        try:
+            value = self.control.parse(self._field.value)
+        except ValueError as error:
+            self.refuse(str(error))
+            return
+        if not same_value(value, self._new):
+            self._enter(value)
+        self._write()
 
     def _say(self) -> None:
         """The line below: the node's reason, or range, unit and default."""
@@ -123,7 +187,7 @@ class ParameterRow:
         words += ['set at the start only'] if control.read_only else []
         plain = ' · '.join(word for word in words if word)
         self._hint.set_text(self._refused or foreign.words(plain or said.description))
-        set_class(self._hint, 'refused', bool(self._refused))
-        set_class(self._row, 'off-set', bool(self._difference))
-        pending = bool(self._refused) or not same_value(self._shown, self._current)
-        set_class(self._row, 'pending', pending)
+        el.set_class(self._hint, 'refused', bool(self._refused))
+        el.set_class(self._row, 'off-set', bool(self._difference))
+        pending = bool(self._refused) or not same_value(self._new, self._current)
+        el.set_class(self._row, 'pending', pending)

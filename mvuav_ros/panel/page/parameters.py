@@ -2,130 +2,92 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
-from mvuav_ros.panel.history import History
+from mvuav_ros.panel.controls import Control
 from mvuav_ros.panel.images import RESULT_OF_KIND
-from mvuav_ros.panel.live_system import LiveNode, same_value
+from mvuav_ros.panel.live_node import LiveNode, same_value
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import box, button, empty, icon_button, tell, text
 from mvuav_ros.panel.page.parameter_row import ParameterRow
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
 
-_STAGES = ('Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach')
-_LAST = ('Correction', 'Other', 'Node', 'Every ROS node')
+_STAGES = ['Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach']
+_STAGES += ['unknown', 'Correction', 'Other', 'Node', 'Every ROS node']
+"""In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
 _FOLDED = ('Node', 'Every ROS node')
 
 
 class Parameters:
-    """Every parameter with its control; edits go to the node at once or on a button.
+    """Every parameter of a node with its control; edits go there at once or on a button.
 
     At once means: one request at a time with the newest values, so that a slow node or link is
     never behind by more than one.
     """
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
+    def __init__(self, page: Page, node: LiveNode) -> None:
+        self._page, self._node = page, node
+        self._edits, self._history = page.edits_of(node.name), page.histories[node.name]
         self._rows: dict[str, ParameterRow] = {}
-        self._stages: dict[str, ui.label] = {}
         self._sending: set[str] = set()
-        self._shown: tuple[object, ...] = ()
         self._whole = False
-        self._list: ui.element
-        self.element = box('part parameters', 'section').props('aria-label=Parameters')
-        page.on_select.append(self.refresh)
-        page.services.sets_changed.subscribe(self._sets_changed)
-        self.refresh()
+        with el.box('preview well').props('data-fresh=never'):
+            canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
+            el.set_props(canvas, data_key=f'{node.name} {RESULT_OF_KIND[node.kind]}')
+        with el.box('card'):
+            self._sets = SetBar(page, node, self.load, self.show)
+            self._build_bar()
+            with el.box() as self._list:
+                self._build_list()
+            self._more = el.button('', self._toggle_whole).props('flat').classes('more')
+        self.show_status()
+        self.show()
 
     @property
     def _at_once(self) -> bool:
         return bool(self._page.kept.get('at_once', True))
 
-    @property
-    def _history(self) -> History:
-        return self._page.history_of(self._page.selected)
-
-    def refresh(self) -> None:
-        """Build the list anew where another node is chosen or a node has come back."""
-        node = self._page.node
-        shown = (node.name, tuple(node.controls)) if node else ()
-        if shown != self._shown or not self._rows:
-            self._shown = shown
-            self._build(node)
-        if self._rows and node is not None:
-            self._list.props(remove='inert') if node.alive else self._list.props('inert')
-            self.show_values()
-
-    def _build(self, node: LiveNode | None) -> None:
-        self._rows, self._stages = {}, {}
-        self.element.clear()
-        with self.element:
-            if node is None or not node.controls:
-                with box('card'):
-                    empty('No parameters yet', 'They appear as soon as a node answers.')
-                return
-            with box('preview well').props('data-fresh=never'):
-                canvas = box('image', 'canvas').props('role=img aria-label="Result"')
-                canvas.props['data-key'] = f'{node.name} {RESULT_OF_KIND[node.kind]}'
-            with box('card'):
-                self._sets = SetBar(self._page, self.load, self.mark_differences)
-                self._apply_bar()
-                with box() as self._list:
-                    self._build_list(node)
-                self._more = button('', self._toggle_whole).props('flat').classes('more')
-
-    def _apply_bar(self) -> None:
-        with box('apply'):
+    def _build_bar(self) -> None:
+        with el.box('apply'):
             ui.switch('At once', value=self._at_once, on_change=self._switch).props('dense')
-            self._undo = icon_button('undo', 'Undo', lambda: self._step(self._history.undo()))
-            self._redo = icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
-            box('grow')
-            self._discard = button('Discard', self._forget_edits).props('flat')
-            self._apply = button(
-                'Apply', lambda: self._set(self._page.selected, dict(self._page.edits)), main=True
-            )
-        with box('filter'):
+            self._undo = el.icon_button('undo', 'Undo', lambda: self._step(self._history.undo()))
+            self._redo = el.icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
+            el.box('grow')
+            self._discard = el.button('Discard', self._forget_edits).props('flat')
+            self._apply = el.button('Apply', lambda: self._set(dict(self._edits)), main=True)
+        with el.box('filter'):
             self._filter = ui.input(placeholder='Find a parameter', on_change=self._arrange)
             self._filter.props('dense borderless clearable type=search')
-            self._filter.props['aria-label'] = 'Find a parameter'
+            self._filter.props('aria-label="Find a parameter"')
 
-    def _build_list(self, node: LiveNode) -> None:
-        with box('heads').props('aria-hidden=true'):
-            text('parameter')
-            text('now')
-            text('new')
-        controls = sorted(node.controls, key=lambda control: _rank(control.stage))
+    def _build_list(self) -> None:
+        with el.box('heads').props('aria-hidden=true'):
+            for head in ('parameter', 'now', 'new'):
+                el.text(head)
+        controls = sorted(self._node.controls, key=_rank)
         for stage, group in groupby(controls, key=lambda control: control.stage):
-            self._stages[stage] = text(stage, 'stage', tag='h2')
-            for control in group:
-                value = node.values.get(control.name)
-                self._rows[control.name] = ParameterRow(
-                    control, value, node.image_size, self._edited
-                )
+            # Goes away with its last visible row; see the style sheet.
+            with el.box('stage-rows'):
+                el.text(stage, 'stage', tag='h2')
+                for each in group:
+                    value = self._node.values.get(each.name)
+                    self._rows[each.name] = ParameterRow(each, value, self._edited)
 
     def _arrange(self) -> None:
         """Show what counts now, or what is looked for."""
-        node = self._page.node
-        if node is None:
-            return
         sought = str(self._filter.value or '')
-        hidden, stages = 0, set()
+        hidden = 0
         for row in self._rows.values():
-            stage, counts = row.control.stage, row.control.counts(node.values)
-            wanted = row.matches(sought) if sought else counts and stage not in _FOLDED
+            counts = row.control.counts(self._node.values)
+            usual = counts and row.control.stage not in _FOLDED
+            wanted = row.matches(sought) if sought else usual
             hidden += not wanted
-            visible = wanted or (self._whole and not sought)
-            row.place(visible=visible, counts=counts)
-            if visible:
-                stages.add(stage)
-        for stage, label in self._stages.items():
-            label.set_visibility(stage in stages)
+            row.place(visible=wanted or (self._whole and not sought), counts=counts)
         self._more.set_visibility(hidden > 0 and not sought)
         what = f'{hidden} that have no effect in this mode, or belong to the node'
         self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
@@ -134,132 +96,105 @@ class Parameters:
         self._whole = not self._whole
         self._arrange()
 
-    def show_values(self) -> None:
-        """After the node's values changed, by us or by anybody."""
-        node = self._page.node
-        if node is None or not self._rows:
-            return
-        edits = self._page.edits
+    def show(self) -> None:
+        """After the node's values changed, by us or by anybody, or it came or went."""
+        values, differing = self._node.values, self._sets.compare()
         for name, row in self._rows.items():
-            row.show(node.values.get(name), edits.get(name))
-        self.mark_differences()
+            row.show(values.get(name), self._edits.get(name), differing.get(name, ''))
+        self._list.props(remove='inert') if self._node.alive else self._list.props('inert')
+        self._arrange()
         self._count_edits()
 
     def show_status(self) -> None:
         """After new diagnostics."""
-        node = self._page.node
-        if node is not None:
-            for row in self._rows.values():
-                row.fit(node.image_size)
+        for row in self._rows.values():
+            row.fit(self._node.image_size)
+
+    def show_sets(self) -> None:
+        """After a set was saved, taken in or deleted."""
+        self._sets.reload()
+        self.show()
 
     def edit(self, name: str, value: Value) -> None:
         """As if the user had entered a value."""
         if name in self._rows:
             self._edited(name, value)
-            self.show_values()
-
-    def _sets_changed(self) -> None:
-        if self._rows:
-            self._sets.reload()
-            self.mark_differences()
-
-    def mark_differences(self) -> None:
-        """Mark the rows whose value is not the chosen set's."""
-        if self._rows:
-            differing = self._sets.compare(self._page.own_values())
-            for name, row in self._rows.items():
-                row.mark_difference(differing.get(name, ''))
-            self._arrange()
+            self.show()
 
     def _edited(self, name: str, value: Value) -> None:
-        self._page.edits[name] = value
+        self._edits[name] = value
         self._count_edits()
         if self._at_once and name not in self._sending:
-            asyncio.create_task(self._send(name))  # noqa: RUF006 - kept in _sending
+            background_tasks.create(self._send(name))
 
     async def _send(self, name: str) -> None:
         """Set one parameter until its newest value has been judged."""
         self._sending.add(name)
-        node, edits = self._page.selected, self._page.edits
         try:
-            while name in edits:
-                value = edits[name]
-                await self._set(node, {name: value})
-                if same_value(edits.get(name), value):
+            while name in self._edits:
+                value = self._edits[name]
+                await self._set({name: value})
+                if same_value(self._edits.get(name), value):
                     break
         finally:
             self._sending.discard(name)
 
-    async def _set(
-        self, node: str, values: Mapping[str, Value], *, undoable: bool = True
-    ) -> dict[str, str]:
-        """Set values and show what the node says.
-
-        Returns:
-            The reason for each that it has refused; those stay edits.
-        """
-        live = self._page.services.system.nodes.get(node)
-        before = dict(live.values) if live is not None else {}
-        edits = self._page.edits_of(node)
-        edits.update(values)
-        refused = await self._page.services.system.set(node, values) if values else {}
+    async def _set(self, values: Mapping[str, Value], *, undoable: bool = True) -> dict[str, str]:
+        """Set values; returns the reason for each that the node refused, which stays an edit."""
+        before = dict(self._node.values)
+        self._edits.update(values)
+        system = self._page.services.system
+        refused = await system.set(self._node, values) if values else {}
         taken = {name: value for name, value in values.items() if name not in refused}
         if undoable:
-            known = {name: before[name] for name in taken if name in before}
-            self._page.history_of(node).record(known, taken)
+            self._history.record({name: before[name] for name in taken if name in before}, taken)
         for name, value in taken.items():
-            if same_value(edits.get(name), value):
-                del edits[name]
-        if node == self._page.selected:
-            self.show_values()
-            for name, reason in refused.items():
-                if name in self._rows and same_value(edits.get(name), values[name]):
-                    self._rows[name].refuse(reason)
+            if same_value(self._edits.get(name), value):
+                del self._edits[name]
+        # Another list may show the node by now.
+        system.tell('values', self._node)
+        for name, reason in refused.items() if not self._list.is_deleted else ():
+            if name in self._rows and same_value(self._edits.get(name), values[name]):
+                self._rows[name].refuse(reason)
         return refused
 
     async def load(self, values: Mapping[str, Value], name: str) -> None:
         """Give the node the values of a set or run."""
-        node = self._page.node
-        if node is None:
-            return
-        settable = {control.name for control in node.controls if not control.read_only}
-        self._page.edits.clear()
+        self._edits.clear()
+        settable = {control.name for control in self._node.controls if not control.read_only}
         changes = {
             name: value
             for name, value in values.items()
-            if name in settable and not same_value(node.values.get(name), value)
+            if name in settable and not same_value(self._node.values.get(name), value)
         }
-        refused = len(await self._set(node.name, changes))
+        refused = len(await self._set(changes))
         if refused:
-            tell(f'{refused} values of {name} were refused; the reasons are beside them', bad=True)
+            el.tell(f'{refused} values of {name} were refused; each line says why', bad=True)
         else:
-            tell(f'{name} is loaded')
+            el.tell(f'{name} is loaded')
 
     async def _step(self, values: Mapping[str, Value]) -> None:
-        await self._set(self._page.selected, values, undoable=False)
+        await self._set(values, undoable=False)
 
     def _forget_edits(self) -> None:
-        self._page.edits.clear()
-        self.show_values()
+        self._edits.clear()
+        self.show()
 
     def _switch(self, event: Any) -> None:
         self._page.kept['at_once'] = bool(event.value)
         if self._at_once:
-            for name, value in list(self._page.edits.items()):
+            for name, value in list(self._edits.items()):
                 self._edited(name, value)
         self._count_edits()
 
     def _count_edits(self) -> None:
-        waiting = len(self._page.edits) if not self._at_once else 0
+        waiting = len(self._edits) if not self._at_once else 0
         self._apply.set_text(f'Apply {waiting}' if waiting else 'Apply')
         self._apply.set_enabled(waiting > 0)
-        self._discard.set_enabled(bool(self._page.edits))
-        self._undo.set_enabled(self._history.can_undo)
-        self._redo.set_enabled(self._history.can_redo)
+        self._discard.set_enabled(bool(self._edits))
+        self._undo.set_enabled(bool(self._history.done))
+        self._redo.set_enabled(bool(self._history.undone))
 
 
-def _rank(stage: str) -> int:
-    """In the order of the processing; a stage that we do not know comes behind it."""
-    if stage in _STAGES:
-        return _STAGES.index(stage)
-    return len(_STAGES) + (1 + _LAST.index(stage) if stage in _LAST else 0)
+def _rank(control: Control) -> int:
+    return _STAGES.index(control.stage if control.stage in _STAGES else 'unknown')

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 from nicegui import ui
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import axes, box, button, empty, fill, sheet, tell, text
 from mvuav_ros.panel.series import CURVES
 
-_COUNTS = {
-    'rho_flags': 'rho flags',
-    'theta_flags': 'theta flags',
-    'combined_flags': 'combined',
-}
+_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
 _MEANS = {
     'rho_mean': 'mean rho px',
     'rho_std': 'std',
@@ -47,91 +43,63 @@ _POSE = {
 
 
 class Results:
-    """Tables and charts; curves and pose come over the page's own WebSocket."""
+    """A node's tables and charts; curves and pose come over the page's own WebSocket."""
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._built: tuple[object, ...] = ('nothing yet',)
-        self._sheets: list[tuple[ui.table, Callable[[LiveNode], list[list[str]]]]] = []
-        self._place = box('part results')
-        page.on_select.append(self.refresh)
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Build anew where another node is chosen."""
-        node = self._page.node
-        built = (node.name, node.kind) if node is not None else ()
-        if built != self._built:
-            self._built = built
-            self._sheets = []
-            self._place.clear()
-            with self._place, box('stack'):
-                self._build(node)
-        self.show()
-
-    def _build(self, node: LiveNode | None) -> None:
-        if node is None:
-            with box('card'):
-                empty('No results yet', 'They appear as soon as a node runs.')
-            return
-        with box('card pose'):
-            text(_POSE[node.kind], tag='h2')
-            with box('line wrap'):
-                sketch = box('sketch', 'canvas').props('width=320 height=220 role=img')
-                sketch.props['data-node'] = node.name
-                sketch.props['aria-label'] = f'Sketch. {_POSE[node.kind]}'
-                box('pose-numbers', 'dl')
-            text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
+    def __init__(self, page: Page, node: LiveNode) -> None:
+        self._page, self._node = page, node
+        with el.box('card pose'):
+            el.text(_POSE[node.kind], tag='h2')
+            with el.box('line wrap'):
+                sketch = el.box('sketch', 'canvas').props('width=320 height=220 role=img')
+                el.set_props(sketch, data_node=node.name, aria_label=f'Sketch. {_POSE[node.kind]}')
+                el.box('pose-numbers', 'dl')
+            el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
+        self._lines: ui.table | None = None
         if node.kind == 'runway_detector':
-            with box('card'):
-                with box('line titled'):
-                    text('Statistics since the last reset', 'title grow', tag='h2')
-                    button('Reset', self._reset, 'restart_alt')
+            with el.box('card'):
+                with el.box('line titled'):
+                    el.text('Statistics since the last reset', 'title grow', tag='h2')
+                    el.button('Reset', self._reset, 'restart_alt')
                 heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
-                self._sheets.append((sheet('Statistics of the lines', heads), _statistics_rows))
-        with box('charts'):
+                self._lines = el.sheet('Statistics of the lines', heads)
+        with el.box('charts'):
             for chart, (title, unit) in CURVES[node.kind].items():
-                with box('card'):
-                    made = ui.echart(axes(title, unit)).classes('chart')
-                    made.props['data-curves'] = chart
+                with el.box('card'):
+                    made = ui.echart(el.axes(title, unit)).classes('chart')
                     # Until the first value there is nothing that the chart would say of itself.
-                    made.props['aria-label'] = f'Curve of {title}'
-                    made.props['data-node'] = node.name
-        with box('charts'):
-            for title, rows in (('Frames', _frame_rows), ('Time per frame', _time_rows)):
-                with box('card'):
-                    text(title, tag='h2')
-                    self._sheets.append((sheet(title, ('', '')), rows))
+                    el.set_props(made, aria_label=f'Curve of {title}')
+                    el.set_props(made, data_curves=chart, data_node=node.name)
+        with el.box('charts'):
+            with el.box('card'):
+                el.text('Frames', tag='h2')
+                self._frames = el.sheet('Frames', ('', ''))
+            with el.box('card'):
+                el.text('Time per frame', tag='h2')
+                self._times = el.sheet('Time per frame', ('', ''))
+        self.show()
 
     def show(self) -> None:
         """After new statistics or diagnostics."""
-        node = self._page.node
-        if node is not None:
-            for table, rows in self._sheets:
-                fill(table, rows(node))
+        said = self._node.status
+        if self._lines:
+            el.fill(self._lines, _statistics_rows(self._node.statistics))
+        el.fill(self._frames, [(words, said.get(key, '-')) for key, words in _FRAMES.items()])
+        times = _TIMES.items()
+        el.fill(self._times, [(words, foreign.fixed(said.get(key), 2)) for key, words in times])
 
     async def _reset(self) -> None:
-        reason = await self._page.services.system.trigger(f'{self._page.selected}/reset_statistics')
+        reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')
         if reason:
-            tell(reason, bad=True)
+            el.tell(reason, bad=True)
 
 
-def _frame_rows(node: LiveNode) -> list[list[str]]:
-    return [[words, node.status.get(key, '-')] for key, words in _FRAMES.items()]
-
-
-def _time_rows(node: LiveNode) -> list[list[str]]:
-    return [[words, foreign.fixed(node.status.get(key), 2)] for key, words in _TIMES.items()]
-
-
-def _statistics_rows(node: LiveNode) -> list[list[str]]:
+def _statistics_rows(said: Mapping[str, Mapping[str, str]]) -> list[list[str]]:
     """All lines, and each; numbered from 1, as in the images."""
-    total = node.statistics.get('runway', {})
-    keys = ('frames', *_COUNTS)
-    rows = [['all lines', *(foreign.fixed(total.get(key), 0) for key in keys), *[''] * len(_MEANS)]]
-    for name, values in node.statistics.items():
-        if name.startswith('line '):
-            counts = [foreign.fixed(values.get(key), 0) for key in ('found', *_COUNTS)]
-            means = [foreign.fixed(values.get(key), 2) for key in _MEANS]
-            rows.append([name, *counts, *means])
-    return rows
+
+    def row(name: str, values: Mapping[str, str], frames: str) -> list[str]:
+        counts = [foreign.fixed(values.get(key), 0) for key in (frames, *_COUNTS)]
+        means = [foreign.fixed(values[key], 2) if key in values else '' for key in _MEANS]
+        return [name, *counts, *means]
+
+    lines = [row(name, said[name], 'found') for name in said if name.startswith('line ')]
+    return [row('all lines', said.get('runway', {}), 'frames'), *lines]

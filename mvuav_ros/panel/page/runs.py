@@ -5,69 +5,43 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import Any
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
+from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import (
-    box,
-    button,
-    choice,
-    confirmed,
-    errors_told,
-    fill,
-    sheet,
-    tell,
-    text,
-)
+from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.page.context import Load, Page
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.page.trends import Trends
-from mvuav_ros.panel.run_process import RunFailedError, RunProcess, RunRequest
-from mvuav_ros.panel.runs import RESULTS, SavedRun, find_bags
-from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
 
-_HEADS = {
-    'name': 'run',
-    'kind': 'node',
-    'source': 'recording',
-    'frames': 'frames',
-    'changed': 'other than default',
-    'made': 'made',
-}
+_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
 # Quasar's own checkboxes in a table have no name for who cannot see them.
 _CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
-Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
+_WORD_IN_BAG = {'marker_tracker': 'tanker', 'runway_detector': 'runway'}
+_AS_SET = 'Save to set, run and save'
 
 
 class Runs:
-    """Start runs, keep them, and look at those kept."""
+    """Start runs, keep them, and look at those kept; ``load`` gives their values to the node."""
 
     def __init__(self, page: Page, load: Load) -> None:
-        """Make the part in the place where elements now go.
-
-        Args:
-            page: whose node runs.
-            load: gives a run's parameters to the node.
-        """
         self._page, self._load = page, load
         self._process: RunProcess | None = None
         self._bags: dict[str, Path] = {}
-        self._runs: list[SavedRun] = []
-        with box('part runs'), box('stack'):
-            with box('card'):
-                text('A run over a recording, with the values that the node has now', tag='h2')
-                self._form()
-            self._result = box('stack')
-            with box('card'):
-                self._saved()
+        self._runs: list[Run] = []
+        with el.box('part runs stack'):
+            with el.box('card'):
+                el.text('A run over a recording, with the values that the node has now', tag='h2')
+                self._make_form()
+            self._result = el.box('stack')
+            with el.box('card'):
+                self._make_table()
             self._trends = Trends()
-        page.on_select.append(self._other_node)
         page.services.runs_changed.subscribe(self.refresh)
         self.refresh()
 
@@ -75,175 +49,155 @@ class Runs:
     def _ticked(self) -> list[str]:
         return list(self._page.kept.setdefault('ticks', []))
 
-    def _form(self) -> None:
-        with box('form'):
-            with box('line wrap'):
-                self._bag = choice([], 'Recording').classes('grow').style('min-width: 200px')
+    def _make_form(self) -> None:
+        with el.box('form'):
+            with el.box('line wrap'):
+                self._bag = el.choice([], 'Recording').classes('grow').style('min-width: 200px')
                 self._name = ui.input('Name').props('outlined dense')
                 self._name.style('flex: 1 1 120px; max-width: 200px')
-            with box('line wrap'):
+            with el.box('line wrap'):
                 self._buttons = [
-                    button('Run', lambda: self._start(keep=False), 'play_arrow'),
-                    button('Run and save', lambda: self._start(keep=True), 'save', main=True),
-                    button('Save to set, run and save', self._save_and_run, 'playlist_add_check'),
+                    el.button('Run', lambda: self._run(keep=False), 'play_arrow'),
+                    el.button('Run and save', self._run, 'save', main=True),
+                    el.button(_AS_SET, lambda: self._run(as_set=True), 'playlist_add_check'),
                 ]
-            with box('line').style('min-height: 32px'):
+            with el.box('line').style('min-height: 32px'):
                 self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
-                self._bar.classes('grow').props['aria-label'] = 'Progress'
-                self._words = text('', 'small soft number').props('role=status')
-                self._cancel = button('Cancel', self._cancel_run)
+                self._bar.classes('grow').props('aria-label=Progress')
+                self._words = el.text('', 'small soft number').props('role=status')
+                self._cancel = el.button('Cancel', self._cancel_run)
                 self._cancel.disable()
 
-    def _saved(self) -> None:
-        with box('line titled wrap'):
-            text('Saved runs', 'title grow', tag='h2')
-            self._with_one = [
-                button('Load its values', self._load_run),
-                button('Report', self._show_report),
-            ]
-            self._with_any = button('Delete', self._delete)
+    def _make_table(self) -> None:
+        with el.box('line titled wrap'):
+            el.text('Saved runs', 'title grow', tag='h2')
+            self._load_one = el.button('Load its values', self._load_run)
+            self._report_one = el.button('Report', self._show_report)
+            self._delete_any = el.button('Delete', self._delete)
         self._table = ui.table(
             rows=[],
-            columns=[
-                {'name': key, 'label': head, 'field': key, 'align': 'left', 'sortable': True}
-                for key, head in _HEADS.items()
-            ],
-            row_key='name',
+            columns=[{'name': head, 'label': head, 'field': head} for head in _HEADS],
+            column_defaults={'align': 'left', 'sortable': True},
+            row_key='run',
             selection='multiple',
             on_select=self._tick,
         ).props('flat dense binary-state-sort')
-        self._table.props['no-data-label'] = 'No run saved yet. “Run and save” keeps one.'
+        el.set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
         self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
-        self._table.add_slot('body-selection', _CHECKBOX.format('props.row.name'))
+        self._table.add_slot('body-selection', _CHECKBOX.format('props.row.run'))
 
     def refresh(self) -> None:
         """Look for recordings and runs."""
         services = self._page.services
         self._bags = find_bags([*services.bags, services.recordings])
-        names = list(self._bags)
-        value = self._bag.value if self._bag.value in names else self._likely(names)
-        self._bag.set_options(names, value=value)
+        chosen = self._bag.value if self._bag.value in self._bags else self._likely()
+        self._bag.set_options(list(self._bags), value=chosen)
         if not self._name.value or (services.runs.folder / self._name.value).exists():
             self._name.value = services.runs.free_name()
         self._runs = services.runs.all()
         rows = [_row(run) for run in reversed(self._runs)]
         self._table.rows = rows
-        self._table.selected = [row for row in rows if row['name'] in self._ticked]
+        self._table.selected = [row for row in rows if row['run'] in self._ticked]
         self._show_ticked()
 
-    def _other_node(self) -> None:
-        self._bag.value = self._likely(list(self._bags))
+    def choose_recording(self) -> None:
+        """After another node was selected."""
+        self._bag.value = self._likely()
 
-    def _likely(self, names: list[str]) -> str | None:
-        kind = self._page.node.kind if self._page.node is not None else ''
-        word = {'marker_tracker': 'tanker', 'runway_detector': 'runway'}.get(kind, '')
-        fitting = [name for name in names if word and word in name]
-        return next(iter([*fitting, *names]), None)
+    def _likely(self) -> str | None:
+        word = _WORD_IN_BAG[self._page.node.kind] if self._page.node is not None else ''
+        return next(iter(sorted(self._bags, key=lambda name: word not in name)), None)
 
     def _tick(self) -> None:
-        self._page.kept['ticks'] = [row['name'] for row in self._table.selected]
+        self._page.kept['ticks'] = [row['run'] for row in self._table.selected]
         self._show_ticked()
 
-    def _chosen(self) -> list[SavedRun]:
+    def _chosen(self) -> list[Run]:
         return [run for run in self._runs if run.name in self._ticked]
 
     def _show_ticked(self) -> None:
         chosen = self._chosen()
-        for each in self._with_one:
-            each.set_enabled(len(chosen) == 1)
-        self._with_any.set_enabled(bool(chosen))
+        self._load_one.set_enabled(len(chosen) == 1)
+        self._report_one.set_enabled(len(chosen) == 1)
+        self._delete_any.set_enabled(bool(chosen))
         self._trends.show(chosen)
 
     async def _load_run(self) -> None:
         (run,) = self._chosen()
         node = self._page.node
         if node is None or node.kind != run.kind:
-            tell(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
+            el.tell(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
             return
         await self._load(run.parameters, run.name)
 
     def _show_report(self) -> None:
         (run,) = self._chosen()
         if self._page.services.runs.report(run.name) is None:
-            tell(f'{run.name} was made by an older version, without a report.', bad=True)
+            el.tell(f'{run.name} was made by an older version, without a report.', bad=True)
             return
         ui.navigate.to(f'/report/{run.name}', new_tab=True)
 
     async def _delete(self) -> None:
         names, services = [run.name for run in self._chosen()], self._page.services
-        if await confirmed(f'Delete {", ".join(names)} with all results?', 'Delete'):
+        if await el.confirmed(f'Delete {", ".join(names)} with all results?', 'Delete'):
             for name in names:
                 services.runs.delete(name)
             services.runs_changed.emit()
 
-    def _save_and_run(self) -> None:
-        if self._can_start():
-            with errors_told():
-                save_set(self._page, self._name.value or '')
-                self._start(keep=True)
-
-    def _can_start(self) -> bool:
-        node = self._page.node
-        if node is None or not node.controls:
-            tell('No node is selected whose values a run could use.', bad=True)
-        elif (self._bag.value or '') not in self._bags:
-            tell('Choose a recording first.', bad=True)
-        else:
-            return self._process is None
-        return False
-
-    def _start(self, *, keep: bool) -> None:
-        if not self._can_start():
+    async def _run(self, *, keep: bool = True, as_set: bool = False) -> None:
+        node, services, name = self._page.node, self._page.services, self._name.value or ''
+        if self._process is not None:
             return
-        with errors_told():
-            request = self._request(keep=keep)
-            self._process = RunProcess()
-            background_tasks.create(self._work(self._process, request))
-
-    def _request(self, *, keep: bool) -> RunRequest:
-        """With a folder made for its results."""
-        node = self._page.node
-        assert node is not None
-        if keep:
-            folder = self._page.services.runs.new_folder(self._name.value or '')
-        else:
-            folder = Path(tempfile.mkdtemp(dir=self._page.services.scratch))
-        known = PROCESSORS[node.kind].parameters_type.names()
-        return RunRequest(
-            name=folder.name if keep else '',
-            kind=node.kind,
-            source=self._bags[self._bag.value],
-            parameters={k: v for k, v in self._page.own_values().items() if k in known},
-            output=folder / RESULTS,
-            settings=self._page.chosen_set,
-        )
-
-    async def _work(self, process: RunProcess, request: RunRequest) -> None:
-        keep = bool(request.name)
-        self._busy(True)
-        try:
-            run = await process.run(request, self._progress)
+        if node is None or not node.controls:
+            el.tell('No node is selected whose values a run could use.', bad=True)
+            return
+        if (self._bag.value or '') not in self._bags:
+            el.tell('Choose a recording first.', bad=True)
+            return
+        with el.errors_told():
+            if as_set:
+                save_set(self._page, node, name)
             if keep:
+                folder = services.runs.new_folder(name)
+            else:
+                folder = Path(tempfile.mkdtemp(dir=services.scratch))
+            values, known = node.own_values, PROCESSORS[node.kind].parameters_type.names()
+            run = Run(
+                name=folder.name if keep else '',
+                kind=node.kind,
+                source=str(self._bags[self._bag.value]),
+                parameters={name: values[name] for name in known if name in values},
+                settings=self._page.chosen_set,
+            )
+            await self._replay(run, folder)
+
+    async def _replay(self, run: Run, folder: Path) -> None:
+        """What a run makes goes away again unless it is finished, and to be kept."""
+        process = self._process = RunProcess()
+        keep = False
+        self._show_busy()
+        self._bar.set_value(0.0)
+        self._words.set_text('starting')
+        try:
+            run = await process.run(run, folder, self._progress)
+            if run.name:
                 self._page.services.runs.finish(run)
                 self._page.kept['ticks'] = [*self._ticked, run.name]
+                keep = True
             self._show_numbers(run)
         except (RunFailedError, RecordingError, OSError) as error:
             self._words.set_text('cancelled' if process.cancelled else f'failed: {error}')
-            keep = False
         finally:
             if not keep:
-                shutil.rmtree(request.output.parent, ignore_errors=True)
+                shutil.rmtree(folder, ignore_errors=True)
             self._process = None
-            self._busy(False)
+            self._show_busy()
             self._page.services.runs_changed.emit()
 
-    def _busy(self, busy: bool) -> None:
+    def _show_busy(self) -> None:
         for each in self._buttons:
-            each.set_enabled(not busy)
-        self._cancel.set_enabled(busy)
-        if busy:
-            self._bar.set_value(0.0)
-            self._words.set_text('starting')
+            each.set_enabled(self._process is None)
+        self._cancel.set_enabled(self._process is not None)
 
     def _progress(self, done: int, total: int | None) -> None:
         self._bar.set_value(done / total if total else 0.0)
@@ -253,39 +207,36 @@ class Runs:
         if self._process is not None:
             self._process.cancel()
 
-    def _show_numbers(self, run: SavedRun) -> None:
+    def _show_numbers(self, run: Run) -> None:
         self._bar.set_value(1.0)
         self._words.set_text(f'{run.answered} of {run.frames} frames')
-        rows = [[m.name, number_text(m.value), m.unit] for m in run.metrics]
+        rows = [[m.name, _number_text(m.value), m.unit] for m in run.metrics]
         half = -(-len(rows) // 2)
         self._result.clear()
-        with self._result, box('card'):
-            text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
-            with box('charts'):
-                fill(sheet('Numbers of the run', ('', '', '')), rows[:half])
-                fill(sheet('More numbers of the run', ('', '', '')), rows[half:])
+        with self._result, el.box('card'):
+            el.text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
+            with el.box('charts'):
+                el.fill(el.sheet('Numbers of the run', ('', '', '')), rows[:half])
+                el.fill(el.sheet('More numbers of the run', ('', '', '')), rows[half:])
 
 
-def changed_values(run: SavedRun) -> dict[str, Any]:
-    """The parameters of a run that are not the default."""
+def _row(run: Run) -> dict[str, str]:
+    """The cells below `_HEADS`."""
     defaults = PROCESSORS[run.kind].parameters_type().as_dict()
-    return {k: v for k, v in run.parameters.items() if k in defaults and defaults[k] != v}
-
-
-def _row(run: SavedRun) -> dict[str, str]:
-    changed = (f'{name} {value_text(value)}' for name, value in changed_values(run).items())
+    changed = [
+        f'{name} {value_text(value)}'
+        for name, value in run.parameters.items()
+        if name in defaults and defaults[name] != value
+    ]
     return {
-        'name': run.name,
-        'kind': run.kind,
-        'source': Path(run.source).name,
+        'run': run.name,
+        'node': run.kind,
+        'recording': Path(run.source).name,
         'frames': f'{run.answered} of {run.frames}',
-        'changed': ', '.join(changed) or 'nothing',
+        'other than default': ', '.join(changed) or 'nothing',
         'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
     }
 
 
-def number_text(value: float) -> str:
-    """A result as the panel writes it."""
-    if value != value:
-        return '-'
-    return f'{value:.0f}' if value == int(value) and abs(value) < 1e9 else f'{value:.3f}'
+def _number_text(value: float) -> str:
+    return foreign.fixed(value, 0 if float(value).is_integer() else 3)

@@ -2,66 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.page.elements import (
-    box,
-    button,
-    choice,
-    confirmed,
-    dialog,
-    errors_told,
-    fill,
-    set_class,
-    sheet,
-    tell,
-    text,
-)
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.page.context import Load, Page
 from mvuav_ros.panel.sets import LARGEST_SET, differences
 from mvuav_ros.parameters.declaration import Value
 
-LIVE = 'live values'
-Load = Callable[[Mapping[str, Value], str], Awaitable[None]]
+_LIVE = 'live values'
 
 
 class SetBar:
-    """The bar above the parameters."""
+    """The bar above a node's parameters.
 
-    def __init__(self, page: Page, load: Load, changed: Callable[[], None]) -> None:
-        """Make the bar in the place where elements now go.
+    ``load`` gives values to the node, ``changed`` is called when another set was chosen.
+    """
 
-        Args:
-            page: whose node and set it is about.
-            load: gives values to the node.
-            changed: called when another set was chosen or a set has changed.
-        """
-        self._page, self._load, self._changed = page, load, changed
-        self._kind = page.node.kind if page.node is not None else ''
-        self._values: dict[str, Value] = {}
-        with box('sets'):
-            with box('line'):
-                self._choice = choice([], 'Set', on_change=self._choose).classes('grow')
-                button('Load', self._load_chosen)
-                button('Save', self._ask_name)
-                with ui.button(icon='more_vert').props('flat round dense size=sm') as more:
-                    more.props['aria-label'] = 'More about sets'
-                    with ui.menu():
-                        ui.menu_item('Compare two sets', self._compare)
-                        self._download = ui.menu_item('Download the set', self._send_file)
-                        ui.menu_item('Upload a set', self._ask_file)
-                        self._delete = ui.menu_item('Delete the set', self._delete_chosen)
-            self._match = text('', 'match').props('role=status')
+    def __init__(self, page: Page, node: LiveNode, load: Load, changed: Callable[[], None]) -> None:
+        self._page, self._node, self._load, self._changed = page, node, load, changed
+        with el.box('sets'):
+            with el.box('line'):
+                self._choice = el.choice([], 'Set', on_change=self._choose).classes('grow')
+                el.button('Load', self._load_chosen)
+                el.button('Save', self._ask_name)
+                with el.icon_button('more_vert', 'More about sets', None), ui.menu():
+                    ui.menu_item('Compare two sets', self._compare)
+                    self._download = ui.menu_item('Download the set', self._send_file)
+                    ui.menu_item('Upload a set', self._ask_file)
+                    self._delete = ui.menu_item('Delete the set', self._delete_chosen)
+            self._match = el.text('', 'match').props('role=status')
         self.reload()
 
     def reload(self) -> None:
         """After a set was saved, taken in or deleted."""
-        names = self._page.services.sets.names(self._kind)
+        names = self._page.services.sets.names(self._node.kind)
         if self._page.chosen_set not in names:
             self._page.chosen_set = ''
         self._choice.set_options(names, value=self._page.chosen_set or None)
@@ -79,122 +59,116 @@ class SetBar:
         self._download.set_enabled(bool(name))
         self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
 
-    def _values_of(self, name: str) -> dict[str, Value]:
-        if name == LIVE:
-            return dict(self._page.own_values())
-        with errors_told():
-            return self._page.services.sets.load(name, self._kind)
+    def _values_of(self, name: str) -> Mapping[str, Value]:
+        if name == _LIVE:
+            return self._node.own_values
+        with el.errors_told():
+            return self._page.services.sets.load(name, self._node.kind)
         return {}
 
-    def compare(self, live: Mapping[str, object]) -> dict[str, str]:
+    def compare(self) -> dict[str, str]:
         """Say whether the live values are the chosen set's; returns the set's that differ."""
-        name, differing = self._page.chosen_set, differences(self._values, live)
-        count = len(differing)
-        if not name:
-            words = 'Choose a set to load it, or to see what differs from it.'
-        elif count:
-            words = f'{count} live value{"s differ" if count > 1 else " differs"} from {name}'
-        else:
+        name = self._page.chosen_set
+        differing = differences(self._values, self._node.own_values)
+        words = 'Choose a set to load it, or to see what differs from it.'
+        if differing:
+            differ = 'value differs' if len(differing) == 1 else 'values differ'
+            words = f'{len(differing)} live {differ} from {name}'
+        elif name:
             words = f'The live values are those of {name}.'
         self._match.set_text(words)
-        set_class(self._match, 'differs', count > 0)
+        el.set_class(self._match, 'differs', bool(differing))
         return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
 
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
         if not name:
-            tell('Choose a set first.', bad=True)
+            el.tell('Choose a set first.', bad=True)
             return
         self._read()
         await self._load(self._values, name)
 
     def _ask_name(self) -> None:
         sets, name = self._page.services.sets, self._page.chosen_set
-        with dialog('Save the live values as a set') as asking:
+
+        def save() -> None:
+            with el.errors_told():
+                save_set(self._page, self._node, field.value or '')
+                asking.close()
+
+        with el.dialog('Save the live values as a set') as asking:
             field = ui.input('Name', value='' if sets.is_built_in(name) else name)
             field.props('outlined dense autofocus').style('width: 280px; max-width: 100%')
-            text('An ordinary ROS 2 parameter file, in', 'small soft')
-            text(sets.folder, 'small soft number breaks')
-
-            def save() -> None:
-                with errors_told():
-                    save_set(self._page, field.value or '')
-                    asking.close()
-
             field.on('keydown.enter', save)
-            with box('line'):
-                button('Save', save, main=True)
-                button('Cancel', asking.close)
+            el.text('An ordinary ROS 2 parameter file, in', 'small soft')
+            el.text(sets.folder, 'small soft number breaks')
+            with el.box('line'):
+                el.button('Save', save, main=True)
+                el.button('Cancel', asking.close)
 
     async def _delete_chosen(self) -> None:
         name, services = self._page.chosen_set, self._page.services
-        if await confirmed(f'Delete the set {name}?', 'Delete'):
+        if await el.confirmed(f'Delete the set {name}?', 'Delete'):
             services.sets.delete(name)
             services.sets_changed.emit()
 
     def _send_file(self) -> None:
         name = self._page.chosen_set
-        with errors_told():
+        with el.errors_told():
             content = self._page.services.sets.content(name)
             ui.download.content(content, f'{name}.yaml', 'application/yaml')
 
     def _ask_file(self) -> None:
-        with dialog('Upload a set') as asking:
-            text('A ROS 2 parameter file (.yaml) of our nodes.', 'small soft')
+        services = self._page.services
 
-            async def take(event: Any) -> None:
-                with errors_told():
-                    self._take_file(Path(event.file.name).stem, await event.file.read())
-                    asking.close()
+        async def take(event: Any) -> None:
+            name = Path(event.file.name).stem
+            with el.errors_told():
+                kinds = services.sets.add(name, await event.file.read())
+                if self._node.kind in kinds:
+                    self._page.chosen_set = name.strip()
+                services.sets_changed.emit()
+                el.tell(f'{name} is uploaded for {" and ".join(kinds)}')
+                asking.close()
 
+        with el.dialog('Upload a set') as asking:
+            el.text('A ROS 2 parameter file (.yaml) of our nodes.', 'small soft')
             ui.upload(
                 label='Choose a file or drop one here',
                 auto_upload=True,
                 max_file_size=LARGEST_SET,
                 on_upload=take,
-                on_rejected=lambda: tell(f'the file has more than {LARGEST_SET} bytes', bad=True),
+                on_rejected=lambda: el.tell(
+                    f'the file has more than {LARGEST_SET} bytes', bad=True
+                ),
             ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
-            button('Cancel', asking.close)
-
-    def _take_file(self, name: str, content: bytes) -> None:
-        services = self._page.services
-        kinds = services.sets.add(name, content)
-        if self._kind in kinds:
-            self._page.chosen_set = name.strip()
-        services.sets_changed.emit()
-        tell(f'{name} is uploaded for {" and ".join(kinds)}')
+            el.button('Cancel', asking.close)
 
     def _compare(self) -> None:
-        names = [LIVE, *self._page.services.sets.names(self._kind)]
+        names = [_LIVE, *self._page.services.sets.names(self._node.kind)]
         chosen = self._page.chosen_set or names[min(1, len(names) - 1)]
-        with dialog('Compare two sets', wide=True) as comparing:
-            with box('line').style('width: 100%'):
-                left = choice(names, 'One set', LIVE).classes('grow')
-                right = choice(names, 'Another set', chosen).classes('grow')
+        with el.dialog('Compare two sets', wide=True) as comparing:
+            with el.box('line').style('width: 100%'):
+                left = el.choice(names, 'One set', _LIVE).classes('grow')
+                right = el.choice(names, 'Another set', chosen).classes('grow')
             whole = ui.switch('Also what is equal').props('dense')
-            table = sheet('The difference', ('parameter', 'one set', 'another set'))
-            table.props['no-data-label'] = 'No parameter differs.'
+            table = el.sheet('The difference', ('parameter', 'one set', 'another set'))
+            el.set_props(table, no_data_label='No parameter differs.')
 
             def show() -> None:
                 sets = (self._values_of(left.value), self._values_of(right.value))
                 found = differences(*sets, all_of_them=bool(whole.value))
-                fill(table, [[d.name, value_text(d.left), value_text(d.right)] for d in found])
+                el.fill(table, [[d.name, value_text(d.left), value_text(d.right)] for d in found])
 
             for each in (left, right, whole):
                 each.on_value_change(show)
             show()
-            button('Close', comparing.close)
+            el.button('Close', comparing.close)
 
 
-def save_set(page: Page, name: str) -> None:
-    """Save the selected node's values as a set.
-
-    Raises:
-        NameRefusedError: the name cannot be given.
-        OSError: the file cannot be written.
-    """
-    kind = page.node.kind if page.node is not None else ''
-    page.services.sets.save(name, kind, page.own_values())
+def save_set(page: Page, node: LiveNode, name: str) -> None:
+    """Save a node's values as a set; errors as those of `SetStore.save`."""
+    page.services.sets.save(name, node.kind, node.own_values)
     page.chosen_set = name.strip()
     page.services.sets_changed.emit()
-    tell(f'{name.strip()} is saved')
+    el.tell(f'{name.strip()} is saved')

@@ -1,80 +1,132 @@
-"""The whole page, for one browser tab."""
+"""The whole page, for one browser tab: its head, and the parts below."""
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
-from contextlib import suppress
+from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 from nicegui import Client, ui
 
-from mvuav_ros.panel.live_system import LiveNode
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
-from mvuav_ros.panel.page.elements import box, set_prop
-from mvuav_ros.panel.page.head import Head
-from mvuav_ros.panel.page.images import KEPT_ARRANGEMENT, Images
+from mvuav_ros.panel.page.images import Images
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.results import Results
 from mvuav_ros.panel.page.runs import Runs
 from mvuav_ros.parameters.declaration import Value
 
 _PARTS = {'images': 'Images', 'results': 'Results', 'runs': 'Runs', 'parameters': 'Parameters'}
+_FIGURES = {
+    'input_rate_hz': ('in', 'Hz'),
+    'output_rate_hz': ('out', 'Hz'),
+    'latency_p50_ms': ('latency p50', 'ms'),
+    'latency_p95_ms': ('p95', 'ms'),
+    'frames_rejected': ('rejected', ''),
+}
+
+
+class Head:
+    """Node buttons and the chosen node's diagnostics."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._dark = ui.dark_mode(value=None)
+        self._buttons: dict[str, ui.button] = {}
+        with el.box('head', 'header'):
+            el.text('Tuning panel', tag='h1')
+            self._nodes = el.box('nodes grow').props('role=group aria-label="Nodes"')
+            el.icon_button('contrast', 'Light or dark', self._toggle)
+        with el.box('health'):
+            self._figures = {}
+            for key, (words, unit) in _FIGURES.items():
+                with el.box():
+                    el.text(words, 'soft small')
+                    self._figures[key] = el.text('-', 'number')
+                    el.text(unit, 'soft small')
+            self._words = el.text('', 'words soft small')
+
+    async def _toggle(self) -> None:
+        dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
+        self._dark.value = not dark
+
+    def _node_button(self, name: str) -> ui.button:
+        made = ui.button(name, icon='circle', color=None)
+        return made.props('flat rounded no-caps').on_click(lambda: self._page.select(name))
+
+    def refresh(self) -> None:
+        """After nodes came or went, were selected, or said something."""
+        nodes = self._page.services.system.nodes
+        alive = [name for name, node in nodes.items() if node.alive]
+        # What was chosen before a reload may need a moment to be found again.
+        if self._page.node is None and nodes and (alive or not self._page.selected):
+            self._page.select((alive or list(nodes))[0])
+            return
+        if list(nodes) != list(self._buttons) or not nodes:
+            # Only then: a button that is made anew loses the keyboard's focus.
+            self._nodes.clear()
+            with self._nodes:
+                self._buttons = {name: self._node_button(name) for name in nodes}
+                if not nodes:
+                    el.text('looking for nodes …', 'soft')
+        for name, button in self._buttons.items():
+            each = nodes[name]
+            state = '' if each.alive else 'gone' if each.controls else 'starting'
+            color = 'bad' if state == 'gone' else 'warn' if state or each.level else 'good'
+            button.set_text(f'{name} {state}'.rstrip())
+            button.classes(replace=f'node {color}')
+            el.set_props(button, aria_pressed=str(name == self._page.selected).lower())
+        node = self._page.node
+        for key, label in self._figures.items():
+            value = node.status.get(key, '-') if node is not None and node.alive else '-'
+            label.set_text('-' if value == 'nan' else value[:12])
+        if node is None:
+            words = 'Start marker_tracker or runway_detector; it appears here by itself.'
+        elif not node.alive and node.controls:
+            words = 'The node is gone. The panel uses it again as soon as it is back.'
+        else:
+            words = node.message
+        self._words.set_text(words)
 
 
 class View:
-    """Puts the parts together and tells them what has changed."""
+    """Puts the parts together, for a browser tab that is connected, and tells them what changes."""
 
     def __init__(self, services: Services, client: Client, kept: MutableMapping[str, Any]) -> None:
-        """Make the page of a browser tab that is connected.
-
-        Args:
-            services: of the process.
-            client: the browser tab.
-            kept: what the tab remembers across reloads.
-        """
-        self._page = Page(services, kept)
-        self._client = client
+        self._page, self._client = Page(services, kept, self._selected), client
+        self._parameters: Parameters | None = None
+        self._results: Results | None = None
+        self._built: tuple[object, ...] = ('nothing yet',)
         part = kept.get('part')
-        with box('panel') as self._root:
+        with el.box('panel') as self._root:
             self._head = Head(self._page)
-            with box('body'):
-                tabs = self._tabs()
+            with el.box('body'):
+                with ui.tabs(on_change=self._show_part) as tabs:
+                    for key, words in _PARTS.items():
+                        ui.tab(key, words).classes(f'tab {key}')
+                tabs.props('dense no-caps inline-label align=left aria-label="Parts of the panel"')
                 with ui.tab_panels(tabs, animated=False).classes('views') as panels:
                     with ui.tab_panel('images'):
-                        self._images = Images(self._page, self._set_parameter)
+                        self.images = Images(self._page, self._set_parameter)
                     with ui.tab_panel('results'):
-                        self._results = Results(self._page)
+                        self._results_place = el.box('part results stack')
                     with ui.tab_panel('runs'):
-                        Runs(self._page, lambda *given: self._parameters.load(*given))
+                        self._runs = Runs(self._page, self._load)
                 # Beside the others, or instead of them on a telephone.
-                self._parameters = Parameters(self._page)
+                self._parameters_place = el.box('part parameters', 'section')
+                self._parameters_place.props('aria-label=Parameters')
         tabs.set_value(part if part in _PARTS else 'images')
         ui.skip_link('Skip to the images and results', target=panels)
-        ui.skip_link('Skip to the parameters', target=self._parameters.element)
-        self._page.on_select.append(self._name_node)
-        self._name_node()
+        ui.skip_link('Skip to the parameters', target=self._parameters_place)
         client.on_connect(self._connected)
         client.on_disconnect(self._disconnected)
         client.on_delete(self._closed)
-        ui.timer(0.0, self._connected, once=True)
-        ui.timer(0.0, self._restore, once=True)
-
-    def _tabs(self) -> ui.tabs:
-        with ui.tabs(on_change=self._show_part) as tabs:
-            tabs.props('dense no-caps inline-label align=left')
-            tabs.props['aria-label'] = 'Parts of the panel'
-            for key, words in _PARTS.items():
-                ui.tab(key, words).classes(f'tab {key}')
-        return tabs
+        services.sets_changed.subscribe(self._sets_changed)
+        self._connected()
 
     def _show_part(self, event: Any) -> None:
         self._page.kept['part'] = str(event.value)
-        set_prop(self._root, 'data-part', self._page.kept['part'])
-
-    async def _restore(self) -> None:
-        # On a slow link the usual arrangement will do.
-        with suppress(TimeoutError):
-            self._images.restore(await ui.run_javascript(KEPT_ARRANGEMENT, timeout=10.0))
+        el.set_props(self._root, data_part=self._page.kept['part'])
 
     def _connected(self) -> None:
         self._page.services.system.listen(self._heard)
@@ -84,9 +136,9 @@ class View:
         if not self._client.has_socket_connection:
             self._page.services.system.leave(self._heard)
 
-    async def _closed(self) -> None:
+    def _closed(self) -> None:
         self._page.services.system.leave(self._heard)
-        await self._images.stop_recording()
+        self.images.stop_recording()
 
     def _heard(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
@@ -94,27 +146,56 @@ class View:
             if what == 'nodes':
                 self._refresh()
             elif what == 'values':
-                self._images.show_values()
-                if ours:
-                    self._parameters.show_values()
+                self.images.show_values()
+                if ours and self._parameters:
+                    self._parameters.show()
             elif what == 'status':
                 self._head.refresh()
-                self._images.show_recording()
-                if ours:
+                self.images.show_recording()
+                if ours and self._parameters:
                     self._parameters.show_status()
+                if ours and self._results:
                     self._results.show()
-            elif what == 'statistics' and ours:
-                self._results.show()
 
     def _refresh(self) -> None:
+        # The head first: it selects a node where none is.
         self._head.refresh()
-        for part in (self._parameters, self._images, self._results):
-            part.refresh()
+        self.images.refresh()
+        el.set_props(self._root, data_node=self._page.selected)
+        node = self._page.node
+        built = (node, *node.controls) if node else ()
+        if built != self._built:
+            self._built = built
+            self._build(node)
+        elif self._parameters:
+            self._parameters.show()
 
-    def _name_node(self) -> None:
-        set_prop(self._root, 'data-node', self._page.selected)
+    def _build(self, node: LiveNode | None) -> None:
+        """The parts of the selected node anew: it is another one, or has come back."""
+        for place in (self._results_place, self._parameters_place):
+            place.clear()
+        with self._results_place:
+            self._results = Results(self._page, node) if node else None
+            if node is None:
+                el.empty('No results yet', 'They appear as soon as a node runs.', card=True)
+        with self._parameters_place:
+            self._parameters = Parameters(self._page, node) if node and node.controls else None
+            if self._parameters is None:
+                el.empty('No parameters yet', 'They appear as soon as a node answers.', card=True)
+
+    def _selected(self) -> None:
+        self._refresh()
+        self._runs.choose_recording()
+
+    def _sets_changed(self) -> None:
+        if self._parameters:
+            self._parameters.show_sets()
 
     def _set_parameter(self, node: str, name: str, value: Value) -> None:
-        if node != self._page.selected:
-            self._page.select(node)
-        self._parameters.edit(name, value)
+        self._page.select(node)
+        if self._parameters:
+            self._parameters.edit(name, value)
+
+    async def _load(self, values: Mapping[str, Value], name: str) -> None:
+        if self._parameters:
+            await self._parameters.load(values, name)

@@ -1,6 +1,6 @@
 """Undo and redo."""
 
-from mvuav_ros.panel.history import History
+from mvuav_ros.panel.page.context import History
 
 
 def test_the_last_change_is_taken_back_and_done_again():
@@ -11,9 +11,9 @@ def test_the_last_change_is_taken_back_and_done_again():
     now[0] = 5.0
     history.record({'b': 1}, {'b': 9})
     assert history.undo() == {'b': 1} and history.undo() == {'a': 1} and history.undo() == {}
-    assert history.redo() == {'a': 2} and history.can_redo
+    assert history.redo() == {'a': 2} and history.undone
     history.record({'c': 0}, {'c': 1})
-    assert not history.can_redo and history.undo() == {'c': 0}
+    assert not history.undone and history.undo() == {'c': 0}
 
 
 def test_one_movement_of_a_slider_is_one_step():
@@ -24,10 +24,10 @@ def test_one_movement_of_a_slider_is_one_step():
         history.record({'a': value}, {'a': value + 1})
     now[0] += 3.0
     history.record({'a': 10}, {'a': 50})
-    assert history.undo() == {'a': 10} and history.undo() == {'a': 0} and not history.can_undo
+    assert history.undo() == {'a': 10} and history.undo() == {'a': 0} and not history.done
 
 
 def test_a_change_to_the_same_is_none():
     history = History()
     history.record({'a': 1}, {'a': 1})
-    assert not history.can_undo
+    assert not history.done
