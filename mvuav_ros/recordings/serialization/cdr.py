@@ -73,7 +73,7 @@ def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
     return _ENCAPSULATION + _STAMP.pack(*divmod(stamp_ns, 1_000_000_000)) + _text(frame_id)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)
 def _text(text: str) -> bytes:
     writer = CdrWriter(b'')
     writer.text(text)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.acquisition import DOUBT
 from mvuav_ros.vision.markers.identity.assignment import GATE, NOTHING, Fits
+from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.view.filter import ViewFilter
 from mvuav_ros.vision.markers.view.weak_perspective import ROLL, SCALE, Array, ViewState, X, Y
 
@@ -27,8 +28,6 @@ MOST_OF_THREE = 24
 MOST_BENT = 0.15
 """By how much three markers may look distorted, in units of their size (1 sigma)."""
 MOST_PAIRS = 300
-FEWEST_TELLING = 4
-"""Markers that must be found where there are more lights than that or as many."""
 
 
 def reacquire(
@@ -52,8 +51,8 @@ def reacquire(
     """
     if len(spots) < fewest:
         return {}
-    # Of more lights some three nearly always look like three of the markers.
-    fewest = max(fewest, min(FEWEST_TELLING, len(spots), len(views.shape.points)))
+    # Of four lights and more some three nearly always look like three of the markers.
+    fewest = max(fewest, min(FAULTS.fewest_agreeing, len(spots), len(views.shape.points)))
     ways = _similar_ways(views, spots, fits, fewest)
     ways = list(
         {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}

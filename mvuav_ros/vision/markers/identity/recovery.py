@@ -22,17 +22,12 @@ class RecoveryTuning:
     Attributes:
         fewest_new: lights that must fit at once: a single one that does not go with the others
             may as well be another light.
-        most_cost: squared residuals over their variances, of the markers known with those lights,
-            where they are as few as can tell.
-        most_cost_of_more: the same where they are more, which only their own rig fits.
         confirmed: frames in a row that must name the lights alike, where they are as few as can
             tell.
         same: px, within which a marker may move between two frames.
     """
 
     fewest_new: int = 2
-    most_cost: float = 4.0
-    most_cost_of_more: float = 12.0
     confirmed: int = 2
     same: float = 40.0
 
@@ -72,7 +67,7 @@ class Recovery:
         views.upset(FAULTS.free)
         named = extend(views, found, spots, fits)
         view = views.look({m: (spot.x, spot.y) for m, spot in named.items()})
-        most_cost = TUNING.most_cost if len(named) <= fewest else TUNING.most_cost_of_more
+        most_cost = FAULTS.fitting_few if len(named) <= fewest else FAULTS.fitting
         if len(named) < fewest or view.cost > most_cost:
             self._agreed = 0
         elif self._believes(named, fewest):

@@ -12,11 +12,12 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
 from mvuav_ros.vision.markers.identity.assignment import GATE, Expectation, assign
 from mvuav_ros.vision.markers.identity.clutter import Clutter
+from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import Named
 from mvuav_ros.vision.markers.identity.joining import offset_by_view, offset_in, touching
 from mvuav_ros.vision.markers.identity.marker_memory import FORGOTTEN, Motion
-from mvuav_ros.vision.markers.identity.reacquisition import FEWEST_TELLING, extend, reacquire
+from mvuav_ros.vision.markers.identity.reacquisition import extend, reacquire
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
@@ -200,7 +201,7 @@ class Search:
         newcomers = [marker for marker in self.found if marker not in self._known]
         while newcomers and len(self._known) >= 2:
             surprise = self.faults.surprise_of(places_of(self.found))
-            few = len(self.found) < FEWEST_TELLING < len(self._looks)
+            few = len(self.found) < FAULTS.fewest_agreeing < len(self._looks)
             if max(surprise.values()) <= (GATE_OF_FEW if few else GATE):
                 break
             worst = max(newcomers, key=lambda marker: surprise[marker])

@@ -17,10 +17,10 @@ from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL, looks_of
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.attempts import CONFIRMED, Attempts
 from mvuav_ros.vision.markers.identity.clutter import Clutter
+from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import Named, initialize
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
-from mvuav_ros.vision.markers.identity.reacquisition import FEWEST_TELLING
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.identity.reporting import Reporter
@@ -179,7 +179,7 @@ class IdentityTracker:
             return self._report.nothing('no marker in view')
         memory.acquit(doubted, search.alone)
         # Where other lights are about, some three of all nearly always look like three markers.
-        few = len(search.reacquired) < FEWEST_TELLING and self._clutter.is_about
+        few = len(search.reacquired) < FAULTS.fewest_agreeing and self._clutter.is_about
         trusted = set() if few else search.reacquired
         unverified = search.faults.unverified(
             places_of(search.found), memory.returned - trusted, memory.contested - trusted
