@@ -150,7 +150,8 @@ def robot() -> list[list[str]]:
     if python is None:
         return []
     inside = ROOT / '.venv-robot' / 'bin' / 'python'
-    library = parallel('-m', 'not long', *QUICK[:-1], python=inside)
+    tests = (*QUICK[:-1], 'test/cli/commands')
+    library = parallel('-m', 'not long', *tests, python=inside)
     live = pytest('-n', '2', '--dist', 'worksteal', '-m', 'not long', 'test/nodes', python=inside)
     install = [str(python), 'tools/install.py', '.venv-robot', 'requirements/robot.txt']
     return [install, library, live]

@@ -28,6 +28,8 @@ def frame_progress(*, thread: bool = True) -> Progress:
         thread: whether a thread redraws the bar; without, every update does.
     """
     console = Console(stderr=True)
+    # rich 13 (Ubuntu 24.04's) ends even a disabled bar with an empty line.
+    console.quiet = not console.is_terminal
     return Progress(
         TextColumn('{task.description}', markup=False),
         BarColumn(),

@@ -103,10 +103,12 @@ def _nodes(context: LaunchContext) -> list[Node]:
             ros_arguments=['--log-level', given['log_level']],
         )
 
-    if 'one_process' in switches:
-        return [node('vision_process', playing)]
     # ros2 launch does not take an empty value: '' reaches it as two quotes, or not at all.
     none = given['source'].strip('\'"') in ('', 'none')
+    if 'one_process' in switches:
+        if none or set(names) != set(DETECTORS) or given['transport'] != 'raw':
+            raise RuntimeError('one_process: takes a source, both detectors and transport:=raw')
+        return [node('vision_process', playing)]
     source = [] if none else [node('video_source', playing)]
     return [*source, *(node(DETECTORS[name], seeing) for name in names)]
 

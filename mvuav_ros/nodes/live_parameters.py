@@ -31,7 +31,8 @@ class _SetInAnyOrder(ParameterService):
     rclpy sets the values of one request one by one. ``ros2 param load`` of other rows would fail
     half-way where the new end lies before the old start, so rejected values are tried again once
     others have been accepted. A value that is set already is no change, even where the parameter
-    is read-only: a dump holds dozens of those (``qos_overrides``).
+    is read-only: a dump holds dozens of those (``qos_overrides``). A parameter that the node does
+    not have is named; rclpy's own reason ends in an empty list.
     """
 
     def _set_parameters_callback(
@@ -39,7 +40,13 @@ class _SetInAnyOrder(ParameterService):
     ) -> SetParameters.Response:
         unchanged = SetParametersResult(successful=True)
         results = [unchanged] * len(request.parameters)
-        waiting = [i for i, each in enumerate(request.parameters) if not self._is_set(each)]
+        waiting = []
+        for index, each in enumerate(request.parameters):
+            if not self._get_node().has_parameter(each.name):
+                words = f'{each.name}: this node has no such parameter'
+                results[index] = SetParametersResult(successful=False, reason=words)
+            elif not self._is_set(each):
+                waiting.append(index)
         while waiting:
             again = SetParameters.Request(parameters=[request.parameters[i] for i in waiting])
             answer = super()._set_parameters_callback(again, SetParameters.Response())
@@ -53,10 +60,7 @@ class _SetInAnyOrder(ParameterService):
         return response
 
     def _is_set(self, message: ParameterMessage) -> bool:
-        node = self._get_node()
-        if not node.has_parameter(message.name):
-            return False
-        current = node.get_parameter(message.name).to_parameter_msg()
+        current = self._get_node().get_parameter(message.name).to_parameter_msg()
         return bool(current.value == message.value)
 
 

@@ -12,7 +12,3 @@ from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(lambda: VisionNode(MarkerTrackerProcessor())))
-
-
-if __name__ == '__main__':
-    main()

@@ -12,7 +12,3 @@ from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(lambda: VisionNode(RunwayDetectorProcessor())))
-
-
-if __name__ == '__main__':
-    main()

@@ -153,7 +153,3 @@ class VideoSource(ManagedNode):
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(VideoSource, camera_images=True))
-
-
-if __name__ == '__main__':
-    main()

@@ -28,7 +28,3 @@ def make_nodes() -> list[ManagedNode]:
 def main() -> None:
     """Run the nodes."""
     sys.exit(run_nodes(make_nodes, camera_images=True))
-
-
-if __name__ == '__main__':
-    main()

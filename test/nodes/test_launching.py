@@ -136,6 +136,9 @@ def test_every_transport_of_the_nodes_can_be_chosen(launch, transport):
     [
         ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml does not exist'),
         ({'detectors': 'markers,lights'}, "'lights' is not one of markers, runway"),
+        ({'one_process': 'true', 'source': 'none'}, 'one_process: takes a source'),
+        ({'one_process': 'true', 'detectors': 'runway'}, 'both detectors'),
+        ({'one_process': 'true', 'transport': 'compressed'}, 'transport:=raw'),
     ],
 )
 def test_mistakes_are_named(launch, given, words):

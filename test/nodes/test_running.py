@@ -12,6 +12,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter
 from support.graph import CLEAN, ROOT, claim_domain, image_message
 from support.live_stream import Stream
 from support.marker_scenes import draw, tanker_at
@@ -151,6 +152,17 @@ def test_a_dump_of_all_parameters_can_be_loaded_again(graph):
     rejected = [name for name, result in zip(names, results, strict=True) if not result.successful]
     assert rejected == ['image_transport']
     assert graph.get_parameter('runway_detector', 'num_peaks') == 4
+
+
+def test_a_parameter_that_a_node_does_not_have_is_named(graph):
+    graph.start('marker_tracker')
+    names = ('treshold', 'threshold')
+    dump = [Parameter(name, value=0.6).to_parameter_msg() for name in names]
+    request = SetParameters.Request(parameters=dump)
+    results = graph.call(SetParameters, '/marker_tracker/set_parameters', request).results
+    assert [result.successful for result in results] == [False, True]
+    assert results[0].reason == 'treshold: this node has no such parameter'
+    assert graph.get_parameter('marker_tracker', 'threshold') == 0.6
 
 
 def test_the_terminal_tells_the_start_the_first_image_and_silence(graph, tmp_path):

@@ -4,6 +4,8 @@ import asyncio
 
 import pytest
 
+pytest.importorskip('nicegui', reason='the extra panel is not installed')
+
 from mvuav_ros.panel.guard import Guard, is_loopback, make_token
 
 TOKEN = 'a-token-that-only-we-know'

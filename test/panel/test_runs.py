@@ -10,6 +10,8 @@ from dataclasses import replace
 import pytest
 from support.graph import ROOT
 
+pytest.importorskip('nicegui', reason='the extra panel is not installed')
+
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.report.writing import csv_text

@@ -8,11 +8,10 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-import fsspec
 import pytest
 from support.commands import mvuav
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
-from support.s3_server import s3_bucket
+from support.s3_server import fsspec, s3_bucket
 
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.reading import open_recording

@@ -6,16 +6,18 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import fsspec
-from moto.server import ThreadedMotoServer
+import pytest
+
+fsspec = pytest.importorskip('fsspec', reason='the extra remote is not installed')
+server = pytest.importorskip('moto.server', reason='moto is not installed')
 
 
 @contextmanager
 def s3_bucket(name: str) -> Iterator[str]:
     """An empty bucket; this process and its children reach it by its URL."""
-    server = ThreadedMotoServer(ip_address='127.0.0.1', port=0)
-    server.start()
-    host, port = server.get_host_and_port()
+    moto = server.ThreadedMotoServer(ip_address='127.0.0.1', port=0)
+    moto.start()
+    host, port = moto.get_host_and_port()
     given = {
         'AWS_ENDPOINT_URL': f'http://{host}:{port}',
         'AWS_ACCESS_KEY_ID': 'test',
@@ -30,4 +32,4 @@ def s3_bucket(name: str) -> Iterator[str]:
     yield f's3://{name}'
     for variable, value in before.items():
         os.environ.pop(variable) if value is None else os.environ.update({variable: value})
-    server.stop()
+    moto.stop()

@@ -11,14 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import distributed
-import fsspec
 import pytest
 from support.commands import COMMAND, ROOT, environment, mvuav_process, read, write_flight
-from support.s3_server import s3_bucket
+from support.s3_server import fsspec, s3_bucket
 
 from mvuav_ros.recordings.remote import fetch, read_text
 
+distributed = pytest.importorskip('distributed', reason='Dask is not installed')
 NODE = ('--nodes', 'marker_tracker')
 LENGTHS = {'long': 4000, 'middle': 1500, 'short': 40, 'other': 60}
 

@@ -1,5 +1,9 @@
 """Undo and redo."""
 
+import pytest
+
+pytest.importorskip('nicegui', reason='the extra panel is not installed')
+
 from mvuav_ros.panel.page.context import History
 
 

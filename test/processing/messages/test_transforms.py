@@ -103,6 +103,7 @@ def approach(**values):
 
 
 def test_a_point_of_the_runways_edge_lands_on_the_edges_pixel():
+    """On that of the line that was found, and of the edge where it truly is."""
     processor = approach()
     said, info = fly(processor, RUNWAY), camera_info(RUNWAY)
     assert processor.topics['/tf'] is transforms.TF_TYPE
@@ -113,16 +114,18 @@ def test_a_point_of_the_runways_edge_lands_on_the_edges_pixel():
         parent, child, place = tf(outputs['/tf'])
         assert (parent, child) == (CAMERA_FRAME, 'runway')
         rows = decode_points(deserialize_message(outputs['line_params'], PointCloud2))
-        truth = frame.truth.pose.position
-        for row, y in ((rows[0], WIDTH / 2), (rows[1], -WIDTH / 2)):
+        truth = frame.truth
+        for index, y in ((0, WIDTH / 2), (1, -WIDTH / 2)):
+            found, edge = rows[index], truth.lines[index]
             # On the runway, ahead of the aircraft and in the picture.
             for ahead in (150.0, 300.0, 600.0):
-                pixel = project((max(truth[0], 0.0) + ahead, y, 0.0), place, info)
+                start = max(truth.pose.position[0], 0.0)
+                pixel = project((start + ahead, y, 0.0), place, info)
                 if not (0 <= pixel[0] < info.width and 0 <= pixel[1] < info.height):
                     continue
-                normal = math.cos(row['theta']), math.sin(row['theta'])
-                distance = pixel[0] * normal[0] + pixel[1] * normal[1] - row['rho']
-                assert abs(distance) < 2.0
+                for rho, theta in ((found['rho'], found['theta']), (edge.rho, edge.theta)):
+                    distance = pixel[0] * math.cos(theta) + pixel[1] * math.sin(theta) - rho
+                    assert abs(distance) < 2.0
                 checked += 1
     assert checked > 50
 

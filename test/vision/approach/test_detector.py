@@ -171,13 +171,16 @@ def test_a_frame_of_another_size_starts_afresh(images):
 
 def test_large_frames_give_the_same_runway_in_their_own_pixels(images):
     large = [cv2.resize(p, (1280, 960), interpolation=cv2.INTER_LINEAR) for p in images]
-    small = run(ApproachDetector(APPROACH), images)[-1]
-    big = run(ApproachDetector(APPROACH), large)[-1]
-    for corner, other in zip(small.corners, big.corners, strict=True):
-        # Ends are whole rows of the working image, of which a px is two of these.
-        assert ((other[0] + 0.5) / 2 - 0.5, (other[1] + 0.5) / 2 - 0.5) == pytest.approx(
-            corner, abs=2.0
-        )
+    left, right = RunwayFlight(RunwaySettings(frames=FRAMES)).frame(FRAMES - 1).truth.lines[:2]
+    truth = ((left.x1, left.y1), (right.x1, right.y1), (right.x2, right.y2), (left.x2, left.y2))
+    small = run(ApproachDetector(APPROACH), images)[-1].corners
+    big = run(ApproachDetector(APPROACH), large)[-1].corners
+    halved = [((x + 0.5) / 2 - 0.5, (y + 0.5) / 2 - 0.5) for x, y in big]
+    for corner, other, (x, y) in zip(small, halved, truth, strict=True):
+        for found in (corner, other):
+            assert found[0] == pytest.approx(x, abs=2.0)
+            # Ends are whole rows of the working image, of which a px is two of these.
+            assert found[1] == pytest.approx(y, abs=4.0)
 
 
 def test_a_pipeline_is_followed():
