@@ -13,7 +13,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL, looks_of
+from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.attempts import CONFIRMED, Attempts
 from mvuav_ros.vision.markers.identity.clutter import Clutter
@@ -69,8 +69,6 @@ class IdentityTracker:
         self._size = (0, 0)
         self._camera: CameraModel | None = None
         self._tick = 0
-        # The first frame has no time for them.
-        looks_of(WeakPerspective.of(rig, Lens((1, 1))).points.tobytes())
         self._start_again()
 
     def set_camera(self, camera: CameraModel | None) -> None:
