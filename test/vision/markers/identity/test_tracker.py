@@ -245,7 +245,7 @@ def test_a_flash_that_fills_the_frame():
     assert result.markers[2].x == pytest.approx(269, abs=0.2)
 
 
-@pytest.mark.parametrize(('calibrated', 'fewest'), [(True, 10), (False, 8)])
+@pytest.mark.parametrize(('calibrated', 'fewest'), [(True, 9), (False, 8)])
 def test_a_whole_body_among_five_glares_is_named_in_its_first_frames(calibrated, fewest):
     scene = LightScene(roll=1.0, tilt=0.2, shake=1.0, glares=5, frames=10)
     whole = 0
