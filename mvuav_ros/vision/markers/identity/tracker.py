@@ -151,6 +151,8 @@ class IdentityTracker:
             if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
                 del seen[a], seen[b]
         found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
+        memory.watch(seen)
+        faults.jumps = memory.jumps.evidence
         faults.contested = memory.contested
         consensus = faults.weigh(places_of(found))
         if len(consensus.kept) == self._count:
