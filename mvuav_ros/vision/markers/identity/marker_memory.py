@@ -128,8 +128,7 @@ class MarkerMemory:
         )
 
     def watch(self, seen: Mapping[int, Detection]) -> None:
-        """See whether all lights, px, are where their own motion takes them, and doubt one that
-        is not."""
+        """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
         away = {
             m: (spot.x - self.predicted[2 * m], spot.y - self.predicted[2 * m + 1])
             for m, spot in seen.items()
