@@ -32,6 +32,8 @@ def test_another_light_does_not_keep_a_name(scene, seed):
         ('docking, k1 -0.12', 9029),  # one light of a body that has left the frame
         ('the same, rolling, k1 -0.12', 9529),  # contradicted, and named again in the same frame
         ('the same, k1 -0.3', 9520),  # a light beside four markers at the start
+        ('a light passes where a marker goes dark', 9921),  # a light beside one that moves on
+        ('a light passes where a marker goes dark', 9982),  # a jump by half a pixel
     ],
 )
 def test_names_that_were_wrong_for_long(scene, seed):

@@ -99,11 +99,13 @@ class FaultDetector:
         views: how the rig is seen.
         contested: markers that were out of sight or not alone shortly before, whose lights may
             be others; where enough others are not, they hardly take part.
+        jumps: evidence that markers' lights are others since a moment ago (see `Jumps`).
     """
 
     def __init__(self, views: ViewFilter) -> None:
         self.views = views
         self.contested: set[int] = set()
+        self.jumps: Mapping[int, float] = {}
         self._evidence: Array = np.zeros(views.doubted)
         self._corrected: tuple[object, Correction] | None = None
 
@@ -191,8 +193,9 @@ class FaultDetector:
     ) -> Consensus | None:
         """What the others agree on, by the filter that has doubted the worst marker all along."""
         score = {m: float(evidence[m]) for m in found if evidence[m] > TUNING.doubt}
-        for marker in self.contested & set(score):
-            score[marker] += TUNING.contested
+        for marker in score:
+            score[marker] += TUNING.contested * (marker in self.contested)
+            score[marker] += self.jumps.get(marker, 0.0)
         if not score:
             return None
         worst = max(score, key=lambda marker: score[marker])
@@ -216,8 +219,9 @@ class FaultDetector:
         seen = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
         places = np.array(list(found.values()))
         fits = self.views.fit(seen, places[np.array(rests)])
+        jumped = [self.jumps.get(marker, 0.0) for marker in markers]
         fitting = [
-            (cost, rest)
+            (cost + sum(jumped[i] for i in rest), rest)
             for cost, rest, surprise in zip(fits.cost, rests, fits.surprise, strict=True)
             if surprise.max() <= TUNING.gate
         ]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
 from mvuav_ros.vision.markers.identity.assignment import Expectation
+from mvuav_ros.vision.markers.identity.jumps import Jumps
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
 
@@ -72,12 +73,14 @@ class MarkerMemory:
         predictor: of their motions.
         predicted: x and y of every marker in turn in the newest frame, by its own motion, px.
         told: the same, but where markers out of sight should be by all that is known.
+        jumps: of their lights.
     """
 
     def __init__(self, time: float, spots: Sequence[Detection]) -> None:
         """Begin with all of them, at a time (s), px of the image."""
         self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]
         self.predictor = MotionPredictor(len(spots))
+        self.jumps = Jumps()
         self.predict(time)
         self.predicted = self.told = [math.nan] * (2 * len(spots))
         self.remember(time, spots, {})
@@ -123,6 +126,16 @@ class MarkerMemory:
             [Expectation(x, y, d) for (x, y), d in zip(places, deviations, strict=True)],
             [max(marker.unseen, marker.returning) for marker in self.markers],
         )
+
+    def watch(self, seen: Mapping[int, Detection]) -> None:
+        """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
+        away = {
+            m: (spot.x - self.predicted[2 * m], spot.y - self.predicted[2 * m + 1])
+            for m, spot in seen.items()
+        }
+        jumped = self.jumps.update(away)
+        if jumped is not None:
+            self.markers[jumped].contested = PROBATION
 
     def contest(self, seen: Mapping[int, Detection]) -> dict[int, int]:
         """Doubt those that were expected in their windows and are not seen there.

@@ -13,7 +13,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL, looks_of
+from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.attempts import CONFIRMED, Attempts
 from mvuav_ros.vision.markers.identity.clutter import Clutter
@@ -69,8 +69,6 @@ class IdentityTracker:
         self._size = (0, 0)
         self._camera: CameraModel | None = None
         self._tick = 0
-        # The first frame has no time for them.
-        looks_of(WeakPerspective.of(rig, Lens((1, 1))).points.tobytes())
         self._start_again()
 
     def set_camera(self, camera: CameraModel | None) -> None:
@@ -153,6 +151,8 @@ class IdentityTracker:
             if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
                 del seen[a], seen[b]
         found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
+        memory.watch(seen)
+        faults.jumps = memory.jumps.evidence
         faults.contested = memory.contested
         consensus = faults.weigh(places_of(found))
         if len(consensus.kept) == self._count:

@@ -159,6 +159,8 @@ def _residual(
     shape: WeakPerspective, parameters: Array, places: Array, columns: NDArray[np.intp]
 ) -> tuple[Array, Array]:
     expected, slopes = shape.linearize_all(parameters)
+    if len(columns) == 1:
+        return places - expected[:, columns[0]], slopes[:, :, columns[0]]
     expected = np.take_along_axis(expected, columns, axis=1)
     return places - expected, np.take_along_axis(slopes, columns[:, None], axis=2)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
 _NEAREST = 0.05
 """Least distance of a marker over the rig's: what would come to lie behind the camera."""
+_LEAST_AREA = 1e-3
+"""Twice that of a triangle in which three markers are not on one line, in squared units."""
 _EXPONENTS: Complex = np.zeros((COUNT, 6), np.complex128)
 """Of a view: i times yaw + pitch, yaw - pitch, yaw, and pitch; log of the scale plus i times the
 roll; log of the scale less that of the focal length."""
@@ -76,6 +79,18 @@ class WeakPerspective:
         apart = np.abs(flat[:, None] - flat)
         first, second = np.unravel_index(int(np.argmax(apart)), apart.shape)
         return int(first), int(second)
+
+    @cached_property
+    def triangle(self) -> tuple[int, int, int] | None:
+        """The three markers of the largest triangle as seen from behind; None if on one line."""
+        flat = self.points[:, 0] + 1j * self.points[:, 1]
+
+        def area(three: tuple[int, int, int]) -> float:
+            a, b, c = (complex(flat[marker]) for marker in three)
+            return abs(((b - a).conjugate() * (c - a)).imag)
+
+        largest = max(combinations(range(len(flat)), 3), key=area, default=None)
+        return None if largest is None or area(largest) < _LEAST_AREA else largest
 
     @cached_property
     def most_nearness(self) -> float:

@@ -9,6 +9,7 @@ from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.offline.evaluation.identity_runs import IdentityTask, fly_names
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.simulation.light_flights import LightFlight, LightScene
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
@@ -242,6 +243,26 @@ def test_a_flash_that_fills_the_frame():
         expected = PREDICTED if step in (8, 9) else DETECTED
         assert [m.state for m in result.markers] == [expected] * 5, step
     assert result.markers[2].x == pytest.approx(269, abs=0.2)
+
+
+@pytest.mark.parametrize(('calibrated', 'fewest'), [(True, 9), (False, 8)])
+def test_a_whole_body_among_five_glares_is_named_in_its_first_frames(calibrated, fewest):
+    scene = LightScene(roll=1.0, tilt=0.2, shake=1.0, glares=5, frames=10)
+    whole = 0
+    for seed in range(20, 30):
+        flight = LightFlight(scene, seed)
+        tracker = MarkerTracker()
+        if calibrated:
+            tracker.set_camera(flight.camera)
+        named = False
+        for stamp_ns, pixels, truth in flight:
+            result = tracker.process(Image(pixels, 'mono8'), stamp_ns)
+            seen = [m.state is DETECTED for m in result.markers]
+            places = np.array([(marker.x, marker.y) for marker in result.markers])
+            assert np.abs(places - truth.pixels)[seen].max(initial=0.0) < 2.0
+            named |= all(seen)
+        whole += named
+    assert whole >= fewest
 
 
 def test_four_strangers_and_one_marker_are_no_tanker():
