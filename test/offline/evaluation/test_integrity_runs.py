@@ -42,6 +42,12 @@ def test_names_that_were_wrong_for_long(scene, seed):
     assert flown.moved.max() < 0.05
 
 
+def test_three_glares_and_two_markers_are_no_body_to_a_camera_that_is_not_calibrated():
+    scene = 'rolling, shaking, losses and three glares'
+    flown = fly_integrity(IntegrityTask(scene, 10009, calibrated=False))
+    assert max(flown.wrong, default=0) <= 10
+
+
 def test_three_lights_that_started_upside_down():
     wrong = [fly_integrity(IntegrityTask('three markers at any roll', s)).wrong for s in STARTS]
     assert wrong == [()] * len(STARTS)

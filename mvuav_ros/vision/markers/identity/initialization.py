@@ -93,7 +93,7 @@ def initialize(
             remark = '' if alone else f'{len(spots)} lights in view, the {count} that fit were used'
             fits = best.view.misfit <= exact
             strict = STRICT_MISFIT[0] + STRICT_MISFIT[1] * best.view.scale
-            odd = shape.lens.focal is not None and best.view.misfit > strict
+            odd = not free and best.view.misfit > strict
             return Named(chosen, best.view, alone and not odd, fits, odd, remark)
     if alone and tuple(names) == TANKER_NAMES and before is None and shape.lens.focal is None:
         return _as_the_thesis(shape, spots) or Named(remark=unclear)
