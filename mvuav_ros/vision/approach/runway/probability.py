@@ -61,6 +61,7 @@ class Report(NamedTuple):
         rivals: the other tracks' odds over the track's.
         distinct: share of the last frames with clear lines along both sides, or clear colours.
         other_edges: odds that an edge is elsewhere; 1 where the image shows two places for it.
+        shoulder_lines: from 0 to 1, whether shoulders have lines too, on both sides.
     """
 
     log_odds: float
@@ -70,9 +71,10 @@ class Report(NamedTuple):
     rivals: float
     distinct: float
     other_edges: float = 0.0
+    shoulder_lines: float = 0.0
 
     def of_the_runway(self) -> NDArray[np.float64]:
-        """(6,) what speaks for its being the runway."""
+        """(7,) what speaks for its being the runway."""
         return np.array(
             [
                 min(max(self.log_odds, -6.0), _STEADY),
@@ -81,12 +83,14 @@ class Report(NamedTuple):
                 float(self.attitude),
                 math.log1p(min(self.rivals, 20.0)),
                 self.distinct,
+                self.shoulder_lines,
             ]
         )
 
     def of_the_place(self) -> NDArray[np.float64]:
         """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
-        return np.array([math.log(self.agreement + _LEAST_AGREEMENT)])
+        lines = self.distinct * min(self.moved / _LONG, 1.0)
+        return np.array([math.log(max(self.agreement, lines) + _LEAST_AGREEMENT)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +98,7 @@ class ConfidenceWeights:
     """Two logistic functions, whose product, less the odds of other edges, is the confidence.
 
     Attributes:
-        runway: (7,) offset and weights of `Report.of_the_runway`.
+        runway: (8,) offset and weights of `Report.of_the_runway`.
         place: (2,) offset and weights of `Report.of_the_place`.
     """
 
@@ -105,7 +109,7 @@ class ConfidenceWeights:
         """Probability that both edges are where they were reported.
 
         Example:
-            >>> weights = ConfidenceWeights(np.zeros(7), np.array([20.0, 0.0]))
+            >>> weights = ConfidenceWeights(np.zeros(8), np.array([20.0, 0.0]))
             >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0, 0.0)), 6)
             0.5
         """

@@ -23,10 +23,10 @@ _STEP, _INSIDE, _BEYOND = 0.01, 0.02, 0.3
 """Widths of the runway: between samples, and how far inside and outside of the edge they are."""
 _WINDOW = 2.0
 """Px, in the middle row, of the means whose difference is a step: the blur of run 3."""
-_LEAST_STEP = 8.0
-"""Grey levels of a step that is an edge; those of run 3 have 10 and more."""
-_LEAST_CLEARNESS = 1.5
-"""Grey levels by which it must stand out from what is between; chosen on run 3."""
+_LEAST_STEP = 0.034
+"""Of the mean brightness, however long the exposure was: a step that is an edge. Run 3."""
+_LEAST_CLEARNESS = 0.0064
+"""Of the mean brightness: by how much it must stand out from what is between. Run 3."""
 
 
 def shows_shoulders(
@@ -58,7 +58,9 @@ def shows_shoulders(
     if 2 * np.count_nonzero(seen) < _ROWS:
         return None
     window = max(2, round(_WINDOW / (float(np.median(outwards[1])) * _STEP)))
-    steps = np.stack([_steps(channel, window, seen) for channel in opponent_channels(pixels)])
+    channels = opponent_channels(pixels)
+    unit = max(float(channels[0].mean()), 1.0)
+    steps = np.stack([_steps(channel, window, seen) for channel in channels]) / unit
     sizes = np.linalg.norm(steps, axis=0)
     place = across[:-window] + 0.5 * window * _STEP
     return min(_clearness(size, place, window * _STEP) for size in sizes) >= _LEAST_CLEARNESS

@@ -7,6 +7,7 @@ the runway's edge is where the line's outer side is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at, rows_of
 from mvuav_ros.vision.approach.runway.evidence import opponent_channels
+from mvuav_ros.vision.approach.runway.line_choice import Line
 
 
 @dataclass(frozen=True)
@@ -32,15 +34,13 @@ class SideLineParameters:
         farthest: between a line's middle and the expected edge.
         halves: half widths of lines.
         rows: sampled between the far and the near end.
-        outwards_less: by how much a line ``farthest`` outside the expected edge counts less than
-            one at it: where there are two lines, the outer one is the shoulder's.
-        inwards_less: by how much one counts less that is as far inside.
-        turned_less: by how much one counts less that moves by twice ``farthest`` from end to end.
+        most_turned: between a line's places at the far and at the near end.
+        turned_less: by how much one counts less for each width that it moves from end to end.
         fine: px between samples across a line that has been found, at most.
         around: how far from its found middle a line's brightest place may be.
         beyond: how far beyond a line's middle in which its sides are looked for.
+        apart: between lines that are not one.
         noise: grey levels of ridges that are taken to be everywhere.
-        weakest: share of the clearest line's clearness from which another line counts.
         widest: px of the near end from which the markings at the threshold are told apart, lines
             along the edges themselves, so that the pavement's steps are measured instead.
         least_clearness: of the fainter line, in usual ridges of the place.
@@ -48,17 +48,16 @@ class SideLineParameters:
 
     step: float = 0.02
     reach: float = 0.5
-    farthest: float = 0.24
+    farthest: float = 0.32
+    most_turned: float = 0.24
     halves: tuple[float, ...] = (0.06, 0.1)
     rows: int = 24
-    outwards_less: float = 1.5
-    inwards_less: float = 0.15
-    turned_less: float = 0.8
+    turned_less: float = 1.67
     fine: float = 0.6
     around: float = 0.06
     beyond: float = 0.16
+    apart: float = 0.12
     noise: float = 0.5
-    weakest: float = 0.55
     widest: float = 90.0
     least_clearness: float = 1.2
 
@@ -82,6 +81,7 @@ def edges_by_lines(
     level: Derotation,
     shape: NDArray[np.float64],
     span: tuple[float, float],
+    choose: Callable[[tuple[list[Line], list[Line]]], tuple[Line, Line] | None],
 ) -> tuple[EdgePoints, EdgePoints] | None:
     """Measure both edges of a narrow runway by the outer sides of the lines along them.
 
@@ -90,6 +90,8 @@ def edges_by_lines(
         level: of the frame.
         shape: (4,) vanishing point and slopes, px of the levelled working image.
         span: rows from the vanishing point to the far and to the near end.
+        choose: which of the lines along the left and along the right edge are the runway's, if
+            any.
 
     Returns:
         Points of the left and of the right edge; None if the lines are not clear, or the runway is
@@ -100,8 +102,8 @@ def edges_by_lines(
     rows, expected, outwards = rows_of(shape, span, _ALONG)
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
     brightness = _brightness(image, level, columns, rows)
-    lines = [_clearest(each) for each in brightness]
-    if min(clearness for _, _, clearness in lines) <= SIDE_LINES.least_clearness:
+    lines = choose((_distinct(brightness[0]), _distinct(brightness[1])))
+    if lines is None or min(line.clearness for line in lines) <= SIDE_LINES.least_clearness:
         return None
     middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
     step = min(SIDE_LINES.step, SIDE_LINES.fine / float(outwards[1, -1]))
@@ -144,10 +146,12 @@ def _line_fan(half: float) -> _LineFan:
     middles = _ACROSS[reach:-reach]
     near_edge = np.nonzero(np.abs(middles) <= SIDE_LINES.farthest)[0]
     far, near = (each.ravel() for each in np.meshgrid(near_edge, near_edge, indexing='ij'))
+    turned = np.abs(middles[far] - middles[near])
+    straight = turned <= SIDE_LINES.most_turned
+    far, near, turned = far[straight], near[straight], turned[straight]
     rows = np.arange(SIDE_LINES.rows)[:, None]
     at = np.rint(far + (near - far) * (rows / (SIDE_LINES.rows - 1))).astype(np.intp)
     ends = np.stack([middles[far], middles[near]], axis=1)
-    turned = np.abs(ends[:, 0] - ends[:, 1]) / (2.0 * SIDE_LINES.farthest)
     worth = 1.0 - SIDE_LINES.turned_less * turned
     return _LineFan(reach, ends, at + rows * middles.size, worth)
 
@@ -161,40 +165,33 @@ def _brightness(
     return opponent_channels(pixels)[0].reshape(columns.shape)
 
 
-def _clearest(brightness: NDArray[np.float32]) -> tuple[float, float, float]:
-    """The line nearest to where it is expected among the clear ones.
-
-    Returns:
-        Its middle at the far and at the near end, and its clearness.
-    """
+def _distinct(brightness: NDArray[np.float32]) -> list[Line]:
+    """The clearest lines that are apart from one another, of any width."""
     lines = [line for half in SIDE_LINES.halves for line in _lines(brightness, half)]
-    clearest = max(line[2] for line in lines)
-
-    def worth(line: tuple[float, float, float]) -> float:
-        away = (line[0] + line[1]) / (2.0 * SIDE_LINES.farthest)
-        less = SIDE_LINES.outwards_less if away > 0 else -SIDE_LINES.inwards_less
-        return line[2] / max(clearest, 1e-6) - less * away
-
-    return max((line for line in lines if line[2] >= SIDE_LINES.weakest * clearest), key=worth)
+    kept: list[Line] = []
+    for line in sorted(lines, key=lambda line: -line.clearness):
+        if all(abs(line.middle - other.middle) > SIDE_LINES.apart for other in kept):
+            kept.append(line)
+    return kept
 
 
-def _lines(brightness: NDArray[np.float32], half: float) -> list[tuple[float, float, float]]:
-    """The clearest lines of a width that are apart from one another, as `_clearest`."""
+def _lines(brightness: NDArray[np.float32], half: float) -> list[Line]:
+    """The clearest lines of a width that are apart from one another."""
     fan = _line_fan(half)
     reach = fan.reach
     smooth = cv2.blur(brightness, (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])
     ridge = np.maximum(smooth[:, reach:-reach] - sides, 0.0)
-    ridge = np.minimum(ridge, _CLIPPED * float(ridge.mean()) + 1.0)
+    ridge = np.minimum(ridge, _CLIPPED * cv2.mean(ridge)[0] + 1.0)
     votes = ridge.ravel().take(fan.at).sum(axis=0)
-    usual = float(ridge.mean()) + SIDE_LINES.noise
+    usual = cv2.mean(ridge)[0] + SIDE_LINES.noise
     clear = votes * fan.worth / (usual * SIDE_LINES.rows)
     centre = fan.ends.mean(axis=1)
     found = []
     for _ in range(3):
         best = int(clear.argmax())
         far, near = (float(end) for end in fan.ends[best])
-        found.append((far, near, float(clear[best])))
+        found.append(Line(far, near, float(clear[best])))
         clear[np.abs(centre - centre[best]) < half] = 0.0
     return found
 

@@ -26,9 +26,9 @@ from mvuav_ros.vision.approach.runway.geometry import (
     shape_through,
 )
 from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
+from mvuav_ros.vision.approach.runway.lined_edges import LinedEdges
 from mvuav_ros.vision.approach.runway.probability import evidence_weights
 from mvuav_ros.vision.approach.runway.shoulders import shows_shoulders
-from mvuav_ros.vision.approach.runway.side_lines import edges_by_lines
 from mvuav_ros.vision.approach.runway.view import View
 from mvuav_ros.vision.approach.shape import Shape
 
@@ -55,13 +55,15 @@ _LOCK_AGREEMENT, _LOCK_SUPPORT = 0.4, 0.7
 alone: near the ground everything around it has straight edges too."""
 _GROWTH_MEMORY, _MOST_GROWTH = 0.1, 0.04
 _MOST_UNSEEN = 3
-_SHOULDER_MEMORY, _SHOULDERS = (0.3, 0.1), (0.4, 0.7)
+_SHOULDER_MEMORY, _SHOULDERS = (0.3, 0.1), (0.3, 0.6)
 """Share of a frame that shows shoulders, and of one that does not, in what is remembered of them,
 and what of it makes them possible and certain. Run 3."""
 _JUMP_MEMORY = 0.15
 """Share of a frame by which an edge that jumped is forgotten."""
 _YOUNG = 5
 """Frames in which a track is weighed every time."""
+_DISTINCT = 0.5
+"""Share of the last frames with clear lines from which edges are kept where they are gone."""
 _PAINT = FEATURES.index('paint')
 _STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
@@ -108,6 +110,7 @@ class RunwayTrack:
         self._clear, self._lead = False, 0.0
         self._rested = 0
         self._jumped = 0.0
+        self._lines = LinedEdges()
         self.locked = False
         self._sharp, self._growth = 0.0, 0.0
         self._unseen = 0
@@ -118,7 +121,13 @@ class RunwayTrack:
 
         It is so with paved shoulders that are plain to see, and after an edge has jumped.
         """
-        return max(float(np.interp(self.shoulders, _SHOULDERS, (0.0, 1.0))), self._jumped)
+        shoulders = float(np.interp(self.shoulders, _SHOULDERS, (0.0, 1.0)))
+        return max(shoulders, self._jumped, self._lines.other)
+
+    @property
+    def shoulder_lines(self) -> float:
+        """From 0 to 1, whether shoulders have lines too, on both sides and as far apart."""
+        return self._lines.shoulders
 
     @property
     def lost(self) -> bool:
@@ -145,14 +154,17 @@ class RunwayTrack:
 
     def step(self, view: View, period: int) -> None:
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
-        self._follow(view, period)
-        if not self._plausible(view):
-            self.misses = _MOST_MISSES + 1
-
-    def _follow(self, view: View, period: int) -> None:
         if self.age:
             self.shape.grow(self._growth)
             self.shape.predict(*view.registration.shift(self.strip(), view.level))
+        before = self.strip()
+        self._follow(view, period)
+        if not self._plausible(view):
+            self.misses = _MOST_MISSES + 1
+            return
+        self._lines.move(before, self.shape.as_array())
+
+    def _follow(self, view: View, period: int) -> None:
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
@@ -225,7 +237,9 @@ class RunwayTrack:
             self.points = None
             return False
         # The lines' outer sides are the edges, by colour too: shoulders may lie beyond.
-        exact = edges_by_lines(view.image, view.level, strip[:4], (self.far, self.near)) or exact
+        if self._look.coloured:
+            self._lines.expect_colour(strip, exact)
+        exact = self._lines_along(view, strip[:4], (self.far, self.near)) or exact
         self.points = exact
         self.shape.move_reference(float(strip[1] + 0.3 * self.far + 0.7 * self.near))
         self.shape.update(*exact, None, 1.0)
@@ -293,7 +307,11 @@ class RunwayTrack:
                     and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
                 )
         if not self.locked:
-            points = self._by_lines(view, through, self._known_span(through, span)) or points
+            self._lines.expect(self.strip(), through)
+            lines = self._by_lines(view, through, self._known_span(through, span))
+            if lines is None and self.distinct > _DISTINCT and not self._look.coloured:
+                lines = points_along(columns_at(self.strip()[None], rows)[0], rows, spread)
+            points = lines or points
         self._take_in(points, rows, view)
         self.points = points
         self._follow_ends(rows)
@@ -315,10 +333,22 @@ class RunwayTrack:
         self, view: View, shape: NDArray[np.float64], span: tuple[float, float]
     ) -> tuple[EdgePoints, EdgePoints] | None:
         coloured = self._clear and self._look.coloured
-        found = None if coloured else edges_by_lines(view.image, view.level, shape, span)
+        if coloured:
+            self._lines.forget()
+        found = None if coloured else self._lines_along(view, shape, span)
         distinct = float(coloured or found is not None)
         self.distinct += max(_MEMORY, 1.0 / self.age) * (distinct - self.distinct)
         return found
+
+    def _lines_along(
+        self, view: View, shape: NDArray[np.float64], span: tuple[float, float]
+    ) -> tuple[EdgePoints, EdgePoints] | None:
+        """Both edges by the lines along them, of which each frame says more."""
+        strip = self.strip()
+        tolerance = max(
+            _LEAST_TOLERANCE, _TOLERANCE_SHARE * float((strip[3] - strip[2]) * strip[5])
+        )
+        return self._lines.find(view.image, view.level, strip, shape, span, tolerance)
 
     def _take_in(
         self, points: tuple[EdgePoints, EdgePoints], rows: NDArray[np.float64], view: View

@@ -143,6 +143,7 @@ class RunwayTracker:
             rivals,
             best.distinct,
             best.other_edges,
+            best.shoulder_lines,
         )
 
     @property

@@ -16,6 +16,14 @@ def test_what_speaks_for_a_runway_raises_it():
     assert confidence(agreement=1.0) > plain
     assert confidence(attitude=True) > plain
     assert confidence(moved=60) > confidence(moved=20) > plain
+    assert confidence(shoulder_lines=1.0) > plain
+
+
+def test_lines_seen_in_many_frames_tell_where_the_edges_are_though_strips_disagree():
+    followed = {'log_odds': 9.0, 'moved': 60, 'distinct': 1.0}
+    assert confidence(**followed, agreement=0.1) == confidence(**followed, agreement=0.9)
+    still = followed | {'moved': 0}
+    assert confidence(**still, agreement=0.1) < confidence(**still, agreement=0.9)
 
 
 def test_what_speaks_against_it_lowers_it():

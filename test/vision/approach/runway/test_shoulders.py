@@ -35,6 +35,11 @@ def test_shoulders_on_both_sides_are_seen_by_day_and_in_grey(land):
     assert shows_shoulders(image.astype(np.uint16) * 256, LEVEL, SHAPE, SPAN)
 
 
+def test_shoulders_are_seen_however_short_the_exposure_was():
+    dark = cv2.convertScaleAbs(runway(1.2, 1.3), alpha=0.25)
+    assert shows_shoulders(dark, LEVEL, SHAPE, SPAN)
+
+
 @pytest.mark.parametrize('sides', [(1.0, 1.0), (1.2, 1.0), (1.0, 1.2)])
 def test_none_where_land_begins_at_an_edge(sides):
     assert shows_shoulders(runway(*sides), LEVEL, SHAPE, SPAN) is False

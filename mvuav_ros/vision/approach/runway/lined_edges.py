@@ -1,0 +1,99 @@
+"""A runway's edges by the lines along its sides, and what earlier frames tell of those."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.runway.line_choice import Line, LineChoice
+from mvuav_ros.vision.approach.runway.side_lines import edges_by_lines
+
+_MIDDLE = 0.7
+"""Share of the near end's depth in which edges are compared."""
+
+
+class LinedEdges:
+    """The side lines of one runway that is followed; strips are (6,) as `search.Strips`.
+
+    Attributes:
+        shoulders: from 0 to 1, whether shoulders have lines too, on both sides and as far apart.
+        other: odds that another line is the runway's, farther from the found one than allowed.
+    """
+
+    def __init__(self) -> None:
+        self.other, self.shoulders = 0.0, 0.0
+        self._choice = LineChoice()
+
+    def forget(self) -> None:
+        """Begin anew: the lines were not looked for in a frame."""
+        self._choice = LineChoice()
+        self.other, self.shoulders = 0.0, 0.0
+
+    def move(self, before: NDArray[np.float64], after: NDArray[np.float64]) -> None:
+        """The runway's edges are now elsewhere, (4,) as `Shape.as_array`, than the strip's."""
+        self._choice.move(_outwards(before, after))
+
+    def expect(self, strip: NDArray[np.float64], shape: NDArray[np.float64]) -> None:
+        """The edges may be where a shape, (4,), has them."""
+        self._choice.expect(_outwards(strip, shape))
+
+    def expect_colour(
+        self, strip: NDArray[np.float64], points: tuple[EdgePoints, EdgePoints]
+    ) -> None:
+        """The edges are where colour has shown them."""
+        away = []
+        for edge, slope in zip(points, strip[2:4], strict=True):
+            depth = edge.rows - strip[1]
+            offsets = (edge.columns - strip[0] - slope * depth) / ((strip[3] - strip[2]) * depth)
+            away.append(float(np.average(offsets, weights=edge.weights + 1e-6)))
+        self._choice.expect((-away[0], away[1]), colour=True)
+
+    def find(
+        self,
+        image: NDArray[Any],
+        level: Derotation,
+        strip: NDArray[np.float64],
+        shape: NDArray[np.float64],
+        span: tuple[float, float],
+        tolerance: float,
+    ) -> tuple[EdgePoints, EdgePoints] | None:
+        """Both edges in the next frame, if it shows the runway's lines.
+
+        Args:
+            image: the frame, (height, width) or (height, width, 3), blue first.
+            level: of the frame.
+            strip: the runway as it is followed.
+            shape: (4,) vanishing point and slopes about which lines are looked for, px of the
+                levelled working image.
+            span: rows from its vanishing point to the far and to the near end.
+            tolerance: px at the near end by which an edge may be wrong.
+        """
+        offsets = _outwards(strip, shape)
+        depth = _MIDDLE * float(strip[5])
+        expected = float(shape[3] - shape[2]) * float(strip[1] + depth - shape[1])
+        scale = expected / (float(strip[3] - strip[2]) * depth)
+        width = float((strip[3] - strip[2]) * strip[5])
+
+        def choose(lines: tuple[list[Line], list[Line]]) -> tuple[Line, Line] | None:
+            return self._choice.choose(lines, offsets, scale, width)
+
+        found = edges_by_lines(image, level, shape, span, choose)
+        self.other = self._choice.other(tolerance / width) if found else 0.0
+        self.shoulders = self._choice.shoulders
+        return found
+
+
+def _outwards(strip: NDArray[np.float64], shape: NDArray[np.float64]) -> tuple[float, float]:
+    """How far a shape's left and right edge lie outside of a strip's, in its widths."""
+    depth = _MIDDLE * float(strip[5])
+    row = float(strip[1]) + depth
+    width = float(strip[3] - strip[2]) * depth
+    left, right = (
+        float(shape[0] + shape[side] * (row - shape[1]) - strip[0] - strip[side] * depth)
+        for side in (2, 3)
+    )
+    return -left / width, right / width

@@ -1,0 +1,104 @@
+"""Simulated approaches, with truth to the pixel."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from approach_rows import Pixels, Row, Timed, judged
+
+from mvuav_ros.simulation.attitude_sensor import measured_attitude
+from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_truth import CameraPose
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.vision.approach.attitude import Attitude
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
+
+FLIGHTS: dict[str, dict[str, Any]] = {
+    'approach': {},
+    'from the right': {'seed': 3, 'lateral_offset': -12.0},
+    'low pass': {'seed': 5, 'motion': 'low_pass'},
+    'from afar': {'seed': 9, 'start_distance': 900.0, 'camera_pitch_deg': 5.0},
+    'centred': {'seed': 11, 'lateral_offset': 0.0},
+    '15 m aside': {'seed': 12, 'lateral_offset': 15.0},
+    '20 m aside': {'seed': 13, 'lateral_offset': -20.0},
+    'shaken': {'seed': 14, 'shake': 2},
+    'low pass, seed 15': {'seed': 15, 'motion': 'low_pass'},
+    'S-turn': {'seed': 16, 'motion': 's_turn'},
+    'S-turn, attitude': {'seed': 16, 'motion': 's_turn'},
+    'noise, defocus': {'seed': 17, 'noise': 6.0, 'blur': 1.5},
+}
+BANKS = {f'bank {bank}': bank for bank in (-30, -20, 20, 30)}
+"""Degrees by which an approach flies banked; the attitude comes from the simulated sensor, as on
+flights so named."""
+FLIGHT_FRAMES = 275
+
+
+class BankedFlight(RunwayFlight):
+    """A flight with one wing down all the time."""
+
+    bank_deg = 0.0
+
+    def pose(self, time: float) -> CameraPose:
+        """As `RunwayFlight.pose`, rolled."""
+        pose = super().pose(time)
+        roll = pose.roll + math.radians(self.bank_deg)
+        rotation = from_rpy(roll, pose.pitch, pose.yaw) @ OPTICAL_FROM_BODY.T
+        return CameraPose(pose.position, roll, pose.pitch, pose.yaw, rotation)
+
+
+def simulated(name: str, step: int, cache: Path | None) -> Row:
+    """A simulated flight down to 20 m before the runway; within 3 px of the true ends."""
+    flight = BankedFlight(RunwaySettings(frames=1000, **FLIGHTS.get(name, {'seed': 21})))
+    flight.bank_deg = BANKS.get(name, 0.0)
+    settings = flight.settings
+    row, detector = Row(f'simulated {name}'), Timed(settings.runway_width)
+    camera = flight.camera
+    detector.detector.set_camera(
+        CameraModel(camera.width, camera.height, tuple(camera.matrix.ravel()))
+    )
+    last = int((settings.start_distance - 20) / settings.speed * settings.fps)
+    errors = []
+    for index in range(last - FLIGHT_FRAMES, last, step):
+        truth = flight.truth_at(flight.seen_at(index))
+        attitude = None
+        if name in BANKS or name.endswith('attitude'):
+            attitude = Attitude(*measured_attitude(truth.pose, settings.seed, index))
+        result = detector.process(drawn(flight, name, index, cache), attitude)
+        worst = 0.0
+        for line in result.lines[:2]:
+            true = truth.lines[line.role - 1]
+            for x, y in ((true.x1, true.y1), (true.x2, true.y2)):
+                away = abs(x * math.cos(line.theta) + y * math.sin(line.theta) - line.rho)
+                worst = max(worst, away / 3.0 if line.found else math.inf)
+        row.frames.append(judged(str(index), detector, result, worst))
+        guidance = result.guidance
+        if guidance is not None and guidance.known:
+            pose = truth.pose
+            errors.append(
+                (
+                    100 * (guidance.z / pose.position[2] - 1),
+                    guidance.y - pose.position[1],
+                    math.degrees(guidance.yaw - pose.yaw),
+                    math.dist(result.vanishing_point, truth.vanishing_point),
+                )
+            )
+    if errors:
+        height, aside, yaw, place = np.sqrt((np.array(errors) ** 2).mean(axis=0))
+        row.name += f' z{height:.1f}% y{aside:.2f} {yaw:.2f}° vp{place:.1f}'
+    return detector.put(row)
+
+
+def drawn(flight: RunwayFlight, name: str, index: int, cache: Path | None) -> Pixels:
+    """A frame of a simulated flight, kept as PNG where that was asked for."""
+    if cache is None:
+        return flight.frame(index).image.pixels
+    path = cache / name.replace(' ', '_') / f'{index}.png'
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), flight.frame(index).image.pixels)
+    return cv2.imread(str(path))

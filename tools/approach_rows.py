@@ -1,0 +1,107 @@
+"""What is counted of each kind of footage: one row for each flight or clip."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.evaluation.corners import WARM_UP
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
+from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.finders import RunwayFinder
+from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.approach.runway.probability import Report
+
+Pixels = NDArray[Any]
+MIN_CONFIDENCE = 0.5
+
+
+@dataclass
+class Frame:
+    """One judged frame: what was reported, with which error."""
+
+    name: str
+    confidence: float
+    reported: bool
+    error: float
+    corners: list[tuple[float, float]] | None = None
+    report: Report | None = None
+
+
+@dataclass
+class Row:
+    """One flight, clip or set of stills."""
+
+    name: str
+    frames: list[Frame] = field(default_factory=list)
+    warm_up: int = WARM_UP
+    first_ms: float = 0.0
+    later_ms: float = 0.0
+
+    def shares(self) -> tuple[float, float, float]:
+        """Percent of the counted frames that are reported, right, and wrong."""
+        counted = self.frames[self.warm_up :]
+        unit = 100 / max(len(counted), 1)
+        reported = sum(frame.reported for frame in counted)
+        right = sum(frame.reported and frame.error <= 1.0 for frame in counted)
+        return unit * reported, unit * right, unit * (reported - right)
+
+    @property
+    def first(self) -> int | None:
+        """Number of the first frame that is reported, from 1."""
+        return next((n for n, frame in enumerate(self.frames, 1) if frame.reported), None)
+
+    def line(self) -> str:
+        """Shares of the counted frames, the first report, and milliseconds of CPU."""
+        reported, right, wrong = self.shares()
+        return (
+            f'{self.name:42s} {len(self.frames[self.warm_up :]):5d} {reported:6.1f} '
+            f'{right:6.1f} {wrong:6.1f} '
+            f'{self.first or "-":>6} {self.first_ms:7.0f} {self.later_ms:6.1f}'
+        )
+
+
+HEADER = (
+    f'{"":42s} {"count":>5} {"report":>6} {"right":>6} {"wrong":>6} {"first":>6} {"ms 1st":>7} ms'
+)
+
+
+class Timed:
+    """A detector whose CPU time is counted."""
+
+    def __init__(self, width: float = 0.0) -> None:
+        # Everything is reported, so that it is known how wrong the doubtful is.
+        parameters = RunwayDetectorParameters(
+            mode='approach', runway_width=width, min_confidence=0.0
+        )
+        self.detector = ApproachDetector(parameters)
+        self.spent: list[float] = []
+
+    def process(
+        self, image: Pixels, horizon: Attitude | HorizonLine | None = None
+    ) -> ApproachResult:
+        """The next frame, at 25 frames/s."""
+        begin = time.process_time()
+        result = self.detector.process(image, len(self.spent) * 40_000_000, horizon)
+        self.spent.append(1e3 * (time.process_time() - begin))
+        return result
+
+    def put(self, row: Row) -> Row:
+        """The times into a row."""
+        row.first_ms = self.spent[0] if self.spent else 0.0
+        row.later_ms = float(np.mean(self.spent[1:])) if len(self.spent) > 1 else 0.0
+        return row
+
+
+def judged(name: str, detector: Timed, result: ApproachResult, error: float) -> Frame:
+    """A frame of a row; reported is what has a confidence of `MIN_CONFIDENCE`."""
+    corners = None if result.corners is None else [(float(x), float(y)) for x, y in result.corners]
+    reported = corners is not None and result.confidence >= MIN_CONFIDENCE
+    finder = detector.detector._finder
+    report = finder.report if isinstance(finder, RunwayFinder) else None
+    return Frame(name, float(result.confidence), reported, min(error, 1e6), corners, report)
