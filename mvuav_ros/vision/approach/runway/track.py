@@ -63,7 +63,8 @@ _JUMP_MEMORY = 0.15
 _YOUNG = 5
 """Frames in which a track is weighed every time."""
 _DISTINCT = 0.5
-"""Share of the last frames with clear lines from which edges are kept where they are gone."""
+"""Share of the last frames with clear lines, or clear colours, from which edges are kept where
+those are gone."""
 _PAINT = FEATURES.index('paint')
 _STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
@@ -306,6 +307,8 @@ class RunwayTrack:
                     and self.log_odds > _LOCK_ODDS
                     and (self.agreement > _LOCK_AGREEMENT or self._sharp > _LOCK_SUPPORT)
                 )
+        if not self._clear and self._look.coloured and self.distinct > _DISTINCT:
+            points = self._held_by_colour(view, wide=wide) or points
         if not self.locked:
             self._lines.expect(self.strip(), through)
             lines = self._by_lines(view, through, self._known_span(through, span))
@@ -315,6 +318,19 @@ class RunwayTrack:
         self._take_in(points, rows, view)
         self.points = points
         self._follow_ends(rows)
+
+    def _held_by_colour(self, view: View, *, wide: bool) -> tuple[EdgePoints, EdgePoints] | None:
+        """Both edges where they were followed, if colour shows them there.
+
+        Strips that differ much have a mean that may be none of them.
+        """
+        exact = self._look.find(
+            view.image, view.level, self.strip()[:4], (self.far, self.near), self._lead, wide=wide
+        )
+        if min(edge.support for edge in exact) < _LEAST_SUPPORT:
+            return None
+        self._clear = True
+        return exact
 
     def _known_span(
         self, shape: NDArray[np.float64], span: tuple[float, float]
