@@ -288,8 +288,7 @@ class RunwayTrack:
         self._spread = spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
         points = points_along(mean, rows, spread)
         width = float(mean[1, 1] - mean[0, 1])
-        tolerance = max(_LEAST_TOLERANCE, _TOLERANCE_SHARE * width)
-        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < tolerance
+        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < _tolerance(width)
         self.agreement += memory * (float(shares[near_mean].sum()) - self.agreement)
         self._clear = bool(spread[:, 1].max() < max(_CLEAR_PX, _CLEAR_SHARE * width))
         wide = width >= _WIDE
@@ -361,9 +360,7 @@ class RunwayTrack:
     ) -> tuple[EdgePoints, EdgePoints] | None:
         """Both edges by the lines along them, of which each frame says more."""
         strip = self.strip()
-        tolerance = max(
-            _LEAST_TOLERANCE, _TOLERANCE_SHARE * float((strip[3] - strip[2]) * strip[5])
-        )
+        tolerance = _tolerance(float((strip[3] - strip[2]) * strip[5]))
         return self._lines.find(view.image, view.level, strip, shape, span, tolerance)
 
     def _take_in(
@@ -378,7 +375,7 @@ class RunwayTrack:
         """Whether an edge is farther from where it was than the tolerance."""
         x, y, *slopes = (float(value) for value in self.shape.as_array())
         width = (slopes[1] - slopes[0]) * self.near
-        allowed = max(_LEAST_TOLERANCE, _TOLERANCE_SHARE * width)
+        allowed = _tolerance(width)
         self._jumped *= 1.0 - _JUMP_MEMORY
         if self.age <= _YOUNG:
             return
@@ -398,3 +395,8 @@ class RunwayTrack:
         self.near += share * (self.near_seen - self.near)
         self.far += share * (max(float(rows[0]) - y, 1.0) - self.far)
         self.near = max(self.near, self.far + 3.0)
+
+
+def _tolerance(width: float) -> float:
+    """Px by which an edge may be wrong where the near end is so many px wide."""
+    return max(_LEAST_TOLERANCE, _TOLERANCE_SHARE * width)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from statistics import median_high
 
 import numpy as np
 
@@ -129,7 +130,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     expected = np.zeros(COUNT)
     expected[[X, Y]] = shape.centre
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
-    expected[SCALE] = sorted(starts[:, SCALE].tolist())[len(starts) // 2]
+    expected[SCALE] = median_high(starts[:, SCALE].tolist())
     expected[FOCAL] = math.log(shape.lens.focal or _USUAL_FOCAL * shape.lens.half_diagonal)
     deviations = np.empty(COUNT)
     deviations[[ROLL, SCALE, X, Y]] = free

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import median
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Jumps:
         if len(away) < TUNING.fewest:
             return None
         # What has shaken the camera has moved all of them.
-        x, y = (_median(values) for values in zip(*away.values(), strict=True))
+        x, y = (median(values) for values in zip(*away.values(), strict=True))
         usual = math.hypot(self._usual, TUNING.least)
         limit = TUNING.deviations * usual
         apart = sorted((math.hypot(dx - x, dy - y), m) for m, (dx, dy) in away.items())
@@ -74,8 +75,3 @@ class Jumps:
         mean = sum(min(distance, limit) for distance, _ in apart) / len(apart)
         self._usual += TUNING.learning * (mean - self._usual)
         return marker if has_jumped else None
-
-
-def _median(values: Sequence[float]) -> float:
-    ordered = sorted(values)
-    return 0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])

@@ -51,8 +51,9 @@ def views_of_three(
     """
     points = shape.points[list(triple)]
     seen = (places - complex(*shape.centre)).T / focal
+    depths = _orthographic_depths(points, seen)
     seen = np.concatenate((seen, seen), axis=1)
-    depths = _perspective_depths(points, seen, _orthographic_depths(points, seen))
+    depths = _perspective_depths(points, seen, depths)
     placed = np.array((seen.real * depths, seen.imag * depths, depths))
     # Columns: where the rotation takes two edges and their normal.
     edges, turned = points[1:] - points[0], placed[:, 1:] - placed[:, :1]
@@ -73,7 +74,7 @@ def views_of_three(
 
 
 def _orthographic_depths(points: Array, seen: Complex) -> Array:
-    """Depths (3, 2 t) of points (3, 3) seen (3, 2 t) about from behind, by Alter's solution.
+    """Depths (3, 2 t) of points (3, 3) seen (3, t) about from behind, by Alter's solution.
 
     The second half of them is the mirror image of the first half.
     """
@@ -94,9 +95,9 @@ def _orthographic_depths(points: Array, seen: Complex) -> Array:
     p = np.sqrt(np.maximum(squared * first - u_squared, 0.0))
     q = np.sqrt(np.maximum(squared * second - v_squared, 0.0))
     q = np.where(squared * between >= across, q, -q)
-    sides = np.repeat((1.0, -1.0), len(p) // 2)
-    away = np.maximum(1.0 + np.array((0.0 * p, sides * p, sides * q)), _NEAREST)
-    return np.asarray(away / np.sqrt(squared))
+    away = np.array((0.0 * p, p, q))
+    away = np.maximum(1.0 + np.concatenate((away, -away), axis=1), _NEAREST)
+    return np.asarray(away / np.tile(np.sqrt(squared), 2))
 
 
 def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:
