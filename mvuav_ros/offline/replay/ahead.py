@@ -23,13 +23,15 @@ from mvuav_ros.recordings.schemas import typestore
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 
-_SLOTS = 12
+_SLOTS = 16
 """Frames under way at a time."""
+_AT_ONCE = 4
+"""Frames of a task: a process that is told of each by itself sleeps and wakes as often."""
 _MOST_BYTES = 128 << 20
 """Of the frames and messages under way, once there are `_FEWEST` frames."""
 _FEWEST = 3
 _MOST_ENTRIES = 256
-_MOST_GIVEN = 3
+_MOST_GIVEN = 2
 """Tasks that a process has at a time: one that it is at, and no pause after it."""
 
 
@@ -40,14 +42,20 @@ class _Slot(NamedTuple):
     decoded: SharedBuffer
 
 
+class _Given(NamedTuple):
+    """A frame for a process: which entry, and where it lies."""
+
+    number: int
+    slot: int
+    sizes: Sizes
+    is_decoded: bool
+
+
 class _Task(NamedTuple):
-    """``decode`` or ``process`` a frame of a slot, or ``conclude``."""
+    """``decode`` or ``process`` frames, or ``conclude``."""
 
     kind: str
-    number: int = 0
-    slot: int = 0
-    sizes: Sizes = ()
-    is_decoded: bool = False
+    frames: Sequence[_Given] = ()
 
 
 @dataclass(slots=True)
@@ -131,8 +139,11 @@ class ReplayAhead:
         while not self._ended or self._window:
             yield from self._finished()
             self._give()
-            if not self._ended and self._has_room:
-                self._read(remaining)
+            if self._goes_on:
+                for _ in range(_AT_ONCE):
+                    self._read(remaining)
+                    if not self._goes_on:
+                        break
                 self._hear(0.0)
             elif self._window:
                 self._hear(None)
@@ -141,10 +152,12 @@ class ReplayAhead:
             yield merged(parts[0].stamp_ns, parts, is_frame=False)
 
     @property
-    def _has_room(self) -> bool:
+    def _goes_on(self) -> bool:
+        """Whether the input has more, and there is room for it."""
         frames = _SLOTS - len(self._free)
         full = self._bytes > _MOST_BYTES and frames >= _FEWEST
-        return bool(self._free) and len(self._window) < _MOST_ENTRIES and not full
+        has_room = bool(self._free) and len(self._window) < _MOST_ENTRIES and not full
+        return has_room and not self._ended
 
     def _read(self, items: Iterator[Item]) -> None:
         """Take in the input's next item."""
@@ -184,24 +197,33 @@ class ReplayAhead:
     def _give(self) -> None:
         """Keep the processes busy: the nodes with the next frames, whoever has time with others."""
         for node in self._nodes:
-            while self._given[node] < _MOST_GIVEN and self._next[node] < self._count:
-                entry = self._window.get(self._next[node])
-                if entry is not None and entry.direct is None:
-                    if not entry.is_ready:
-                        break
-                    self._send(node, 'process', self._next[node], entry)
-                self._next[node] += 1
+            while self._given[node] < _MOST_GIVEN and (numbers := self._next_of(node)):
+                self._send(node, 'process', numbers)
         while self._to_decode:
             index = min(range(len(self._workers)), key=lambda i: (self._given[i], self._spent[i]))
-            if self._given[index] >= _MOST_GIVEN - 1:
+            if self._given[index] >= _MOST_GIVEN:
                 break
-            number = self._to_decode.popleft()
-            self._send(index, 'decode', number, self._window[number])
+            self._send(index, 'decode', [self._to_decode.popleft()])
 
-    def _send(self, index: int, kind: str, number: int, entry: _Entry) -> None:
+    def _next_of(self, node: int) -> list[int]:
+        """The frames that a node can have now; none as long as there may soon be more."""
+        numbers = []
+        for number in range(self._next[node], self._count):
+            entry = self._window.get(number)
+            if entry is not None and entry.direct is None:
+                if not entry.is_ready or len(numbers) == _AT_ONCE:
+                    break
+                numbers.append(number)
+        if not numbers or (len(numbers) < _AT_ONCE and self._goes_on):
+            return []
+        self._next[node] = numbers[-1] + 1
+        return numbers
+
+    def _send(self, index: int, kind: str, numbers: list[int]) -> None:
         self._given[index] += 1
-        task = _Task(kind, number, entry.slot, entry.sizes, entry.is_decoded)
-        self._workers[index].send(number, task)
+        entries = [(number, self._window[number]) for number in numbers]
+        frames = [_Given(number, e.slot, e.sizes, e.is_decoded) for number, e in entries]
+        self._workers[index].send(numbers[0], _Task(kind, frames))
 
     def _hear(self, timeout: float | None) -> None:
         """Take in what the processes say."""
@@ -211,7 +233,8 @@ class ReplayAhead:
             assert isinstance(done, Done)
             if done.error is not None:
                 raise done.error
-            self._take(key.data, self._window[done.number], done.result)
+            for number, result in done.result:
+                self._take(key.data, self._window[number], result)
 
     def _take(self, index: int, entry: _Entry, result: Any) -> None:
         if isinstance(result, FrameResults):
@@ -260,33 +283,34 @@ class _Stage:
         self._last: Frame | None = None
 
     def __call__(self, task: _Task, _report: Report, _stop: Stop) -> Any:
-        if task.kind == 'decode':
-            return self._decode(task)
-        return self._conclude() if task.kind == 'conclude' else self._process(task)
+        if task.kind == 'conclude':
+            return self._conclude()
+        work = self._decode if task.kind == 'decode' else self._process
+        return [(given.number, work(given)) for given in task.frames]
 
-    def _decode(self, task: _Task) -> BadFrame | Sizes:
-        frame = self._read(task)
+    def _decode(self, given: _Given) -> BadFrame | Sizes:
+        frame = self._read(given)
         if isinstance(frame, BadFrame):
             return frame
         if self._processor is not None:
-            self._decoded[task.number] = frame
-        return self._slots[task.slot].decoded.put(frame)
+            self._decoded[given.number] = frame
+        return self._slots[given.slot].decoded.put(frame)
 
-    def _process(self, task: _Task) -> FrameResults:
+    def _process(self, given: _Given) -> FrameResults:
         assert self._processor is not None
-        frame = self._decoded.pop(task.number, None) or self._read(task)
+        frame = self._decoded.pop(given.number, None) or self._read(given)
         if isinstance(frame, BadFrame):
             return FrameResults(frame.stamp_ns, reasons=[frame.reason])
         self._last = frame
         return process(frame, self._processor, self._debug)
 
-    def _read(self, task: _Task) -> Frame | BadFrame:
-        slot = self._slots[task.slot]
-        if task.is_decoded:
-            frame: Frame = slot.decoded.get(task.sizes)[0]
+    def _read(self, given: _Given) -> Frame | BadFrame:
+        slot = self._slots[given.slot]
+        if given.is_decoded:
+            frame: Frame = slot.decoded.get(given.sizes)[0]
             return frame
-        encoded, data = slot.read.get(task.sizes)
-        read: Frame | BadFrame = encoded.with_data(bytes(data)).decoded()
+        encoded, data = slot.read.get(given.sizes)
+        read: Frame | BadFrame = encoded.with_data(memoryview(data)).decoded()
         return read
 
     def _conclude(self) -> FrameResults | None:
