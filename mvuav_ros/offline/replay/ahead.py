@@ -27,7 +27,7 @@ _SLOTS = 16
 """Frames under way at a time."""
 _AT_ONCE = 4
 """Frames of a task: a process that is told of each by itself sleeps and wakes as often."""
-_MOST_BYTES = 128 << 20
+_MOST_BYTES = 48 << 20
 """Of the frames and messages under way, once there are `_FEWEST` frames."""
 _FEWEST = 3
 _MOST_ENTRIES = 256
