@@ -68,7 +68,8 @@ class VideoFile:
             container = av.open(str(self._path), options=limits)
         except (av.error.FFmpegError, ValueError):
             container = None
-        if container is None or not container.streams.video:
+        # Of a codec that FFmpeg does not know there is no context.
+        if container is None or not any(s.codec_context for s in container.streams.video[:1]):
             raise SourceError(
                 f'{self._path} is not a video that FFmpeg can read; convert it, for example with '
                 'ffmpeg -i FILE flight.mp4'

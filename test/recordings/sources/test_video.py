@@ -21,7 +21,7 @@ from support.recording_samples import START_NS
 
 from mvuav_ros.recordings.serialization.video_packet import COMPRESSED_VIDEO, FFMPEG_PACKET
 from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.sources.video import VideoFile
@@ -81,6 +81,15 @@ def test_a_video_under_another_name(tmp_path: Path) -> None:
     for name in ('video', 'video.dat', 'video.bag'):
         made = made.rename(tmp_path / name)
         assert len(list(open_source(str(made)).frames())) == 6
+
+
+def test_a_codec_that_ffmpeg_does_not_know(tmp_path: Path) -> None:
+    path = write_video(tmp_path / 'a.mp4', TIMES_MS)
+    content = path.read_bytes()
+    assert content.count(b'mp4v') == 1
+    path.write_bytes(content.replace(b'mp4v', b'zzzz').replace(b'esds', b'free'))
+    with pytest.raises(SourceError, match='not a video that FFmpeg can read'):
+        open_source(str(path))
 
 
 def bag_of(path: Path, kind: str, messages: list[bytes]) -> Path:
