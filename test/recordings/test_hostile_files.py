@@ -17,13 +17,17 @@ from pathlib import Path
 import lz4.frame
 import pytest
 import zstandard
+from mcap.writer import Writer as McapWriter
 from support.coded_videos import HEIGHT, WIDTH, compressed_video, packets
 from support.mutations import MEMORY_LIMIT, SAMPLES, TIME_LIMIT_S
 from support.places import ROOT
 from support.recording_samples import (
+    IMAGE,
     START_NS,
+    TOPIC,
     image_samples,
     storage_file,
+    string_sample,
     write_mcap,
     write_ros1,
     write_rosbag2,
@@ -313,6 +317,31 @@ def test_index_that_lacks_a_type_of_a_topic(tmp_path: Path) -> None:
     struct.pack_into('<I', content, footer, 0)
     path.write_bytes(content)
     assert read(path)[0] == len(SAMPLES)
+
+
+@pytest.mark.parametrize('second', [IMAGE, 'std_msgs/msg/String'])
+def test_index_that_lacks_one_of_two_channels_of_a_topic(tmp_path: Path, second: str) -> None:
+    path = tmp_path / 'a.mcap'
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start('ros2', 'test')
+        schemas = [writer.register_schema(kind, '', b'') for kind in (IMAGE, second)]
+        channels = [
+            writer.register_channel(TOPIC, 'cdr', schema, {'number': str(number)})
+            for number, schema in enumerate(schemas)
+        ]
+        for number, sample in enumerate(image_samples(10)):
+            data = sample.data if number % 2 == 0 or second == IMAGE else string_sample(1).data
+            writer.add_message(channels[number % 2], sample.stamp_ns, data, sample.stamp_ns)
+        writer.finish()
+    content = bytearray(path.read_bytes())
+    at = content.rindex(TOPIC.encode()) - 8 - HEADER.size
+    assert content[at] == 4
+    content[at] = 0x90
+    struct.pack_into('<I', content, len(content) - len(MAGIC) - 4, 0)
+    path.write_bytes(content)
+    assert read(path)[0] == 10
+    assert len(list(open_source(str(path)).frames())) == (10 if second == IMAGE else 5)
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.db3.zstd', 'pipe', 'a.mp4', 'a.png'])
