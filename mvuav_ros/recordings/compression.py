@@ -9,6 +9,7 @@ from __future__ import annotations
 import bz2
 from collections.abc import Callable, Generator
 from io import BytesIO
+from math import inf
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -26,6 +27,8 @@ _TOO_LARGE = 'it is larger than it says'
 # A zstd block of 4 bytes can become 128 KiB: 1 KiB in makes 32 MiB out at most.
 _ZSTD_PIECE = 1 << 10
 _PIECE = 1 << 22
+# Of a block; recorders write one. Each of an empty frame's few bytes would cost a decoder.
+_MOST_FRAMES = 1 << 8
 _DAMAGE = (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError)
 
 
@@ -146,7 +149,7 @@ def _pour(
     stream: BinaryIO, length: int, compression: str, limit: int, take: Callable[[bytes], Any]
 ) -> str:
     """Decompress until more than ``limit`` bytes have come; return what is wrong with them."""
-    pieces = _decoded(stream, length, _DECODERS[compression])
+    pieces = _decoded(stream, length, _DECODERS[compression], _MOST_FRAMES)
     try:
         while limit >= 0:
             piece = next(pieces)
@@ -160,7 +163,7 @@ def _pour(
 
 
 def _decoded(
-    stream: BinaryIO, length: int, decoder_type: Callable[[], Any]
+    stream: BinaryIO, length: int, decoder_type: Callable[[], Any], most_frames: float = inf
 ) -> Generator[bytes, None, str]:
     """Yield small pieces; return why the end is not reached, '' if it is."""
     decoder = decoder_type()
@@ -175,6 +178,9 @@ def _decoded(
         yield decoder.decompress(data)
         data, fresh = b'', False
         if decoder.eof:
+            most_frames -= 1
+            if most_frames < 0:
+                return 'it consists of too many pieces'
             data = decoder.unused_data or b''
             decoder, fresh = decoder_type(), True
 

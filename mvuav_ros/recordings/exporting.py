@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,13 +24,8 @@ _NUMBERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f
 """NumPy's names of sensor_msgs/PointField's datatypes."""
 
 Row = tuple[int | float, ...]
-
-
-class Table(NamedTuple):
-    """One topic's rows; the first two columns are the stamp (ns) and the row in its message."""
-
-    columns: tuple[str, ...]
-    rows: list[Row]
+_ROWS_AT_ONCE = 10_000
+_LONGEST_NAME = 200
 
 
 def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) -> dict[Path, int]:
@@ -48,29 +46,48 @@ def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) ->
     Raises:
         RecordingError: there is nothing to export, or a file exists.
     """
-    write = _WRITERS[form]
-    with open_recording(source) as recording:
-        tables = _tables(recording, form)
-    if not tables:
-        raise RecordingError(f'{source} holds nothing that can be exported as {form}')
-    files = {folder / f'{topic.strip("/").replace("/", "_")}.{form}': topic for topic in tables}
-    for path in files:
-        if path.exists() and not overwrite:
-            raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
+    tables: dict[str, _Table] = {}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path, topic in files.items():
-            write(path, tables[topic])
+        with open_recording(source) as recording, ExitStack() as stack:
+            kinds = {topic.name: topic.type for topic in recording.topics if topic.type in _READERS}
+            if form == 'tum':
+                kinds = {name: kind for name, kind in kinds.items() if 'Pose' in kind}
+            files = _files(folder, kinds, form)
+            for path in files.values():
+                if path.exists() and not overwrite:
+                    raise RecordingError(
+                        f'{path} exists; choose another folder, or overwrite it (--force)'
+                    )
+            for topic, columns, rows in _contents(recording, kinds):
+                if topic not in tables:
+                    folder.mkdir(parents=True, exist_ok=True)
+                    tables[topic] = _TABLES[form](files[topic], ('stamp_ns', 'row', *columns))
+                    stack.enter_context(tables[topic])
+                tables[topic].add(('stamp_ns', 'row', *columns), rows)
     except OSError as error:
         raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
-    return {path: len(tables[topic].rows) for path, topic in files.items()}
+    if not tables:
+        raise RecordingError(f'{source} holds nothing that can be exported as {form}')
+    return {table.path: table.count for table in tables.values()}
 
 
-def _tables(recording: Recording, form: str) -> dict[str, Table]:
-    kinds = {topic.name: topic.type for topic in recording.topics if topic.type in _READERS}
-    if form == 'tum':
-        kinds = {name: kind for name, kind in kinds.items() if 'Pose' in kind}
-    tables: dict[str, Table] = {}
+def _files(folder: Path, topics: Iterable[str], form: str) -> dict[str, Path]:
+    """A file for each topic, of a name of its own."""
+    files: dict[str, Path] = {}
+    for topic in topics:
+        name = re.sub(r'[/\0]', '_', topic.strip('/'))[:_LONGEST_NAME] or 'root'
+        path, number = folder / f'{name}.{form}', 1
+        while path in files.values():
+            number += 1
+            path = folder / f'{name}_{number}.{form}'
+        files[topic] = path
+    return files
+
+
+def _contents(
+    recording: Recording, kinds: Mapping[str, str]
+) -> Iterator[tuple[str, tuple[str, ...], list[Row]]]:
+    """Each message's topic, columns and rows."""
     for message in recording.messages(kinds):
         if message.type != kinds[message.topic]:
             continue
@@ -78,10 +95,7 @@ def _tables(recording: Recording, form: str) -> dict[str, Table]:
             columns, rows = _rows(message)
         except (MalformedMessageError, KeyError, TypeError, ValueError):
             continue
-        table = tables.setdefault(message.topic, Table(('stamp_ns', 'row', *columns), []))
-        if table.columns[2:] == columns:
-            table.rows.extend(rows)
-    return tables
+        yield message.topic, columns, rows
 
 
 def _rows(recorded: RecordedMessage) -> tuple[tuple[str, ...], list[Row]]:
@@ -128,37 +142,106 @@ _READERS: dict[str, Callable[[Any], tuple[tuple[str, ...], Iterator[Row]]]] = {
 }
 
 
-def _write_csv(path: Path, table: Table) -> None:
-    with path.open('w', newline='', encoding='utf-8') as stream:
-        writer = csv.writer(stream)
-        writer.writerow(table.columns)
-        writer.writerows(table.rows)
+class _Table:
+    """One topic's file; the first two columns are the stamp (ns) and the row in its message.
+
+    Attributes:
+        path: of the file; after an error there is none.
+        count: of the rows written.
+    """
+
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        self.path = path
+        self.count = 0
+        self._columns = columns
+        self._file = path.open('wb')
+
+    def __enter__(self) -> _Table:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._end()
+        finally:
+            self._file.close()
+            if kind is not None:
+                self.path.unlink()
+
+    def add(self, columns: tuple[str, ...], rows: list[Row]) -> None:
+        """Write a message's rows; those of other columns are left out."""
+        if columns == self._columns:
+            self.count += self._write(rows)
+
+    def _write(self, rows: list[Row]) -> int:
+        raise NotImplementedError
+
+    def _end(self) -> None:
+        pass
 
 
-def _write_parquet(path: Path, table: Table) -> None:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise RecordingError(
-            f'parquet needs PyArrow: pip install "mvuav_ros[parquet]" ({error})'
-        ) from error
-    columns = zip(*table.rows, strict=True) if table.rows else ([] for _ in table.columns)
-    content = {name: list(values) for name, values in zip(table.columns, columns, strict=True)}
-    pyarrow.parquet.write_table(pyarrow.table(content), path)
+class _Csv(_Table):
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        super().__init__(path, columns)
+        self._text = TextIOWrapper(self._file, 'utf-8', newline='', write_through=True)
+        self._writer = csv.writer(self._text)
+        self._writer.writerow(columns)
+
+    def _write(self, rows: list[Row]) -> int:
+        self._writer.writerows(rows)
+        return len(rows)
+
+    def _end(self) -> None:
+        self._text.flush()
 
 
-def _write_tum(path: Path, table: Table) -> None:
-    with path.open('w', encoding='utf-8') as stream:
-        for stamp_ns, _, *pose in table.rows:
-            if all(np.isfinite(pose)):
-                seconds, rest = divmod(int(stamp_ns), _NS)
-                numbers = ' '.join(repr(float(value)) for value in pose)
-                stream.write(f'{seconds}.{rest:09d} {numbers}\n')
+class _Parquet(_Table):
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError as error:
+            raise RecordingError(
+                f'parquet needs PyArrow: pip install "mvuav_ros[parquet]" ({error})'
+            ) from error
+        super().__init__(path, columns)
+        self._arrow = pyarrow
+        self._rows: list[Row] = []
+        self._writer: Any = None
+
+    def _write(self, rows: list[Row]) -> int:
+        self._rows += rows
+        if len(self._rows) >= _ROWS_AT_ONCE:
+            self._flush()
+        return len(rows)
+
+    def _flush(self) -> None:
+        columns = zip(*self._rows, strict=True) if self._rows else ([] for _ in self._columns)
+        content = {name: list(rows) for name, rows in zip(self._columns, columns, strict=True)}
+        schema = None if self._writer is None else self._writer.schema
+        try:
+            table = self._arrow.table(content, schema=schema)
+        except (ValueError, TypeError, OverflowError) as error:
+            raise RecordingError(f'{self.path}: its columns change: {error}') from None
+        if self._writer is None:
+            self._writer = self._arrow.parquet.ParquetWriter(self._file, table.schema)
+        self._writer.write_table(table)
+        self._rows.clear()
+
+    def _end(self) -> None:
+        if self._rows or self._writer is None:
+            self._flush()
+        self._writer.close()
 
 
-_WRITERS: dict[str, Callable[[Path, Table], None]] = {
-    'csv': _write_csv,
-    'parquet': _write_parquet,
-    'tum': _write_tum,
-}
+class _Tum(_Table):
+    def _write(self, rows: list[Row]) -> int:
+        known = [row for row in rows if all(np.isfinite(row))]
+        for stamp_ns, _, *pose in known:
+            seconds, rest = divmod(int(stamp_ns), _NS)
+            numbers = ' '.join(repr(float(value)) for value in pose)
+            self._file.write(f'{seconds}.{rest:09d} {numbers}\n'.encode())
+        return len(known)
+
+
+_TABLES: dict[str, type[_Table]] = {'csv': _Csv, 'parquet': _Parquet, 'tum': _Tum}

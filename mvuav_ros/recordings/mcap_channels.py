@@ -23,8 +23,9 @@ from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_typ
 _FOOTER_SIZE = HEADER.size + 20 + len(MAGIC)
 _PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
-# Bytes of all schemas together; those of Autoware's hundreds of types are two million.
-_MOST_SCHEMA_BYTES = 1 << 26
+MOST_SCHEMA_BYTES = 1 << 26
+"""Of all schemas together; those of Autoware's hundreds of types are two million."""
+
 _BLOCK = 1 << 20
 
 
@@ -56,7 +57,7 @@ class Channels:
         """
         if opcode == Opcode.SCHEMA:
             self._schema_bytes += len(body)
-            if self._schema_bytes > _MOST_SCHEMA_BYTES:
+            if self._schema_bytes > MOST_SCHEMA_BYTES:
                 raise DefinitionError('its schemas are implausibly large')
         stream = ReadDataStream(BytesIO(body))
         try:
@@ -93,7 +94,7 @@ class Channels:
             stream.seek(start)
             opcode, length = HEADER.unpack(stream.read(HEADER.size))
             start += HEADER.size + length
-            if opcode in _DEFINING and start <= end and length <= _MOST_SCHEMA_BYTES:
+            if opcode in _DEFINING and start <= end and length <= MOST_SCHEMA_BYTES:
                 self._take(opcode, stream.read(length))
 
     def _take(self, opcode: int, body: bytes) -> None:

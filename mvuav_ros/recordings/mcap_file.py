@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from rosbags.serde import SerdeError
 
 from mvuav_ros.recordings.compression import SIZE_LIMIT, unpack
-from mvuav_ros.recordings.mcap_channels import Channels, DefinitionError
+from mvuav_ros.recordings.mcap_channels import MOST_SCHEMA_BYTES, Channels, DefinitionError
 from mvuav_ros.recordings.mcap_records import (
     HEADER,
     MESSAGE_HEADER,
@@ -134,6 +134,8 @@ class McapFile:
                     self._note_chunk(lost_chunk, None)
             elif span.length > SIZE_LIMIT:
                 self._note(span.body, f'record at byte {span.body} skipped: larger than 1 GB')
+            elif span.length > MOST_SCHEMA_BYTES and span.opcode in _DEFINITIONS:
+                self._note(span.body, f'definition at byte {span.body} skipped: larger than 64 MB')
             elif span.opcode in _CONTENT and span.available == span.length:
                 yield span.opcode, memoryview(walk.read(span.body, span.length))
 
@@ -177,7 +179,8 @@ class McapFile:
             position += HEADER.size
             if opcode == 0 or position + length > len(view):  # zeros are no records
                 return
-            if opcode in _CONTENT and length >= _CONTENT[opcode]:
+            credible = length <= MOST_SCHEMA_BYTES or opcode == Opcode.MESSAGE
+            if credible and opcode in _CONTENT and length >= _CONTENT[opcode]:
                 yield opcode, view[position : position + length]
             position += length
 
@@ -216,4 +219,5 @@ def _contradiction(header: ChunkHeader, raw: memoryview) -> str:
     return '' if len(raw) == header.uncompressed_size else 'its size is wrong'
 
 
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _CONTENT = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}

@@ -74,7 +74,7 @@ class SqliteFile:
             if topic.serialization_format == 'cdr' and (topics is None or topic.name in topics)
         }
         first = _FIRST if start_ns is None else max(start_ns, _FIRST)
-        last = _LAST if end_ns is None else min(end_ns, _LAST)
+        last = _LAST if end_ns is None else min(end_ns - 1, _LAST)
         pages = PageFile(self._path)
         position = _FIRST
         # Of a file that was cut off, SQLite takes the missing part of its last page for zeros.
@@ -88,7 +88,7 @@ class SqliteFile:
             except _ERRORS as error:
                 self._note('error', f'the database is damaged ({error})')
         for row in pages.messages(position):
-            if row.topic_id in wanted and first <= row.stamp_ns < last:
+            if row.topic_id in wanted and first <= row.stamp_ns <= last:
                 yield _message(wanted[row.topic_id], row.stamp_ns, row.data)
         if pages.incomplete_rows:
             self._note('rows', f'{counted(pages.incomplete_rows, "message")} incomplete')
@@ -103,9 +103,12 @@ class SqliteFile:
     @contextmanager
     def _connect(self) -> Iterator[sqlite3.Connection]:
         # A write-ahead log or journal that a crash left behind holds the last messages.
-        logs = _logs(self._path)
+        logs = [log for log in _logs(self._path) if log.exists()]
         shared = Path(f'{self._path}-shm')
-        if not any(log.exists() for log in logs):
+        if not all(log.is_file() for log in logs):
+            self._note('log', 'the log beside it is no file')
+            logs = []
+        if not logs:
             with closing(self._opened('mode=ro&immutable=1')) as database:
                 yield database
             return
@@ -147,7 +150,7 @@ def _logs(path: Path) -> list[Path]:
 
 
 def _log_size(path: Path) -> int:
-    return sum(log.stat().st_size for log in _logs(path) if log.exists())
+    return sum(log.stat().st_size for log in _logs(path) if log.is_file())
 
 
 def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
@@ -201,11 +204,11 @@ def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, 
 def _rows(
     database: sqlite3.Connection, wanted: Mapping[int, TopicInfo], first: int, last: int
 ) -> Iterator[tuple[int, RecordedMessage]]:
-    """The messages of some topics by row, ``first`` <= log time < ``last``."""
+    """The messages of some topics by row, ``first`` <= log time <= ``last``."""
     rows = database.execute(
         # The plus signs keep SQLite from walking the time index and then sorting.
         'SELECT rowid, topic_id, timestamp, data FROM messages '
-        'WHERE +timestamp >= ? AND +timestamp < ? '
+        'WHERE +timestamp >= ? AND +timestamp <= ? '
         f'AND +topic_id IN ({",".join(str(key) for key in wanted)}) ORDER BY rowid',
         (first, last),
     )

@@ -24,6 +24,8 @@ from mvuav_ros.recordings.serialization.image_decoding import (
 )
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
+from mvuav_ros.recordings.sources.coded_video import VideoTopic
+from mvuav_ros.recordings.sources.frame import BadFrame
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.
@@ -157,6 +159,8 @@ class _Tally:
         self._intervals = array('q')
         self._previous_ns = 0
         self._previous_header_ns: int | None = None
+        self._video = VideoTopic()
+        self._video_formats: dict[str, str] = {}
 
     def add(self, message: RecordedMessage) -> None:
         summary = self._summary
@@ -185,12 +189,24 @@ class _Tally:
             images.header_jumps_back += 1
         self._previous_header_ns = header_ns
         try:
-            text = _format(image)
+            text = _format(image) if packet is None else self._video_format(images, packet)
         except ImageError as error:
             self._add_problem(images, str(error))
             return
-        if text not in images.formats and len(images.formats) < _MOST_FORMATS:
+        if text and text not in images.formats and len(images.formats) < _MOST_FORMATS:
             images.formats.append(text)
+
+    def _video_format(self, images: ImageSummary, packet: VideoPacket) -> str:
+        """As `_format`; the packets up to the first frame are decoded, '' is said of them."""
+        codec = codec_of(packet.format)
+        if codec not in self._video_formats:
+            for frame in self._video.frames(packet, wanted=True):
+                if isinstance(frame, BadFrame):
+                    self._add_problem(images, frame.reason)
+                else:
+                    size = f'{frame.image.width}x{frame.image.height}'
+                    self._video_formats[codec] = f'{size} {codec} video'
+        return self._video_formats.get(codec, '')
 
     def _add_problem(self, images: ImageSummary, problem: str) -> None:
         images.malformed += 1
@@ -198,6 +214,10 @@ class _Tally:
 
     def summary(self) -> TopicSummary:
         summary = self._summary
+        if summary.images is not None and not self._video_formats:
+            for frame in self._video.end():
+                if isinstance(frame, BadFrame):
+                    self._add_problem(summary.images, frame.reason)
         if summary.first_stamp_ns is not None and summary.last_stamp_ns is not None:
             summary.duration_s = (summary.last_stamp_ns - summary.first_stamp_ns) / _NS
         intervals = np.frombuffer(self._intervals, np.int64)
@@ -213,10 +233,6 @@ class _Tally:
 
 def _format(image: Any) -> str:
     """What a replay would make of it, without decompressing it."""
-    if isinstance(image, VideoPacket):
-        if codec := codec_of(image.format):
-            return f'{codec} video'
-        raise ImageError(f'video of format {image.format[:_LONGEST_NAME]!r} is not known')
     if hasattr(image, 'height'):
         decode_image(image)
         return f'{image.width}x{image.height} {image.encoding}'

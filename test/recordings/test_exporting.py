@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 import math
+import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from support.recording_samples import STORE, cdr
 
 from mvuav_ros.processing.messages.markers import encode_markers, encode_rpy
+from mvuav_ros.recordings import exporting
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.exporting import export
 from mvuav_ros.recordings.serialization.cdr import cdr_header
@@ -36,6 +40,9 @@ def pose(x: float) -> bytes:
     place = types['geometry_msgs/msg/Point'](x, 2.0, 3.0)
     turn = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
     return cdr(types[POSE](header, types['geometry_msgs/msg/Pose'](place, turn)))
+
+
+POSE_DATA = pose(0.1)
 
 
 @pytest.fixture
@@ -80,7 +87,9 @@ def test_tables_are_kept_unless_overwritten(results: Path, tmp_path: Path) -> No
 
 
 def test_tum_holds_known_poses_with_exact_stamps(results: Path, tmp_path: Path) -> None:
-    (file,) = export(results, tmp_path / 'out', 'tum')
+    files = export(results, tmp_path / 'out', 'tum')
+    assert list(files.values()) == [1]
+    (file,) = files
     assert file.read_text() == '1700000000.123456789 0.1 2.0 3.0 0.0 0.0 0.0 1.0\n'
 
 
@@ -91,6 +100,57 @@ def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     assert table.num_rows == 15
     assert table['stamp_ns'].to_pylist() == [STAMP_NS] * 15
     assert table.column_names[:3] == ['stamp_ns', 'row', 'x']
+
+
+@pytest.mark.parametrize('form', ['csv', 'parquet', 'tum'])
+def test_a_flight_of_any_length_takes_no_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
+    if form == 'parquet':
+        pytest.importorskip('pyarrow.parquet')
+    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 500)
+    count = 8_000
+    path = tmp_path / 'results.mcap'
+    with RecordingWriter(path) as writer:
+        for number in range(count):
+            writer.write('/pose', POSE, STAMP_NS + number * 10_000_000, POSE_DATA)
+    export(path, tmp_path / 'imports', form)  # the libraries themselves
+    tracemalloc.start()
+    files = export(path, tmp_path / 'out', form)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert list(files.values()) == [count]
+    assert peak < 200 * count
+
+
+@pytest.mark.parametrize('form', ['csv', 'parquet', 'tum'])
+def test_a_run_that_fails_leaves_nothing_in_the_way(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
+    if form == 'parquet':
+        pytest.importorskip('pyarrow.parquet')
+    contents = exporting._contents
+
+    def interrupted(*arguments: Any) -> Iterator[Any]:
+        yield from contents(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(exporting, '_contents', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        export(results, tmp_path / 'out', form)
+    assert list((tmp_path / 'out').iterdir()) == []
+
+
+def test_every_topic_has_a_file_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / 'results.mcap'
+    with RecordingWriter(path) as writer:
+        for topic in ('/a/b', '/a_b', '/', '/x\0y', '/' + 'z' * 300):
+            writer.write(topic, POSE, STAMP_NS, POSE_DATA)
+    files = export(path, tmp_path / 'out', 'csv')
+    names = [file.stem for file in files]
+    assert names == ['a_b', 'a_b_2', 'root', 'x_y', 'z' * 200]
+    assert list(files.values()) == [1] * 5
+    assert all(file.is_file() for file in files)
 
 
 def test_nothing_to_export(tmp_path: Path) -> None:

@@ -10,18 +10,24 @@ import sqlite3
 import struct
 import subprocess
 import sys
+import time
 from contextlib import closing
 from pathlib import Path
 
 import lz4.frame
 import pytest
 import zstandard
+from mcap.writer import Writer as McapWriter
+from support.coded_videos import HEIGHT, WIDTH, compressed_video, packets
 from support.mutations import MEMORY_LIMIT, SAMPLES, TIME_LIMIT_S
 from support.places import ROOT
 from support.recording_samples import (
+    IMAGE,
     START_NS,
+    TOPIC,
     image_samples,
     storage_file,
+    string_sample,
     write_mcap,
     write_ros1,
     write_rosbag2,
@@ -30,9 +36,11 @@ from support.recording_samples import (
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.mcap_records import CHUNK_HEADER, HEADER, MAGIC
 from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.serialization.video_packet import COMPRESSED_VIDEO
+from mvuav_ros.recordings.sources.frame import BadFrame, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.summary import summarise
+from mvuav_ros.recordings.writing import RecordingWriter
 
 DEADLINE_S = 120
 """Of a busy machine; what is read itself has `TIME_LIMIT_S`."""
@@ -150,6 +158,45 @@ def test_chunk_of_wrong_size_is_read_if_its_checksum_holds(tmp_path: Path) -> No
     assert messages == len(SAMPLES)
 
 
+@pytest.mark.parametrize('empty', [lz4.frame.compress(b''), struct.pack('<II', 0x184D2A50, 0)])
+def test_chunk_of_very_many_empty_frames(tmp_path: Path, empty: bytes) -> None:
+    compression = 'lz4' if empty[0] == 4 else 'zstd'
+    path = mcap_with_chunk(tmp_path / 'a.mcap', compression, empty * 200_000, (1 << 30) - 1)
+    start = time.process_time()
+    assert 'too many pieces' in '; '.join(summarise(path).errors)
+    assert time.process_time() - start < TIME_LIMIT_S
+
+
+@pytest.mark.parametrize('opcode', [3, 4])
+def test_definition_of_most_of_a_gigabyte(tmp_path: Path, opcode: int) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, summary=False, chunk_size=None, finish=False)
+    size = 900 << 20
+    with path.open('ab') as stream:
+        body = stream.tell() + stream.write(HEADER.pack(opcode, size))
+        stream.truncate(body + size)  # on disk there is nothing of it
+    messages, said = read(path)
+    assert messages == len(SAMPLES)
+    assert f'definition at byte {body} skipped' in said
+
+
+def test_video_packet_that_claims_hundreds_of_megapixels(tmp_path: Path) -> None:
+    data = bytearray(packets('libvpx', 1)[0])
+    assert struct.unpack_from('<HH', data, 6) == (WIDTH, HEIGHT)
+    struct.pack_into('<HH', data, 6, 0x3FFF, 0x3FFF)
+    path = tmp_path / 'a.mcap'
+    with RecordingWriter(path) as writer:
+        for number in range(4):
+            message = compressed_video(bytes(data), 'vp8', START_NS + number)
+            writer.write('/video', COMPRESSED_VIDEO, START_NS + number, message)
+    assert read(path)[0] == 4
+    (topic,) = summarise(path).topics
+    frames = list(open_source(str(path)).frames())
+    assert topic.images is not None and topic.images.malformed == len(frames) == 4
+    assert all(isinstance(frame, BadFrame) for frame in frames)
+    assert topic.images.first_problem == frames[0].reason
+    assert 'too large' in frames[0].reason
+
+
 def test_summary_that_begins_at_the_beginning(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', SAMPLES)
     content = bytearray(path.read_bytes())
@@ -245,6 +292,12 @@ def test_message_that_becomes_gigabytes(tmp_path: Path) -> None:
     assert '1 message of' in said
 
 
+def test_log_time_at_the_end_of_a_databases_time(tmp_path: Path) -> None:
+    late = SAMPLES[-1]._replace(stamp_ns=(1 << 63) - 1)
+    folder = write_rosbag2(tmp_path / 'bag', [*SAMPLES, late], 'sqlite3')
+    assert read(folder)[0] == len(SAMPLES) + 1
+
+
 def test_log_time_at_the_end_of_time(tmp_path: Path) -> None:
     late = SAMPLES[-1]._replace(stamp_ns=(1 << 64) - 1)
     path = write_mcap(tmp_path / 'a.mcap', [SAMPLES[0]._replace(stamp_ns=0), *SAMPLES, late])
@@ -266,6 +319,31 @@ def test_index_that_lacks_a_type_of_a_topic(tmp_path: Path) -> None:
     assert read(path)[0] == len(SAMPLES)
 
 
+@pytest.mark.parametrize('second', [IMAGE, 'std_msgs/msg/String'])
+def test_index_that_lacks_one_of_two_channels_of_a_topic(tmp_path: Path, second: str) -> None:
+    path = tmp_path / 'a.mcap'
+    with path.open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start('ros2', 'test')
+        schemas = [writer.register_schema(kind, '', b'') for kind in (IMAGE, second)]
+        channels = [
+            writer.register_channel(TOPIC, 'cdr', schema, {'number': str(number)})
+            for number, schema in enumerate(schemas)
+        ]
+        for number, sample in enumerate(image_samples(10)):
+            data = sample.data if number % 2 == 0 or second == IMAGE else string_sample(1).data
+            writer.add_message(channels[number % 2], sample.stamp_ns, data, sample.stamp_ns)
+        writer.finish()
+    content = bytearray(path.read_bytes())
+    at = content.rindex(TOPIC.encode()) - 8 - HEADER.size
+    assert content[at] == 4
+    content[at] = 0x90
+    struct.pack_into('<I', content, len(content) - len(MAGIC) - 4, 0)
+    path.write_bytes(content)
+    assert read(path)[0] == 10
+    assert len(list(open_source(str(path)).frames())) == (10 if second == IMAGE else 5)
+
+
 @pytest.mark.parametrize('name', ['a.mcap', 'a.db3.zstd', 'pipe', 'a.mp4', 'a.png'])
 def test_a_pipe_does_not_hang(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
@@ -283,6 +361,15 @@ def test_a_pipe_in_a_folder_does_not_hang(tmp_path: Path) -> None:
     os.mkfifo(folder / 'metadata.yaml')
     os.mkfifo(folder / 'other')
     assert read(folder)[0] == len(SAMPLES)
+
+
+@pytest.mark.parametrize('log', ['-wal', '-journal'])
+def test_a_pipe_in_place_of_a_databases_log_does_not_hang(tmp_path: Path, log: str) -> None:
+    path = storage_file(write_rosbag2(tmp_path / 'bag', SAMPLES, 'sqlite3'))
+    os.mkfifo(f'{path}{log}')
+    messages, said = read(path)
+    assert messages == len(SAMPLES)
+    assert 'the log beside it is no file' in said
 
 
 def test_a_few_mutations() -> None:

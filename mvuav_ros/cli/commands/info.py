@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from array import array
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -21,7 +23,10 @@ from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summari
 
 @dataclass
 class FrameSummary:
-    """What a video file or a folder of images holds."""
+    """What a video file or a folder of images holds.
+
+    ``duration_s`` is from the first to the last stamp, ``rate_hz`` the median interval's inverse.
+    """
 
     path: str
     frames: int = 0
@@ -63,15 +68,19 @@ def info(
 def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
     summary = FrameSummary(text, rate_hz=frames.rate)
     formats: Counter[str] = Counter()
+    stamps = array('q')
     for frame in frames.frames():
         summary.frames += 1
+        stamps.append(frame.stamp_ns)
         if isinstance(frame, BadFrame):
             summary.unusable += 1
             continue
         image = frame.image
         formats[f'{image.width}x{image.height} {image.encoding}'] += 1
     summary.formats = [name for name, _ in formats.most_common()]
-    summary.duration_s = summary.frames / frames.rate if frames.rate else 0.0
+    if len(stamps) > 1:
+        summary.duration_s = (stamps[-1] - stamps[0]) / 1e9
+        summary.rate_hz = 1e9 / float(np.median(np.diff(stamps)))
     summary.errors = frames.errors
     return summary
 

@@ -166,7 +166,8 @@ def run_job(
                 output = _Output(job, writer, outcome)
                 _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted and outcome.processed == 0:
-                raise SourceError(f'{job.source}: not a single frame could be used')
+                what = 'could be used' if outcome.frames else 'is there'
+                raise SourceError(f'{job.source}: not a single frame {what}')
 
 
 def attempt(job: ReplayJob, progress: Progress, stop: Stop, processes: int = 1) -> ReplayOutcome:

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
 from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.recordings.sources.video import upright
 
 # A frame may come out behind so many others, by the standards of H.264 and H.265.
 _MOST_WAITING = 32
-_NOT_DECODED = 'its packet does not decode: the frames before it that it needs are missing'
+_NOT_DECODED = (
+    'its packet does not decode: the frames before it that it needs are missing, or it is damaged '
+    'or too large'
+)
 
 
 class VideoTopic:
@@ -46,7 +50,7 @@ class VideoTopic:
             yield from self._decode(data)
         else:
             # The decoder would take it for the end of the video.
-            yield from self._unusable(self._number)
+            yield from self._unusable(self._number, 'its packet is empty')
         for number in [key for key in self._waiting if key <= self._number - _MOST_WAITING]:
             yield from self._unusable(number)
 
@@ -67,24 +71,32 @@ class VideoTopic:
             return
         if self._decoder is None:
             self._decoder = av.CodecContext.create(self._codec, 'r')
-            if self._low_delay:
-                self._decoder.options = {'flags': 'low_delay'}
+            self._decoder.options = {
+                'max_pixels': str(MAX_PIXELS),
+                **({'flags': 'low_delay'} if self._low_delay else {}),
+            }
         coded = None if data is None else av.Packet(data)
         if coded is not None:
             coded.pts = self._number
         try:
             decoded = self._decoder.decode(coded)
-        except (av.error.FFmpegError, ValueError):
+        except (av.error.FFmpegError, ValueError, MemoryError):
             if data is not None:
                 yield from self._unusable(self._number)
             return
         for frame in decoded:
             waiting = self._waiting.pop(frame.pts or 0, None)
             if waiting is not None and waiting[1]:
-                packet = waiting[0]
-                yield Frame(packet.stamp_ns, packet.frame_id, upright(frame))
+                yield _frame(waiting[0], frame)
 
-    def _unusable(self, number: int) -> Iterator[BadFrame]:
+    def _unusable(self, number: int, reason: str = _NOT_DECODED) -> Iterator[BadFrame]:
         packet, wanted = self._waiting.pop(number)
         if wanted:
-            yield BadFrame(packet.stamp_ns, _NOT_DECODED)
+            yield BadFrame(packet.stamp_ns, reason)
+
+
+def _frame(packet: VideoPacket, decoded: Any) -> Frame | BadFrame:
+    try:
+        return Frame(packet.stamp_ns, packet.frame_id, upright(decoded))
+    except (OSError, ValueError, MemoryError) as error:
+        return BadFrame(packet.stamp_ns, f'{decoded.width} x {decoded.height} pixels: {error}')

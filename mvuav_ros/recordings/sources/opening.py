@@ -55,6 +55,8 @@ def open_source(
         return _images(text, list(path.iterdir()), rate)
     if not path.is_file():
         raise SourceError(f'{text} is neither a file nor a folder')
+    if path.stat().st_size == 0:
+        raise SourceError(f'{text} is empty')
     if is_image_file(path):
         return _images(text, [path], rate)
     return VideoFile(path, rate)

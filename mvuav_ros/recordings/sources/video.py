@@ -14,6 +14,7 @@ from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, S
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
+_SHORTEST_LOSS_S = 0.5
 
 
 class VideoFile:
@@ -43,7 +44,12 @@ class VideoFile:
             own_rate = float(stream.average_rate or 0)
             self._tick = Fraction(stream.time_base or 0)
             self._promised: int = stream.frames
+            # FFmpeg has the duration of an AVI that is cut off shorter; its ticks are its frames.
+            in_frames = self._tick == Fraction(1, stream.average_rate or 1)
+            ticks: int = max(stream.duration or 1, self._promised if in_frames else 0)
+            self._end: int = (stream.start_time or 0) + ticks
             duration_s = (container.duration or 0) / 1e6
+            self._duration_s = duration_s if len(container.streams) == 1 else 0.0
         self._own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
         self.rate: float | None = rate or self._own_rate
         self.count: int | None = self._promised or round(duration_s * self._own_rate) or None
@@ -57,11 +63,13 @@ class VideoFile:
                 f'python3-av ({error})'
             ) from error
         try:
-            # A playlist must not lead to other machines.
-            container = av.open(str(self._path), options={'protocol_whitelist': 'file'})
+            # A playlist must not lead to other machines, nor a frame be larger than it says.
+            limits = {'protocol_whitelist': 'file', 'max_pixels': str(MAX_PIXELS)}
+            container = av.open(str(self._path), options=limits)
         except (av.error.FFmpegError, ValueError):
             container = None
-        if container is None or not container.streams.video:
+        # Of a codec that FFmpeg does not know there is no context.
+        if container is None or not any(s.codec_context for s in container.streams.video[:1]):
             raise SourceError(
                 f'{self._path} is not a video that FFmpeg can read; convert it, for example with '
                 'ffmpeg -i FILE flight.mp4'
@@ -71,23 +79,30 @@ class VideoFile:
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = damaged = 0
+        packets = damaged = end = 0
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
             for packet in _packets(container, stream):
                 packets += packet.size > 0
+                end = max(end, (packet.pts or 0) + (packet.duration or 1))
                 try:
-                    frames = packet.decode()
-                except ValueError:  # FFmpeg's errors of invalid data are such
+                    for frame in packet.decode():
+                        yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
+                except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
-                    continue
-                for frame in frames:
-                    yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
         if damaged:
             self.errors.append(f'{damaged} packets of the video do not decode')
-        if packets < self._promised:
+        self._note_end(packets, end)
+
+    def _note_end(self, packets: int, end: int) -> None:
+        """Say what is missing behind the last packet, which ends at that tick."""
+        end_s = float(end * self._tick)
+        # AVI counts the ticks without a frame, too; Matroska counts no frames.
+        if packets < self._promised and end < self._end:
             self.errors.append(f'the video ended after {packets} of {self._promised} frames')
+        elif self._promised == 0 and end_s < self._duration_s - _SHORTEST_LOSS_S:
+            self.errors.append(f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s')
 
     def close(self) -> None:
         """Nothing to let go of: `frames` closes what it opens."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.coded_videos import write_video
 from support.commands import mvuav, stamp
 from support.recording_samples import (
     TOPIC,
@@ -106,14 +107,22 @@ def test_images(tmp_path: Path) -> None:
     (tmp_path / '3.png').write_bytes(b'no image')
     run = mvuav('info', tmp_path)
     assert run.status == 0
-    assert f'{tmp_path}: 4 frames, 30.00 Hz, 0.13 s, 16x8 mono8' in run.out
+    assert f'{tmp_path}: 4 frames, 30.00 Hz, 0.10 s, 16x8 mono8' in run.out
     assert 'damage: 1 frames do not decode' in run.out
     assert json.loads(mvuav('info', tmp_path, '--json').out)['unusable'] == 1
 
 
-@pytest.mark.parametrize('name', ['missing.mcap', 'empty.mcap', 'text.txt', 'folder'])
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+def test_a_video_of_variable_rate(tmp_path: Path, suffix: str) -> None:
+    path = write_video(tmp_path / f'a{suffix}', [0, 33, 100, 101, 500, 12_947])
+    run = mvuav('info', path)
+    assert run.out == f'{path}: 6 frames, 14.93 Hz, 12.95 s, 64x48 bgr8\n'
+
+
+@pytest.mark.parametrize('name', ['missing.mcap', 'empty.mcap', 'empty', 'text.txt', 'folder'])
 def test_what_cannot_be_read_costs_one_line(tmp_path: Path, name: str) -> None:
     (tmp_path / 'empty.mcap').touch()
+    (tmp_path / 'empty').touch()
     (tmp_path / 'text.txt').write_text('no bag')
     (tmp_path / 'folder').mkdir()
     run = mvuav('info', tmp_path / name)

@@ -21,7 +21,7 @@ from support.recording_samples import START_NS
 
 from mvuav_ros.recordings.serialization.video_packet import COMPRESSED_VIDEO, FFMPEG_PACKET
 from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.sources.video import VideoFile
@@ -33,13 +33,24 @@ COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 TOPIC = '/camera/video'
 
 
-@pytest.mark.parametrize('suffix', ['.mp4', '.mkv'])
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 def test_a_variable_rate_has_its_own_times(tmp_path: Path, suffix: str) -> None:
     source = VideoFile(write_video(tmp_path / f'a{suffix}', TIMES_MS))
     frames = list(source.frames())
     assert [frame.stamp_ns for frame in frames] == [time * 1_000_000 for time in TIMES_MS]
     assert source.errors == []
     assert [number_in(frame.image.pixels) for frame in frames] == list(range(6))
+
+
+@pytest.mark.parametrize('suffix', ['.mkv', '.avi'])
+def test_a_video_cut_off_says_so(tmp_path: Path, suffix: str) -> None:
+    whole = write_video(tmp_path / f'a{suffix}', range(0, 2000, 50))
+    cut = tmp_path / f'cut{suffix}'
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 5])
+    source = VideoFile(cut)
+    frames = list(source.frames())
+    assert 5 < len(frames) < 40
+    assert 'the video ended' in source.errors[0]
 
 
 def test_a_given_rate_replaces_the_times(tmp_path: Path) -> None:
@@ -72,6 +83,15 @@ def test_a_video_under_another_name(tmp_path: Path) -> None:
         assert len(list(open_source(str(made)).frames())) == 6
 
 
+def test_a_codec_that_ffmpeg_does_not_know(tmp_path: Path) -> None:
+    path = write_video(tmp_path / 'a.mp4', TIMES_MS)
+    content = path.read_bytes()
+    assert content.count(b'mp4v') == 1
+    path.write_bytes(content.replace(b'mp4v', b'zzzz').replace(b'esds', b'free'))
+    with pytest.raises(SourceError, match='not a video that FFmpeg can read'):
+        open_source(str(path))
+
+
 def bag_of(path: Path, kind: str, messages: list[bytes]) -> Path:
     with RecordingWriter(path) as writer:
         for number, data in enumerate(messages):
@@ -102,7 +122,8 @@ def test_topics_of_video_packets(tmp_path: Path, codec: str, make, kind: str, na
     assert [number_in(frame.image.pixels) for frame in frames] == list(range(12))
     (topic,) = summarise(path).topics
     assert topic.images is not None and topic.images.malformed == 0
-    assert topic.images.formats == ['hevc video' if '265' in codec else 'h264 video']
+    ffmpegs_name = 'hevc' if '265' in codec else 'h264'
+    assert topic.images.formats == [f'{WIDTH}x{HEIGHT} {ffmpegs_name} video']
     third = list(BagImages(path).items(Selection(every=3)))
     assert [number_in(frame.image.pixels) for frame in third] == [0, 3, 6, 9]
 
@@ -124,6 +145,19 @@ def test_packets_that_cannot_be_decoded(tmp_path: Path) -> None:
     bad = [frame for frame in frames if isinstance(frame, BadFrame)]
     assert len(frames) == 10
     assert 1 <= len(bad) <= 3 and 'the frames before it' in bad[0].reason
+    (topic,) = summarise(late).topics
+    assert topic.images is not None
+    assert topic.images.malformed == len(bad)
+    assert topic.images.first_problem == bad[0].reason
+    assert topic.images.formats == [f'{WIDTH}x{HEIGHT} h264 video']
+    for data, reason in ((b'\0\0\0\1garbage', 'does not decode'), (b'', 'is empty')):
+        messages = [compressed_video(data, 'h264', stamp_of(n)) for n in range(3)]
+        none = bag_of(tmp_path / f'{len(data)}.mcap', COMPRESSED_VIDEO, messages)
+        frames = list(BagImages(none).frames())
+        assert all(isinstance(frame, BadFrame) and reason in frame.reason for frame in frames)
+        (topic,) = summarise(none).topics
+        assert topic.images is not None and topic.images.formats == []
+        assert topic.images.malformed == len(frames) == 3 and reason in topic.images.first_problem
     messages = [compressed_video(b'\0\0\0\1garbage', 'theora', stamp_of(0))]
     other = bag_of(tmp_path / 'other.mcap', COMPRESSED_VIDEO, messages)
     (frame,) = BagImages(other).frames()
