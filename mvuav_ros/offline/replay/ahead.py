@@ -30,6 +30,8 @@ _AT_ONCE = 4
 _MOST_BYTES = 48 << 20
 """Of the frames and messages under way, once there are `_FEWEST` frames."""
 _FEWEST = 3
+_LARGE = 64 << 20
+"""Bytes of a message that is decoded before it is copied, as it may be no image at all."""
 _MOST_ENTRIES = 256
 _MOST_GIVEN = 2
 """Tasks that a process has at a time: one that it is at, and no pause after it."""
@@ -165,6 +167,8 @@ class ReplayAhead:
         if item is None:
             self._ended = True
             return
+        if isinstance(item, EncodedFrame) and len(item.recorded.data) > _LARGE:
+            item = item.decoded()
         entry = _Entry()
         if isinstance(item, RecordedMessage):
             entry.direct = item
