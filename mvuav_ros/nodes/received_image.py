@@ -69,6 +69,14 @@ class InputEvents:
     last_error: str = ''
 
 
+class InputState(NamedTuple):
+    """The image topic at this moment: resolved, with the nodes that publish it."""
+
+    topic: str
+    publishers: list[str]
+    events: InputEvents
+
+
 class Backlog:
     """Tells a hiccup, after which every image is still answered, from being too slow."""
 
