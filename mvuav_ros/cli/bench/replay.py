@@ -59,15 +59,14 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
 
         return run
 
-    cases: list[Case] = []
-    for name, count, size in (
-        (f'{frames} frames 640x480', frames, None),
-        (f'{max(1, frames // 5)} frames JPEG 1920x1080', max(1, frames // 5), (1920, 1080)),
-    ):
-        bag = Path(folder.name) / f'{len(cases)}.mcap'
-        _write_bag(bag, count, size)
-        cases += _cases_of(name, bag, count, action)
-    return cases
+    raw, jpeg = Path(folder.name) / 'raw.mcap', Path(folder.name) / 'jpeg.mcap'
+    fewer = max(1, frames // 5)
+    _write_bag(raw, frames, None)
+    _write_bag(jpeg, fewer, (1920, 1080))
+    return [
+        *_cases_of(f'{frames} frames 640x480', raw, frames, action),
+        *_cases_of(f'{fewer} frames JPEG 1920x1080', jpeg, fewer, action),
+    ]
 
 
 def _cases_of(
