@@ -14,10 +14,7 @@ GROUPINGS = ('auto', 'distance', 'components')
 CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
 CENTROIDS = ('auto', 'binary', 'weighted')
 _FOLLOWED = ({'mode': ('track', 'track_any')},)
-_GROUPED = (
-    {'mode': ('detect', 'detect_any')},
-    {'mode': ('track',), 'prediction': PREDICTIONS[1:]},
-)
+_GROUPED = ({'mode': ('detect', 'detect_any')}, {'mode': ('track',), 'prediction': PREDICTIONS[1:]})
 
 _detection = partial(parameter, stage='Detection')
 _tracking = partial(parameter, stage='Tracking')
@@ -160,15 +157,16 @@ class MarkerTrackerParameters(ParameterSet):
     @property
     def weighted(self) -> bool:
         """Whether lights are measured by intensity."""
-        if self.centroid != 'auto':
-            return self.centroid == 'weighted'
-        return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
+        return self._is_ours if self.centroid == 'auto' else self.centroid == 'weighted'
 
     @property
     def by_components(self) -> bool:
         """Whether the clusters of a whole frame are connected pixels."""
-        if self.grouping != 'auto':
-            return self.grouping == 'components'
+        return self._is_ours if self.grouping == 'auto' else self.grouping == 'components'
+
+    @property
+    def _is_ours(self) -> bool:
+        """Whether tracking is not the thesis's."""
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:

@@ -73,6 +73,13 @@ def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
     return _ENCAPSULATION + _STAMP.pack(*divmod(stamp_ns, 1_000_000_000)) + _text(frame_id)
 
 
+def stamped_doubles(header: bytes, *values: float) -> bytes:
+    """A message of a header and doubles, such as PointStamped and PoseWithCovarianceStamped."""
+    writer = CdrWriter(header)
+    writer.numbers(f'{len(values)}d', *values)
+    return writer.message()
+
+
 @lru_cache(maxsize=8)
 def _text(text: str) -> bytes:
     writer = CdrWriter(b'')
