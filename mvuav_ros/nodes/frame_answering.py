@@ -24,14 +24,9 @@ class FrameAnswerer:
     """Feeds a processor with images and publishes what it returns.
 
     A frame that cannot be used is counted, logged and dropped. Called in the thread of the images;
-    what the executor's thread touches as well is guarded by ``lock``.
-
-    Attributes:
-        lock: guards the processor and the statistics.
-        statistics: since the node was made.
-        stamps: since the last `restart`.
-        enabled: whether images are answered, or counted only.
-        image_format: of the newest image, in words.
+    ``lock`` guards the processor and the statistics, which the executor's thread touches as well.
+    ``stamps`` are those since the last `restart`, ``statistics`` those since the node was made;
+    where it is not ``enabled``, images are counted only.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:

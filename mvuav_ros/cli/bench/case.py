@@ -14,16 +14,10 @@ Action = Callable[[], object]
 
 @dataclass(frozen=True)
 class Case:
-    """Something to measure, and what to hold it against.
+    """Something to measure, and what to hold it against; a run is usually one frame.
 
-    Attributes:
-        name: what is measured.
-        run: one call of it, usually one frame.
-        baseline_name: what it is compared with; empty if with nothing.
-        baseline: one call of that.
-        limit_ratio: median time may be this many times the baseline's.
-        limit_ms: median time may be this long, ms.
-        note: a figure from elsewhere, such as the thesis's own.
+    The median time may be ``limit_ratio`` times the baseline's, and ``limit_ms``. A note is a
+    figure from elsewhere, such as the thesis's own.
     """
 
     name: str

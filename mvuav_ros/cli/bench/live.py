@@ -34,19 +34,12 @@ class LiveCase:
 
 @dataclass(frozen=True)
 class LiveResult:
-    """What became of a stream; times in ms, from the camera's stamp to the receiver's callback.
+    """What became of a stream of images sent, for one of its nodes.
 
-    Attributes:
-        node: whose results these are; the stream may have had other nodes as well.
-        sent: images published.
-        processed: images whose result came back to the camera.
-        latency: p50, p95 and p99 from the image's publication to the result's arrival.
-        floor_taken: images that the minimal subscriber took.
-        floor: its p50, p95 and p99 from publication to callback.
-        cpu_ms: the node's processor time per image, all threads.
-        memory_mb: its resident memory at the end.
-        memory_growth_mb: how much that grew after the warm-up.
-        status: the node's newest diagnostics.
+    ``latency``: p50, p95 and p99 (ms) from an image's stamp to its result's arrival back at the
+    camera, of those processed; ``floor``: the same to the callback of a minimal subscriber. The
+    processor time is of all threads, per image; the memory is resident, at the end, and its growth
+    since the warm-up. ``status`` are the node's newest diagnostics.
     """
 
     case: LiveCase

@@ -75,34 +75,17 @@ def _cases_of(
     one = action(_Replay(bag, _NODES))
     floor = action(_Replay(bag, ()))
     raw = '640x480' in name
-    cases = [
-        Case(
-            f'replay {name}, both nodes, one core',
-            one,
-            limit_ms=frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None,
-        )
-    ]
-    cases += [
-        Case(
-            f'replay {name}, {node}',
-            action(_Replay(bag, (node,))),
-            'read, decode, threshold',
-            floor,
-            limit_ratio=_FLOOR_LIMIT,
-        )
-        for node in _NODES
-    ]
+    limit_ms = frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None
+    cases = [Case(f'replay {name}, both nodes, one core', one, limit_ms=limit_ms)]
+    for node in _NODES:
+        alone = action(_Replay(bag, (node,)))
+        beside = ('read, decode, threshold', floor, _FLOOR_LIMIT)
+        cases.append(Case(f'replay {name}, {node}', alone, *beside))
     if len(os.sched_getaffinity(0)) > 1:
-        cases.append(
-            Case(
-                f'replay {name}, both nodes, --jobs 2',
-                action(_Replay(bag, _NODES, 2)),
-                '--jobs 1',
-                one,
-                limit_ratio=1 / _TWO_JOBS_GAIN,
-                note=f'{_TWO_JOBS_GAIN} times the frames/s at the limit',
-            )
-        )
+        both = action(_Replay(bag, _NODES, 2))
+        limit, note = 1 / _TWO_JOBS_GAIN, f'{_TWO_JOBS_GAIN} times the frames/s at the limit'
+        title = f'replay {name}, both nodes, --jobs 2'
+        cases.append(Case(title, both, '--jobs 1', one, limit, note=note))
     return cases
 
 
