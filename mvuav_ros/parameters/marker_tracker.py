@@ -10,9 +10,6 @@ from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
-GROUPINGS = ('auto', 'distance', 'components')
-CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
-CENTROIDS = ('auto', 'binary', 'weighted')
 _FOLLOWED = ({'mode': ('track', 'track_any')},)
 _GROUPED = ({'mode': ('detect', 'detect_any')}, {'mode': ('track',), 'prediction': PREDICTIONS[1:]})
 
@@ -41,7 +38,7 @@ class MarkerTrackerParameters(ParameterSet):
         'of full scale), brightest (the maximum of red, green and blue in each pixel, for lights '
         'of any colour), or one colour. auto: intensity, or brightest while no marker is found '
         'in it. A grey image has only its intensity.',
-        choices=CHANNELS,
+        choices=('auto', 'intensity', 'brightest', 'red', 'green', 'blue'),
         thesis='intensity; eq. 3.3',
         stage='Image',
     )
@@ -60,7 +57,7 @@ class MarkerTrackerParameters(ParameterSet):
         'grouping_distance of the first one, thesis), components (connected pixels: wide lights '
         'stay whole, close ones separate), auto (components in track_any and in track with '
         'prediction kalman, else distance). track with kalman always uses components.',
-        choices=GROUPINGS,
+        choices=('auto', 'distance', 'components'),
         thesis='distance',
     )
     grouping_distance: int = _detection(
@@ -101,7 +98,7 @@ class MarkerTrackerParameters(ParameterSet):
         'Centroid of a light: binary (mean of the pixels above the threshold, thesis), weighted '
         '(by intensity above the local background), auto (weighted in track with prediction '
         'kalman and in track_any, else binary).',
-        choices=CENTROIDS,
+        choices=('auto', 'binary', 'weighted'),
         thesis='binary',
     )
     layout: str = _pose(
