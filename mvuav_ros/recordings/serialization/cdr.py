@@ -75,9 +75,8 @@ def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
 
 def stamped_doubles(header: bytes, *values: float) -> bytes:
     """A message of a header and doubles, such as PointStamped and PoseWithCovarianceStamped."""
-    writer = CdrWriter(header)
-    writer.numbers(f'{len(values)}d', *values)
-    return writer.message()
+    padding = bytes((len(_ENCAPSULATION) - len(header)) % 8)
+    return b''.join((header, padding, struct.pack(f'<{len(values)}d', *values)))
 
 
 @lru_cache(maxsize=8)
