@@ -35,11 +35,7 @@ COMMANDS = (
 
 
 def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """The command line with these commands.
-
-    Args:
-        names: of `COMMANDS`; importing one takes longer than many a command's work.
-    """
+    """The command line with these commands; importing one takes longer than many a one's work."""
     app = typer.Typer(
         name='mvuav',
         help="Machine vision for UAVs: a tanker's marker lights, a runway's lines.",

@@ -10,6 +10,9 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.remote import is_url, size_at
+
 OptionsT = TypeVar('OptionsT')
 
 
@@ -46,12 +49,16 @@ SplitMb = Annotated[
 Force = Annotated[bool, typer.Option('--force', help='Overwrite existing output.')]
 
 
-def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], None]], Callable[..., None]]:
-    """Make a command of a function of one object: each field of its class is an option.
+def refuse_to_overwrite(output: Path | str, force: bool) -> None:
+    """RecordingError where a local path or a URL exists already; force overwrites it."""
+    if force or (isinstance(output, str) and not is_url(output)):
+        return
+    if output.exists() if isinstance(output, Path) else size_at(output) is not None:
+        raise RecordingError(f'{output} exists; --force overwrites it')
 
-    Args:
-        options: a dataclass whose fields are annotated as typer's parameters are.
-    """
+
+def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], None]], Callable[..., None]]:
+    """Make a command of a function of one dataclass, whose fields are annotated as its options."""
 
     def command(work: Callable[[OptionsT], None]) -> Callable[..., None]:
         def run(**given: Any) -> None:

@@ -11,20 +11,13 @@ import typer
 
 
 def spell_unions_out(app: typer.Typer) -> None:
-    """Write ``X | None`` as ``Optional[X]`` in all commands of an application.
-
-    Args:
-        app: changed in place, with its groups.
-    """
-    callbacks: list[Callable[..., Any] | None] = [
-        command.callback for command in app.registered_commands
-    ]
+    """Write ``X | None`` as ``Optional[X]`` in all commands of an application and its groups."""
+    callbacks = [command.callback for command in app.registered_commands]
     if app.registered_callback is not None:
         callbacks.append(app.registered_callback.callback)
-    for callback in callbacks:
-        if callback is not None:
-            hints = get_type_hints(callback, include_extras=True)
-            _annotate(callback, {name: _spelt(hint) for name, hint in hints.items()})
+    for callback in filter(None, callbacks):
+        hints = get_type_hints(callback, include_extras=True)
+        _annotate(callback, {name: _spelt(hint) for name, hint in hints.items()})
     for group in app.registered_groups:
         if group.typer_instance is not None:
             spell_unions_out(group.typer_instance)

@@ -2,29 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from diagnostic_msgs.msg import DiagnosticStatus
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-
+from mvuav_ros.nodes.diagnostics import status
 from mvuav_ros.nodes.frame_answering import FrameAnswerer
 from mvuav_ros.nodes.frame_statistics import WINDOW
 from mvuav_ros.nodes.input_monitor import InputMonitor, explain_no_images
-from mvuav_ros.nodes.received_image import InputEvents
+from mvuav_ros.nodes.received_image import InputState
 from mvuav_ros.processing.processor import Processor
-
-
-class InputState(NamedTuple):
-    """The image topic at this moment.
-
-    Attributes:
-        topic: resolved.
-        publishers: full names of the nodes that publish it.
-        events: what became of images before they were processed.
-    """
-
-    topic: str
-    publishers: list[str]
-    events: InputEvents
 
 
 class DetectorStatus:
@@ -41,19 +26,15 @@ class DetectorStatus:
         return 'running' if self._answerer.enabled else 'disabled'
 
     def report(self, name: str, images: InputState) -> DiagnosticStatus:
-        """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
-
-        Args:
-            name: of the node, with its namespace.
-            images: the input now.
-        """
+        """The status of the last seconds; `FrameAnswerer.lock` is held by the caller."""
         problems = self._monitor.problems(images.events, self._answerer.stamps)
         level = DiagnosticStatus.OK
         statistics = self._answerer.statistics
         if self._answerer.enabled and statistics.silent:
             never = statistics.received == 0
             level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
-            problems = [f'no images{"" if never else f" for {WINDOW:.0f} s"}: {why_silent(images)}']
+            since = '' if never else f' for {WINDOW:.0f} s'
+            problems = [f'no images{since}: {explain_no_images(images)}']
         elif self._answerer.enabled:
             problems += self._active_problems(images)
         if problems and level == DiagnosticStatus.OK:
@@ -61,14 +42,10 @@ class DetectorStatus:
         return status(level, name, '; '.join(problems) or self.state, self._values(images))
 
     def _active_problems(self, images: InputState) -> list[str]:
-        problems = self._answerer.statistics.problems()
-        if len(images.publishers) > 1:
-            problems.append(
-                f'{len(images.publishers)} publishers on {images.topic}: their images are mixed'
-            )
-        if self._processor.status:
-            problems.append(self._processor.status)
-        return problems
+        count = len(images.publishers)
+        mixed = f'{count} publishers on {images.topic}: their images are mixed' if count > 1 else ''
+        said = [*self._answerer.statistics.problems(), mixed, self._processor.status]
+        return [words for words in said if words]
 
     def _values(self, images: InputState) -> dict[str, str]:
         events, stamps = images.events, self._answerer.stamps
@@ -88,14 +65,3 @@ class DetectorStatus:
             'image_publishers': ' '.join(images.publishers),
             'incompatible_publishers': str(events.incompatible),
         }
-
-
-def why_silent(images: InputState) -> str:
-    """Why no images come."""
-    return explain_no_images(images.topic, images.publishers, images.events)
-
-
-def status(level: bytes, name: str, message: str, values: dict[str, str]) -> DiagnosticStatus:
-    """A status with its key-values."""
-    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-    return DiagnosticStatus(level=level, name=name, message=message, values=pairs)

@@ -24,14 +24,9 @@ class FrameAnswerer:
     """Feeds a processor with images and publishes what it returns.
 
     A frame that cannot be used is counted, logged and dropped. Called in the thread of the images;
-    what the executor's thread touches as well is guarded by ``lock``.
-
-    Attributes:
-        lock: guards the processor and the statistics.
-        statistics: since the node was made.
-        stamps: since the last `restart`.
-        enabled: whether images are answered, or counted only.
-        image_format: of the newest image, in words.
+    ``lock`` guards the processor and the statistics, which the executor's thread touches as well.
+    ``stamps`` are those since the last `restart`, ``statistics`` those since the node was made;
+    where it is not ``enabled``, images are counted only.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:
@@ -48,12 +43,7 @@ class FrameAnswerer:
         self._logged: dict[str, float] = {}
 
     def restart(self, publishers: ResultPublishers, transport: str) -> None:
-        """Begin afresh: nothing from before is remembered.
-
-        Args:
-            publishers: of the processor's topics.
-            transport: how images come, the parameter ``image_transport``.
-        """
+        """Forget all from before; images come as the parameter ``image_transport`` says."""
         with self.lock:
             self._processor.reset()
             self._publishers, self._decoder = publishers, FrameDecoder(transport)
@@ -65,10 +55,9 @@ class FrameAnswerer:
         """Process an image and publish its results; never raises."""
         try:
             self._answer(received)
-        except DuplicateStampError as error:
-            self._reject('duplicate stamp', str(error))
-        except ImageError as error:
-            self._reject('bad image', str(error))
+        except (DuplicateStampError, ImageError) as error:
+            kind = 'bad image' if isinstance(error, ImageError) else 'duplicate stamp'
+            self._reject(kind, str(error))
         except Exception as error:
             if not self._node.context.ok():
                 # The process ends; nothing can be published any more.
@@ -118,8 +107,9 @@ class FrameAnswerer:
         publishers.publish(images)
         if self._awaits_first:
             self._awaits_first = False
-            words = f'first image: {self.image_format}, frame {frame.frame_id!r}'
-            self._node.get_logger().info(words)
+            self._node.get_logger().info(
+                f'first image: {self.image_format}, frame {frame.frame_id!r}'
+            )
 
     def _reject(self, kind: str, reason: str) -> None:
         with self.lock:

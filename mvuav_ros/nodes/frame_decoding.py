@@ -26,11 +26,7 @@ class FrameDecoder:
     """Decodes what comes on one topic, in its order."""
 
     def __init__(self, transport: str) -> None:
-        """Begin a topic.
-
-        Args:
-            transport: the parameter ``image_transport``.
-        """
+        """Begin a topic of a transport; see the parameter ``image_transport``."""
         self._transport = transport
         self._raw = RawImageDecoder()
         self._video = VideoTopic(low_delay=True)

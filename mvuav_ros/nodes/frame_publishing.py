@@ -10,8 +10,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 from std_msgs.msg import Header
 
-from mvuav_ros.nodes.result_publishers import create_result_publisher
-from mvuav_ros.nodes.subscribers import is_heard
+from mvuav_ros.nodes.result_publishers import create_result_publisher, is_heard
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
@@ -33,13 +32,7 @@ class FramePublisher:
     def __init__(
         self, node: Node, calibration: Calibration | None, listeners: Sequence[Listener]
     ) -> None:
-        """Make the topics.
-
-        Args:
-            node: whose topics they are.
-            calibration: of the camera; None: the frames' own, if they have one.
-            listeners: of this process, called with each frame.
-        """
+        """Make the topics; without a calibration frames keep their own, if they have one."""
         self._node = node
         self._calibration = calibration
         self._listeners = listeners
@@ -61,14 +54,7 @@ class FramePublisher:
             self._node.destroy_publisher(publisher)
 
     def publish(self, frame: Frame, given: VideoSourceParameters) -> Image:
-        """Send a frame.
-
-        Args:
-            frame: as the source yields it.
-            given: encoding, gamma, stamp, frame and JPEG quality.
-
-        Returns:
-            The image that was sent.
+        """Send a frame as the parameters have it; returns the image that was sent.
 
         Raises:
             ImageError: it cannot be converted.
@@ -98,9 +84,13 @@ class FramePublisher:
             self._infos.publish(info)
 
     def _camera_info(self, frame: Frame, image: Image, header: Header) -> CameraInfo:
-        if self._calibration is None and frame.camera is not None:
+        """All-zero matrices say that the camera is not calibrated."""
+        if self._calibration is not None:
+            given = {name: _plain(value) for name, value in vars(self._calibration).items()}
+            return CameraInfo(header=header, **given)
+        if frame.camera is not None:
             return encode_camera_info(frame.camera, header)
-        return _camera_info(self._calibration, image, header)
+        return CameraInfo(header=header, width=image.width, height=image.height)
 
 
 def as_encoding(image: Image, encoding: str) -> Image:
@@ -121,16 +111,5 @@ def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
     return serialize_compressed_image('jpeg', data.tobytes(), header)
 
 
-def _camera_info(calibration: Calibration | None, image: Image, header: Header) -> CameraInfo:
-    """All-zero matrices say that the camera is not calibrated."""
-    info = CameraInfo(header=header, width=image.width, height=image.height)
-    if calibration is not None:
-        info.width, info.height = calibration.width, calibration.height
-        info.distortion_model = calibration.distortion_model
-        info.d, info.k, info.r, info.p = (
-            list(calibration.d),
-            list(calibration.k),
-            list(calibration.r),
-            list(calibration.p),
-        )
-    return info
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value

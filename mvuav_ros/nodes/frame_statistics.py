@@ -12,6 +12,13 @@ import numpy as np
 WINDOW = 5.0
 """Seconds over which rates, latencies and recent troubles are taken."""
 _LONGEST_REASON = 300
+_PERCENTILES = {
+    'latency_p50_ms': ('total', 50),
+    'latency_p95_ms': ('total', 95),
+    'latency_p99_ms': ('total', 99),
+    **{f'{stage}_p50_ms': (stage, 50) for stage in ('transport', 'decode', 'process', 'publish')},
+}
+"""Of `FrameTimes`."""
 
 
 class FrameTimes(NamedTuple):
@@ -70,10 +77,8 @@ class FrameStatistics:
     def problems(self) -> list[str]:
         """What was wrong with the frames of the last seconds, in words."""
         self._forget_old()
-        rejected = len(self._rejections)
-        if not rejected:
-            return []
-        return [f'{rejected} of {len(self._arrivals)} images rejected: {self.last_reason}']
+        rejected, arrived = len(self._rejections), len(self._arrivals)
+        return [f'{rejected} of {arrived} images rejected: {self.last_reason}'] if rejected else []
 
     @property
     def silent(self) -> bool:
@@ -90,18 +95,10 @@ class FrameStatistics:
         """Key-values of a diagnostic status."""
         self._forget_old()
         times = [times for _, times in self._results]
-        totals = _milliseconds(times, 'total')
-        stages = {
-            f'{stage}_p50_ms': _percentile(_milliseconds(times, stage), 50)
-            for stage in ('transport', 'decode', 'process', 'publish')
-        }
         return {
             'input_rate_hz': f'{len(self._arrivals) / WINDOW:.1f}',
             'output_rate_hz': f'{len(self._results) / WINDOW:.1f}',
-            'latency_p50_ms': _percentile(totals, 50),
-            'latency_p95_ms': _percentile(totals, 95),
-            'latency_p99_ms': _percentile(totals, 99),
-            **stages,
+            **{key: _percentile_ms(times, *which) for key, which in _PERCENTILES.items()},
             'frames_received': str(self.received),
             'frames_processed': str(self.processed),
             'frames_rejected': str(self.rejected.total()),
@@ -118,9 +115,6 @@ class FrameStatistics:
             self._results.popleft()
 
 
-def _milliseconds(times: Sequence[FrameTimes], stage: str) -> list[float]:
-    return [getattr(each, stage) * 1e3 for each in times]
-
-
-def _percentile(values: list[float], percent: int) -> str:
+def _percentile_ms(times: Sequence[FrameTimes], stage: str, percent: int) -> str:
+    values = [getattr(each, stage) * 1e3 for each in times]
     return f'{np.percentile(values, percent):.2f}' if values else 'nan'

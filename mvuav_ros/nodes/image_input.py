@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from threading import Event, Thread
 
@@ -19,9 +19,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind
 
-from mvuav_ros.nodes.companion_input import CompanionInput
+from mvuav_ros.nodes.companions import Companion
 from mvuav_ros.nodes.image_transport import ImageTopic
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, ReceivedImage
+from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState, ReceivedImage
 from mvuav_ros.nodes.subscriptions import status_of, subscribe
 
 _LONGEST_WAIT_NS = 500_000_000
@@ -42,23 +42,16 @@ class ImageInput:
         node: Node,
         topic: ImageTopic,
         on_image: Callable[[ReceivedImage], None],
-        companions: CompanionInput,
+        companions: Sequence[Companion],
     ) -> None:
-        """Subscribe.
-
-        Args:
-            node: whose subscription it is.
-            topic: of the images.
-            on_image: called with each, from a thread of its own.
-            companions: what images may wait for; made before this, so that a source that sees
-                the one subscription has seen the others. Closed with this.
-        """
+        """Subscribe; images may wait for their companions, which are closed with this."""
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
         self._companions = companions
         self._passes_skipped = topic.may_be_video
         self._subscription = subscribe(node, topic.kind, topic.name, raw=True)
+        self._subscriptions = [self._subscription, *(each.subscription for each in companions)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
         self._backlog = Backlog()
@@ -71,11 +64,6 @@ class ImageInput:
     def topic(self) -> str:
         """The resolved name of the image topic."""
         return str(self._subscription.topic_name)
-
-    @property
-    def publishers(self) -> int:
-        """Publishers that this subscription gets images from."""
-        return int(self._subscription.get_publisher_count())
 
     def start(self) -> None:
         """Begin to take images."""
@@ -91,11 +79,11 @@ class ImageInput:
             if event is not None:
                 event.destroy_when_not_in_use()
         self._lost = self._incompatible = None
-        self._node.destroy_subscription(self._subscription)
-        self._companions.close()
+        for each in self._subscriptions:
+            self._node.destroy_subscription(each)
         self._wake.destroy()
 
-    def poll(self) -> InputEvents:
+    def poll(self) -> InputState:
         """What became of images so far; to be called now and then, from one thread."""
         if self._lost is not None:
             self._events.lost = int(self._lost.take_event().total_count)
@@ -103,7 +91,9 @@ class ImageInput:
             event = self._incompatible.take_event()
             self._events.incompatible = int(event.total_count)
             self._events.incompatible_policy = qos_policy_name_from_kind(event.last_policy_kind)
-        return self._events
+        infos = self._node.get_publishers_info_by_topic(self.topic)
+        names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
+        return InputState(self.topic, names, self._events)
 
     def _run(self) -> None:
         while not self._stopping.is_set() and self._node.context.ok():
@@ -116,27 +106,31 @@ class ImageInput:
                 self._stopping.wait(_PAUSE_AFTER_ERROR)
 
     def _take_until_stopped(self) -> None:
-        subscriptions = [self._subscription, *self._companions.subscriptions]
         context = self._node.context.handle
         assert context is not None
         with ExitStack() as handles:
-            for entity in (*subscriptions, self._wake):
+            for entity in (*self._subscriptions, self._wake):
                 handles.enter_context(entity.handle)
             handles.enter_context(context)
-            wait_set = rclpy_implementation.WaitSet(len(subscriptions), 1, 0, 0, 0, 0, context)
+            count = len(self._subscriptions)
+            wait_set = rclpy_implementation.WaitSet(count, 1, 0, 0, 0, 0, context)
             while not self._stopping.is_set():
                 wait_set.clear_entities()
-                for subscription in subscriptions:
+                for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
-                wait_set.wait(_HELD_WAIT_NS if self._companions.holds else _LONGEST_WAIT_NS)
+                holds = any(companion.holds for companion in self._companions)
+                wait_set.wait(_HELD_WAIT_NS if holds else _LONGEST_WAIT_NS)
                 if not self._node.context.ok():
                     return
                 ready = wait_set.get_ready_entities('subscription')
-                self._companions.take(ready)
                 is_there = self._subscription.handle.pointer in ready
-                images = self._not_skipped(self._take_images() if is_there else [])
-                for image in self._companions.completed(images):
+                for companion in self._companions:
+                    companion.take(ready)
+                images: Iterable[ReceivedImage] = self._take_images() if is_there else []
+                for companion in self._companions:
+                    images = companion.completed(images)
+                for image in images:
                     self._on_image(image)
 
     def _take_images(self) -> list[ReceivedImage]:
@@ -152,11 +146,11 @@ class ImageInput:
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan
             images.append(ReceivedImage(data, transport, time.perf_counter()))
-        return images
+        return self._not_skipped(images)
 
     def _follow(self, sequence: int) -> None:
         # With two publishers the counts of both are mixed and say nothing.
-        if sequence > self._last_sequence + 1 > 1 and self.publishers == 1:
+        if sequence > self._last_sequence + 1 > 1 and self._subscription.get_publisher_count() == 1:
             self._events.missing += sequence - self._last_sequence - 1
         self._last_sequence = sequence
 

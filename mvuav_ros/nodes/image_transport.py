@@ -17,13 +17,7 @@ _VIDEO = {
 
 
 class ImageTopic(NamedTuple):
-    """A topic of images.
-
-    Attributes:
-        name: still to be resolved and remapped.
-        kind: the messages' class.
-        transport: as the parameter ``image_transport`` has it.
-    """
+    """A topic of images: a name still to be resolved and remapped, and the messages' class."""
 
     name: str
     kind: Any
@@ -36,11 +30,7 @@ class ImageTopic(NamedTuple):
 
 
 def image_topic(transport: str, resolved: str) -> ImageTopic:
-    """The topic of a transport.
-
-    Args:
-        transport: ``raw``, ``compressed``, ``ffmpeg`` or ``foxglove``.
-        resolved: the image topic after remapping, so that the others move along with it.
+    """The topic of a transport beside the image topic as remapped, so that it moves along.
 
     Raises:
         ParameterError: the messages' package is not installed.

@@ -6,7 +6,7 @@ import statistics
 from collections import deque
 
 from mvuav_ros.nodes.frame_statistics import WINDOW
-from mvuav_ros.nodes.received_image import InputEvents
+from mvuav_ros.nodes.received_image import InputEvents, InputState
 
 LOST_REMEDY = (
     "give the camera's process a larger shared-memory segment, or let it publish reliably "
@@ -45,9 +45,7 @@ class StampMonitor:
     @property
     def spacing_ns(self) -> int:
         """The usual time between two stamps; 0 while too few have come."""
-        if len(self._spacings) < 8:
-            return 0
-        return round(statistics.median(self._spacings))
+        return round(statistics.median(self._spacings)) if len(self._spacings) >= 8 else 0
 
 
 class InputMonitor:
@@ -68,14 +66,11 @@ class InputMonitor:
         self._history.append(counts)
         recent = {name: count - self._history[0][name] for name, count in counts.items()}
         problems = []
-        overwritten = max(recent['missing'] - recent['lost'], 0)
+        skipped = max(recent['missing'] - recent['lost'], 0) + recent['skipped']
         if recent['lost']:
             problems.append(f'{recent["lost"]} images lost in transport: {LOST_REMEDY}')
-        if overwritten or recent['skipped']:
-            problems.append(
-                f'too slow for the camera: {overwritten + recent["skipped"]} images skipped; '
-                + SLOW_REMEDY
-            )
+        if skipped:
+            problems.append(f'too slow for the camera: {skipped} images skipped; {SLOW_REMEDY}')
         elif recent['left out'] and not recent['lost']:
             problems.append(
                 f'gaps in the stamps: {recent["left out"]} images are missing, although no message '
@@ -86,22 +81,15 @@ class InputMonitor:
         return problems
 
 
-def explain_no_images(topic: str, publishers: list[str], events: InputEvents) -> str:
-    """Why no images come at all.
-
-    Args:
-        topic: the resolved image topic.
-        publishers: names of the nodes that publish it.
-        events: of the subscription.
-    """
+def explain_no_images(images: InputState) -> str:
+    """Why no images come at all."""
+    topic, publishers, events = images
     if not publishers:
         return f'nothing publishes {topic}'
-    names = ', '.join(publishers)
+    said = f'{", ".join(publishers)} publishes {topic}'
     if events.incompatible:
-        return (
-            f'{names} publishes {topic} with an incompatible QoS '
-            f'({events.incompatible_policy}); set qos_overrides'
-        )
+        policy = events.incompatible_policy
+        return f'{said} with an incompatible QoS ({policy}); set qos_overrides'
     if events.lost:
-        return f'{names} publishes {topic}, but every image is lost: {LOST_REMEDY}'
-    return f'{names} publishes {topic}, but no image arrives (docs/transport.md)'
+        return f'{said}, but every image is lost: {LOST_REMEDY}'
+    return f'{said}, but no image arrives (docs/transport.md)'

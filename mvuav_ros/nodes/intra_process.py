@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from threading import Condition, Thread
 
-from mvuav_ros.nodes.received_image import InputEvents, ReceivedImage
+from mvuav_ros.nodes.received_image import InputEvents, InputState, ReceivedImage
 from mvuav_ros.recordings.sources.frame import Frame
 
 _DEPTH = 5
@@ -24,7 +24,6 @@ class IntraProcessInput:
 
     def __init__(self, topic: str, on_frame: Callable[[ReceivedImage], None]) -> None:
         self.topic = topic
-        self.publishers = 1
         self._events = InputEvents()
         self._on_frame = on_frame
         self._waiting: deque[tuple[Frame, float]] = deque()
@@ -53,9 +52,9 @@ class IntraProcessInput:
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
 
-    def poll(self) -> InputEvents:
+    def poll(self) -> InputState:
         """What became of frames so far."""
-        return self._events
+        return InputState(self.topic, ['this process'], self._events)
 
     def _run(self) -> None:
         while True:

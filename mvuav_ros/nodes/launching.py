@@ -16,63 +16,50 @@ from launch_ros.actions import Node
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 
 DETECTORS = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
-_DESCRIPTIONS = {
-    'source': 'Parameter source of video_source; none: a camera driver publishes the images',
-    'loop': 'Play a recording again and again',
-    'detectors': 'markers, runway, or both, separated by a comma',
-    'one_process': 'Source and both detectors in one process, without copies (docs/transport.md)',
-    'image_topic': 'Topic of the images; camera_info is expected beside it',
-    'transport': 'Image transport of the detectors (parameter image_transport)',
-    'namespace': 'Namespace of the nodes',
-    'params_file': "The nodes' parameters; thesis.yaml has the values of the thesis",
-    'use_sim_time': 'Take the time from /clock',
-    'respawn': 'Start a node again when it ends by itself',
-    'autostart': 'Configure and activate the nodes; false: a lifecycle manager does it',
-    'log_level': 'Log level of the nodes: debug, info, warn, error',
+_ARGUMENTS = {
+    'source': ('0', 'Parameter source of video_source; none: a camera driver publishes the images'),
+    'loop': ('false', 'Play a recording again and again'),
+    'detectors': ('markers,runway', 'markers, runway, or both, separated by a comma'),
+    'one_process': (
+        'false',
+        'Source and both detectors in one process, without copies (docs/transport.md)',
+    ),
+    'image_topic': ('image_raw', 'Topic of the images; camera_info is expected beside it'),
+    'transport': ('raw', 'Image transport of the detectors (parameter image_transport)'),
+    'namespace': ('', 'Namespace of the nodes'),
+    'params_file': ('', "The nodes' parameters; thesis.yaml has the values of the thesis"),
+    'use_sim_time': ('false', 'Take the time from /clock'),
+    'respawn': ('false', 'Start a node again when it ends by itself'),
+    'autostart': ('true', 'Configure and activate the nodes; false: a lifecycle manager does it'),
+    'log_level': ('info', 'Log level of the nodes: debug, info, warn, error'),
 }
-_DEFAULTS = {
-    'source': '0',
-    'loop': 'false',
-    'detectors': 'markers,runway',
-    'one_process': 'false',
-    'image_topic': 'image_raw',
-    'transport': 'raw',
-    'namespace': '',
-    'params_file': '',
-    'use_sim_time': 'false',
-    'respawn': 'false',
-    'autostart': 'true',
-    'log_level': 'info',
-}
-_CHOICES = {
-    **dict.fromkeys(('loop', 'one_process', 'use_sim_time', 'respawn', 'autostart')),
-    'transport': list(MarkerTrackerParameters.spec('image_transport').choices),
-}
+"""Default and description."""
+_TRANSPORTS = list(MarkerTrackerParameters.spec('image_transport').choices)
 
 
 def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
     """A source of images and the detectors that look at them.
 
-    Args:
-        launch_file: its own path; ``config`` lies beside its folder.
-        defaults: of arguments, where they differ from those of ``vision.launch.py``.
+    ``config`` lies beside the launch file's folder; ``defaults`` are of arguments, where they
+    differ from those of ``vision.launch.py``.
     """
     config = Path(launch_file).resolve().parent.parent / 'config'
-    values = {**_DEFAULTS, 'params_file': str(config / 'default.yaml'), **defaults}
+    defaults = {'params_file': str(config / 'default.yaml'), **defaults}
     arguments = []
-    for name, value in values.items():
-        kind = _CHOICES.get(name, ())
-        more = {} if kind == () else {'choices': kind or ['true', 'false', 'True', 'False']}
+    for name, (default, words) in _ARGUMENTS.items():
+        choices = _TRANSPORTS if name == 'transport' else None
+        if default in ('true', 'false'):
+            choices = ['true', 'false', 'True', 'False']
+        more = {'choices': choices} if choices else {}
+        value = defaults.get(name, default)
         arguments.append(
-            DeclareLaunchArgument(
-                name, default_value=value, description=_DESCRIPTIONS[name], **more
-            )
+            DeclareLaunchArgument(name, default_value=value, description=words, **more)
         )
     return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
-    given = {name: LaunchConfiguration(name).perform(context) for name in _DEFAULTS}
+    given = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     switches = {name for name, value in given.items() if value.lower() == 'true'}
     params_file = Path(given['params_file']).expanduser()
     if not params_file.is_file():

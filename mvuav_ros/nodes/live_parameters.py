@@ -11,9 +11,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rcl_interfaces.msg import (
-    Parameter as ParameterMessage,
-)
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -76,10 +74,8 @@ class LiveParameters(Generic[P]):
     ) -> None:
         """Declare all parameters, taking values from the command line or a YAML file.
 
-        Args:
-            node: the node to declare them on, made with ``start_parameter_services=False``.
-            parameters_type: the set.
-            on_change: called with the whole new set after a change.
+        The node was made with ``start_parameter_services=False``; ``on_change`` is called with the
+        whole new set after a change.
 
         Raises:
             ParameterError: a given value is not valid.
@@ -105,18 +101,8 @@ class LiveParameters(Generic[P]):
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Turn whole numbers into floats before rclpy checks the type."""
-        return [self._with_floats(parameter) for parameter in parameters]
-
-    def _with_floats(self, given: Parameter) -> Parameter:
-        spec = self._specs.get(given.name)
-        if spec is None:
-            return given
-        if spec.type is float and given.type_ is Parameter.Type.INTEGER:
-            return Parameter(given.name, Parameter.Type.DOUBLE, float(given.value))
-        if spec.type is tuple and given.type_ is Parameter.Type.INTEGER_ARRAY:
-            numbers = [float(number) for number in given.value]
-            return Parameter(given.name, Parameter.Type.DOUBLE_ARRAY, numbers)
-        return given
+        types = {name: spec.type for name, spec in self._specs.items()}
+        return [_with_floats(parameter, types.get(parameter.name)) for parameter in parameters]
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -145,6 +131,14 @@ def _given_value(node: Node, spec: ParameterSpec) -> object:
     return value
 
 
+def _with_floats(given: Parameter, wanted: type | None) -> Parameter:
+    if wanted is float and given.type_ is Parameter.Type.INTEGER:
+        return Parameter(given.name, Parameter.Type.DOUBLE, float(given.value))
+    if wanted is tuple and given.type_ is Parameter.Type.INTEGER_ARRAY:
+        return Parameter(given.name, Parameter.Type.DOUBLE_ARRAY, [*map(float, given.value)])
+    return given
+
+
 def _for_ros(value: Value) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
@@ -156,12 +150,11 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         additional_constraints=spec.constraint,
     )
     if spec.minimum is not None and spec.maximum is not None:
+        low, high = spec.minimum, spec.maximum
         if spec.type is float:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(spec.minimum), to_value=float(spec.maximum))
-            ]
+            ends = FloatingPointRange(from_value=float(low), to_value=float(high))
+            descriptor.floating_point_range = [ends]
         elif spec.type is int:
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(spec.minimum), to_value=int(spec.maximum))
-            ]
+            ends = IntegerRange(from_value=int(low), to_value=int(high))
+            descriptor.integer_range = [ends]
     return descriptor

@@ -13,17 +13,14 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 class ManagedNode(LifecycleNode):
     """A node with ROS 2's managed states, which configures and activates itself by default.
 
-    Subclasses say what the transitions do: `open` for configure, `begin` for activate, `end` for
-    deactivate, `close` for cleanup and shutdown; they declare the parameter ``autostart``. `open`
-    and `begin` may raise: the state stays what it was, and the reason is logged.
+    Subclasses declare the parameter ``autostart`` and say what the transitions do: `open` for
+    configure, `begin` for activate, `end` for deactivate, `close` for cleanup and shutdown. `open`
+    and `begin` may raise: the state stays what it was, and the reason is logged. `end` and `close`
+    must not, and do nothing the second time.
     """
 
     def __init__(self, name: str) -> None:
-        """Make the node, unconfigured.
-
-        Args:
-            name: the node's name where no remapping gives it another.
-        """
+        """Make the node, unconfigured."""
         super().__init__(name, start_parameter_services=False)
         self._mistake: Exception | None = None
         self._starting = False
@@ -39,11 +36,11 @@ class ManagedNode(LifecycleNode):
         raise NotImplementedError
 
     def end(self) -> None:
-        """Stop the flow and let go of devices; must not raise."""
+        """Stop the flow and let go of devices."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """Let go of what `open` made; must not raise, and does nothing the second time."""
+        """Let go of what `open` made."""
         raise NotImplementedError
 
     @property
@@ -97,9 +94,8 @@ class ManagedNode(LifecycleNode):
         self.close()
         return TransitionCallbackReturn.SUCCESS
 
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After a defect of ours: back to unconfigured, from where it can be tried again."""
-        return self.on_shutdown(state)
+    # After a defect of ours: back to unconfigured, from where it can be tried again.
+    on_error = on_shutdown
 
     def destroy_node(self) -> None:
         """End and close, then the node."""
@@ -124,9 +120,7 @@ class ManagedNode(LifecycleNode):
     def _guarded(self, change: Callable[..., ChangeState.Response]) -> Callable[..., Any]:
         """Rclpy raises out of ``spin`` where a state has no such transition; the caller waits."""
 
-        def answer(
-            request: ChangeState.Request, response: ChangeState.Response
-        ) -> ChangeState.Response:
+        def answer(request: Any, response: ChangeState.Response) -> ChangeState.Response:
             try:
                 return change(request, response)
             except rclpy_implementation.RCLError:

@@ -50,14 +50,9 @@ class ReceivedImage(NamedTuple):
 class InputEvents:
     """What became of images before the callback; counts since the start.
 
-    Attributes:
-        lost: the middleware says that they never arrived.
-        missing: left out in the publisher's own count, for whatever reason.
-        skipped: taken, and left out as newer ones lay waiting.
-        incompatible: publishers whose QoS does not fit ours.
-        incompatible_policy: where the last of them differs.
-        errors: of taking images.
-        last_error: the last of those.
+    Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
+    own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
+    Incompatible are publishers whose QoS does not fit ours, and where the last of them differs.
     """
 
     lost: int = 0
@@ -67,6 +62,14 @@ class InputEvents:
     incompatible_policy: str = ''
     errors: int = 0
     last_error: str = ''
+
+
+class InputState(NamedTuple):
+    """The image topic at this moment: resolved, with the nodes that publish it."""
+
+    topic: str
+    publishers: list[str]
+    events: InputEvents
 
 
 class Backlog:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image
 
-from mvuav_ros.nodes.subscribers import is_heard
 from mvuav_ros.processing.processor import Output, Processor, resolve
 
 
@@ -24,6 +23,14 @@ def create_result_publisher(node: Node, kind: type, topic: str) -> Any:
     )
 
 
+def is_heard(publisher: Any) -> bool:
+    """Whether a message would reach a subscriber, now or, transient local, as a late joiner."""
+    return bool(
+        publisher.get_subscription_count() > 0
+        or publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    )
+
+
 class ResultPublishers:
     """Publishes a processor's outputs where somebody listens.
 
@@ -32,14 +39,11 @@ class ResultPublishers:
 
     def __init__(self, node: Node, processor: Processor) -> None:
         self._node = node
-        self._results = {
-            topic: create_result_publisher(node, kind, resolve(topic))
-            for topic, kind in processor.topics.items()
-        }
-        self._debug = {
-            topic: create_result_publisher(node, Image, resolve(topic))
-            for topic in processor.debug_topics
-        }
+        images = dict.fromkeys(processor.debug_topics, Image)
+        self._results, self._debug = (
+            {topic: create_result_publisher(node, kind, resolve(topic)) for topic, kind in kinds}
+            for kinds in (processor.topics.items(), images.items())
+        )
         self._periodic = {
             topic: node.create_publisher(kind, resolve(topic), 10)
             for topic, kind in processor.periodic_topics.items()

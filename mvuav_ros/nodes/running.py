@@ -27,8 +27,6 @@ _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02
 _LONGEST_CLEANUP = 8.0
 """Seconds; a camera that never answers must not keep a process that was told to end."""
-
-
 _USERS_MISTAKES = (
     ParameterError,
     SourceError,
@@ -48,31 +46,24 @@ class _StopRequest:
 
     def __init__(self) -> None:
         self.made = False
-        self._initialised = False
+        # From then on there is something to clean up.
+        self.initialised = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
-    def initialised(self) -> None:
-        """From now on there is something to clean up."""
-        self._initialised = True
-
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        if not self._initialised:
+        if not self.initialised:
             os._exit(0)
         self.made = True
 
 
-def run_node(make_node: Callable[[], ManagedNode], *, camera_images: bool = False) -> int:
-    """Spin a node until SIGINT, SIGTERM or shutdown; see `run_nodes`."""
-    return run_nodes(lambda: [make_node()], camera_images=camera_images)
-
-
-def run_nodes(make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images: bool) -> int:
+def run_nodes(
+    make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images: bool = False
+) -> int:
     """Spin nodes in one process until SIGINT, SIGTERM or shutdown.
 
-    Args:
-        make_nodes: makes them, in the order in which they start, after ``rclpy.init()``.
-        camera_images: one of them publishes a camera's images, see `prepare_transport`.
+    ``make_nodes`` makes them, in the order in which they start, after ``rclpy.init()``;
+    ``camera_images``: one of them publishes a camera's images, see `prepare_transport`.
 
     Returns:
         Exit status: 0, 2 with one line on stderr where the user's set-up is at fault, or 1 where a
@@ -83,7 +74,7 @@ def run_nodes(make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images:
     prepare_transport(camera_images=camera_images)
     nodes: Sequence[ManagedNode] = ()
     try:
-        stop.initialised()
+        stop.initialised = True
         # rclpy's handlers shut the context down at once, even under a node in the making.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         nodes = make_nodes()
@@ -97,16 +88,11 @@ def run_nodes(make_nodes: Callable[[], Sequence[ManagedNode]], *, camera_images:
             return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except _USERS_MISTAKES as error:
-        if stop.made:
-            return 0
-        print(error, file=sys.stderr)
-        return 2
     except Exception as error:
         if stop.made:
             return 0
         # rclpy has no exception of its own for this.
-        if 'QoS override' not in str(error):
+        if not isinstance(error, _USERS_MISTAKES) and 'QoS override' not in str(error):
             raise
         print(error, file=sys.stderr)
         return 2
@@ -140,6 +126,5 @@ def _spin(nodes: Sequence[ManagedNode]) -> None:
                 break
             if time.monotonic() - logged >= _LOG_INTERVAL:
                 logged = time.monotonic()
-                words = f'request dropped, {type(error).__name__}: {error}'
-                nodes[0].get_logger().error(words)
+                nodes[0].get_logger().error(f'request dropped, {type(error).__name__}: {error}')
             time.sleep(_PAUSE_AFTER_ERROR)

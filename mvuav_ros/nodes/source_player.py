@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from threading import Event, Thread
 
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from mvuav_ros.nodes.playback import Pace
-from mvuav_ros.nodes.source_status import SourceStatus
+from mvuav_ros.nodes.diagnostics import SourceStatus
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
 from mvuav_ros.vision.image import Image, ImageError
@@ -19,6 +19,33 @@ RETRY_INTERVAL = 1.0
 LOG_INTERVAL = 5.0
 SETTLING_TIME = 0.3
 """Seconds from the moment that we see a subscriber until it surely sees us."""
+_LONGEST_GAP = 5.0
+"""Seconds; a recording that pauses longer goes on after this."""
+
+
+class _Pace:
+    """Waits until a frame is due, by its stamp or at a fixed rate."""
+
+    def __init__(self) -> None:
+        self._last_stamp_ns: int | None = None
+        self._due = 0.0
+
+    def wait(self, stamp_ns: int, rate: float, stop: Event) -> None:
+        """Sleep until the frame is due or ``stop`` is set; a ``rate`` of 0: by the stamps, ns."""
+        now = time.monotonic()
+        if self._last_stamp_ns is None:
+            self._due = now
+        elif rate > 0:
+            self._due += 1.0 / rate
+        else:
+            gap = (stamp_ns - self._last_stamp_ns) * 1e-9
+            self._due += min(max(gap, 0.0), _LONGEST_GAP)
+        self._last_stamp_ns = stamp_ns
+        if self._due > now:
+            stop.wait(self._due - now)
+        elif now - self._due > 1.0:
+            # Too slow for the pace: go on from here instead of racing to catch up.
+            self._due = now
 
 
 class SourcePlayer:
@@ -37,15 +64,10 @@ class SourcePlayer:
         publish: Callable[[Frame], Image],
         subscribers: Callable[[], int],
     ) -> None:
-        """Prepare; `start` plays.
+        """Prepare; `start` plays, `stop` closes the source.
 
-        Args:
-            node: for its log and its context.
-            source: closed by `stop`.
-            status: told what happens.
-            current: the parameters at this moment.
-            publish: sends a frame.
-            subscribers: how many get it.
+        ``current`` gives the parameters at this moment, ``publish`` sends a frame, and
+        ``subscribers`` says how many get it.
         """
         self.failed = False
         self._node = node
@@ -124,7 +146,7 @@ class SourcePlayer:
 
     def _play(self) -> None:
         """The source once from the start, then wait for a restart unless it loops."""
-        pace, count, bad = Pace(), 0, 0
+        pace, count, bad = _Pace(), 0, 0
         try:
             for frame in self._source.frames():
                 if not self._due(frame, pace):
@@ -138,7 +160,7 @@ class SourcePlayer:
             return
         self._at_end(count, bad)
 
-    def _due(self, frame: Frame | BadFrame, pace: Pace) -> bool:
+    def _due(self, frame: Frame | BadFrame, pace: _Pace) -> bool:
         """Wait until a frame is due; False where it is not wanted any more."""
         self._running.wait()
         unwanted = self._stop.is_set() or self._rewind

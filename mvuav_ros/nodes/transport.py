@@ -27,10 +27,8 @@ def prepare_transport(*, camera_images: bool = True) -> None:
     of which best-effort subscribers lose most (640x480 bgr8: 11 of 90 frames arrived). Other
     middlewares do not look at the variables. A set-up of the user's own is left alone.
 
-    Args:
-        camera_images: the process publishes a camera's images, and gets 16 MB. Otherwise it gets
-            8 MB, enough for debug images: every process takes its segment as a whole, and a
-            container often has 64 MB for all of them.
+    A process that publishes a camera's images gets 16 MB, any other 8 MB, enough for debug images:
+    every process takes its segment as a whole, and a container often has 64 MB for all of them.
     """
     if any(os.environ.get(name) for name in _USERS_OWN):
         return

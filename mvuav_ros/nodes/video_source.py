@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import SetBool, Trigger
 
+from mvuav_ros.nodes.diagnostics import SourceStatus, publish_status
 from mvuav_ros.nodes.frame_publishing import FramePublisher, Listener
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.running import run_node
+from mvuav_ros.nodes.running import run_nodes
 from mvuav_ros.nodes.source_player import SourcePlayer
-from mvuav_ros.nodes.source_status import SourceStatus
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.sources.calibration import load_calibration
 from mvuav_ros.recordings.sources.camera import CameraSettings
 from mvuav_ros.recordings.sources.frame import Frame, FrameSource
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.vision.image import Image
+
+ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)
 
 
 class VideoSource(ManagedNode):
@@ -33,9 +36,8 @@ class VideoSource(ManagedNode):
     ) -> None:
         """Make the node; it plays once it is configured and activated.
 
-        Args:
-            listeners: of this process, called with each frame as it is published.
-            count_listening: how many of them answer now.
+        ``listeners`` of this process are called with each frame as it is published;
+        ``count_listening`` says how many of them answer now.
         """
         super().__init__('video_source')
         self._listeners = listeners
@@ -45,8 +47,7 @@ class VideoSource(ManagedNode):
         self._source: FrameSource | None = None
         self._player: SourcePlayer | None = None
         self._status = SourceStatus(self._live.current.source)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_timer(1.0, self._once_a_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        publish_status(self, self._report)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/restart', self._on_restart)
 
@@ -64,14 +65,7 @@ class VideoSource(ManagedNode):
 
     def _open_source(self) -> FrameSource:
         given = self._live.current
-        camera = CameraSettings(
-            width=given.width,
-            height=given.height,
-            fps=given.fps,
-            pixel_format=given.pixel_format,
-            exposure_time_absolute=given.exposure_time_absolute,
-            gain=given.gain,
-        )
+        camera = CameraSettings(**{f.name: getattr(given, f.name) for f in fields(CameraSettings)})
         return open_source(given.source, topic=given.bag_topic or None, camera=camera)
 
     def begin(self) -> None:
@@ -118,38 +112,31 @@ class VideoSource(ManagedNode):
         return others + self._count_listening()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        player = self._player
-        if player is None:
-            response.message = f'the node is {self.lifecycle_state}, not active'
-            return response
-        if request.data:
-            player.pause()
-        else:
-            player.resume()
-        response.success, response.message = True, 'paused' if request.data else 'playing'
-        return response
+        action = SourcePlayer.pause if request.data else SourcePlayer.resume
+        return self._ask(action, response, 'paused' if request.data else 'playing')
 
     def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        player = self._player
-        if player is None:
+        said = f'playing {self._status.source} from the start'
+        return self._ask(SourcePlayer.restart, response, said)
+
+    def _ask(
+        self, action: Callable[[SourcePlayer], None], response: ResponseT, said: str
+    ) -> ResponseT:
+        if self._player is None:
             response.message = f'the node is {self.lifecycle_state}, not active'
-            return response
-        player.restart()
-        response.success, response.message = True, f'playing {self._status.source} from the start'
+        else:
+            action(self._player)
+            response.success, response.message = True, said
         return response
 
-    def _once_a_second(self) -> None:
+    def _report(self) -> DiagnosticStatus:
         player = self._player
         if player is None:
             self._status.state = self.lifecycle_state
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
         paused = player is not None and player.paused
-        name = self.get_fully_qualified_name()
-        message.status.append(self._status.report(name, paused, self._subscribers))
-        self._diagnostics.publish(message)
+        return self._status.report(self.get_fully_qualified_name(), paused, self._subscribers)
 
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(VideoSource, camera_images=True))
+    sys.exit(run_nodes(lambda: [VideoSource()], camera_images=True))

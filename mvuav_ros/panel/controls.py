@@ -48,17 +48,10 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Control:
-    """A parameter's widget and its words.
+    """A parameter's widget and its words; see `ParameterSpec`.
 
-    Attributes:
-        name: the parameter's, as the node knows it.
-        type: of the value, a tuple being of numbers; None of one that the panel only shows.
-        text: what the descriptor's description says.
-        constraint: the values allowed, in words.
-        minimum: the smallest value; NaN where the descriptor says none.
-        maximum: the largest value.
-        odd: only odd numbers are allowed.
-        read_only: it cannot be changed while the node runs.
+    ``type`` is None of one that the panel only shows, a tuple is of numbers; ``text`` is what the
+    descriptor's description says. Ends that the descriptor does not say are NaN.
     """
 
     name: str
@@ -170,13 +163,10 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
 def control_of(descriptor: ParameterDescriptor) -> Control:
     """The control that fits a descriptor; of other packages' nodes as well."""
     text = read_description(foreign.words(descriptor.description, foreign.LONGEST_DESCRIPTION))
-    text = replace(
-        text,
-        unit=foreign.words(text.unit, _SHORT),
-        default=foreign.words(text.default, _SHORT),
-        stage=foreign.words(text.stage, _SHORT),
-        thesis=foreign.words(text.thesis),
-    )
+    short: dict[str, Any] = {
+        n: foreign.words(getattr(text, n), _SHORT) for n in ('unit', 'default', 'stage')
+    }
+    text = replace(text, thesis=foreign.words(text.thesis), **short)
     constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
     choices: tuple[str, ...] = ()

@@ -48,16 +48,10 @@ class Found(NamedTuple):
 class LiveNode:
     """One node; its parameters are asked for and set without ever waiting for it.
 
-    Attributes:
-        alive: it answers.
-        unread: it is to be asked for its parameters.
-        reading: asks it.
-        controls: its parameters, in order; empty until it has told them.
-        status: its newest diagnostics.
-        level: of those, 0 when all is well.
-        heard: when they came, s.
-        statistics: its newest ``~/statistics``, values by status name.
-        counted: when they came, s.
+    It is ``alive`` while it answers, and ``unread`` while it is to be asked for its parameters;
+    ``controls`` are those, in order. ``status`` are its newest diagnostics (``level`` is 0 when
+    all is well), ``heard`` (s) says when they came; ``statistics`` are its newest
+    ``~/statistics``, values by status name, which came when it ``counted`` (s).
     """
 
     def __init__(self, ros: RosThread, found: Found) -> None:

@@ -37,12 +37,9 @@ class Sketch(NamedTuple):
 
 
 def sketch_runway(position: Sequence[float], rotation: Array, width: float) -> Sketch:
-    """The camera before a runway.
+    """The camera before a runway: its place in the runway's frame, m (see `Guidance`).
 
-    Args:
-        position: of the camera in the runway's frame, m; see `Guidance`.
-        rotation: (3, 3), runway's frame from the camera's body axes.
-        width: of the runway, m; 0: not known.
+    ``rotation``: (3, 3), runway's frame from the camera's body axes; ``width`` in m, 0: not known.
     """
     x, y, z = position
     numbers = (
@@ -72,12 +69,7 @@ def sketch_runway(position: Sequence[float], rotation: Array, width: float) -> S
 
 
 def sketch_tanker(position: Sequence[float], rotation: Array) -> Sketch:
-    """A body before the camera.
-
-    Args:
-        position: of the body in the optical frame, m.
-        rotation: (3, 3), optical frame from the body's.
-    """
+    """A body before the camera, in its optical frame (m); (3, 3) optical frame from the body's."""
     x, y, z = position
     numbers = (
         ('ahead', _metres(z)),
@@ -97,8 +89,7 @@ def rotation_of(quaternion: Any) -> Array:
     length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
     if length < 1e-6:
         return np.full((3, 3), math.nan)
-    w, *axis = q / length
-    x, y, z = axis
+    w, x, y, z = q / length
     across = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
     return np.asarray(np.eye(3) + 2.0 * w * across + 2.0 * across @ across)
 

@@ -65,10 +65,10 @@ class ParameterSpec:
             return 'one of ' + ', '.join(self.choices)
         words = 'odd' if self.odd else ''
         if self.minimum is not None and self.maximum is not None:
-            return f'{words} {_plain(self.minimum)} to {_plain(self.maximum)}'.strip()
-        if self.minimum is not None:
-            return f'{words} at least {_plain(self.minimum)}'.strip()
-        return words
+            words += f' {_plain(self.minimum)} to {_plain(self.maximum)}'
+        elif self.minimum is not None:
+            words += f' at least {_plain(self.minimum)}'
+        return words.strip()
 
     def convert(self, value: object) -> Value:
         """Return ``value`` as the parameter's type.
@@ -80,42 +80,37 @@ class ParameterSpec:
         """
         if isinstance(self.default, tuple):
             return self._convert_tuple(value, len(self.default))
-        if self.type is float and type(value) is int:
-            value = float(value)
-        if self.type is str and type(value) is int and not self.choices:
-            value = str(value)
+        if type(value) is int and (self.type is float or (self.type is str and not self.choices)):
+            value = self.type(value)
         if type(value) is not self.type:
-            raise ParameterError(
-                self.name,
-                f'takes a {_TYPE_NAMES[self.type]}, not the {_type_name(value)} {value!r}',
-            )
+            given = _TYPE_NAMES.get(type(value), type(value).__name__)
+            wanted = _TYPE_NAMES[self.type]
+            raise ParameterError(self.name, f'takes a {wanted}, not the {given} {value!r}')
         assert isinstance(value, bool | int | float | str)
-        self._check(value)
-        return value
-
-    def _convert_tuple(self, value: object, length: int) -> tuple[float, ...]:
-        numbers = list(value) if isinstance(value, Sequence | array) else []
-        if isinstance(value, str) or len(numbers) != length:
-            raise ParameterError(self.name, f'takes {length} numbers, not {value!r}')
-        if any(type(number) not in (int, float) for number in numbers):
-            raise ParameterError(self.name, f'takes {length} numbers, not {value!r}')
-        for number in numbers:
-            self._check(float(number))
-        return tuple(float(number) for number in numbers)
-
-    def _check(self, value: Value) -> None:
         if isinstance(value, str):
             if self.choices and value not in self.choices:
                 raise ParameterError(self.name, f'must be {self.constraint}, not {value!r}')
-            return
-        if isinstance(value, bool | tuple):
-            return
-        if not math.isfinite(value):
-            raise ParameterError(self.name, f'must be a finite number, not {value}')
-        too_small = self.minimum is not None and value < self.minimum
-        too_large = self.maximum is not None and value > self.maximum
-        if too_small or too_large or (self.odd and int(value) % 2 == 0):
-            raise ParameterError(self.name, f'must be {self.constraint}, not {value}')
+        elif not isinstance(value, bool):
+            self._check(value)
+        return value
+
+    def _convert_tuple(self, value: object, length: int) -> tuple[float, ...]:
+        is_list = isinstance(value, Sequence | array) and not isinstance(value, str)
+        given: list[Any] = list(value) if is_list else []  # type: ignore[call-overload]
+        if len(given) != length or any(type(number) not in (int, float) for number in given):
+            raise ParameterError(self.name, f'takes {length} numbers, not {value!r}')
+        numbers = tuple(map(float, given))
+        for number in numbers:
+            self._check(number)
+        return numbers
+
+    def _check(self, number: float) -> None:
+        if not math.isfinite(number):
+            raise ParameterError(self.name, f'must be a finite number, not {number}')
+        too_small = self.minimum is not None and number < self.minimum
+        too_large = self.maximum is not None and number > self.maximum
+        if too_small or too_large or (self.odd and int(number) % 2 == 0):
+            raise ParameterError(self.name, f'must be {self.constraint}, not {number}')
 
 
 def parameter(
@@ -124,19 +119,14 @@ def parameter(
     limits: tuple[float | None, float | None] = (None, None),
     **constraints: Any,
 ) -> Any:
-    """Declare a field of a `ParameterSet`.
+    """Declare a field of a `ParameterSet`; the default also gives the type.
 
-    Args:
-        default: also gives the type.
-        description: for people.
-        limits: the least and the greatest value allowed; None where there is no such limit.
-        constraints: the other fields of `ParameterSpec`.
+    ``limits`` are the least and the greatest value allowed, None where there is no such limit;
+    ``constraints`` are the other fields of `ParameterSpec`.
     """
-    minimum, maximum = limits
-    spec = {'default': default, 'description': description, **constraints}
-    return field(
-        default=default, metadata={_SPEC: {'minimum': minimum, 'maximum': maximum, **spec}}
-    )
+    limited = {'minimum': limits[0], 'maximum': limits[1], **constraints}
+    spec = {'default': default, 'description': description, **limited}
+    return field(default=default, metadata={_SPEC: spec})
 
 
 @dataclass(frozen=True)
@@ -207,7 +197,3 @@ _TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text
 
 def _plain(number: float) -> str:
     return str(int(number)) if number == int(number) else str(number)
-
-
-def _type_name(value: object) -> str:
-    return _TYPE_NAMES.get(type(value), type(value).__name__)

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import Condition, ParameterSpec, Value
@@ -17,16 +16,9 @@ _KEYS = ('Unit', 'Default', 'Usual', 'Stage', 'Counts with', 'Thesis')
 
 @dataclass(frozen=True)
 class DescriptorText:
-    """A descriptor's description, taken apart.
+    """A descriptor's description, taken apart, as in `ParameterSpec`; empty what it does not say.
 
-    Attributes:
-        description: without the sentences below.
-        unit: empty where the parameter has none.
-        default: as a person writes it; empty where it is not said.
-        usual: lower and upper end of the recommended range; None where it is not said.
-        stage: of the processing.
-        counts: see `ParameterSpec.counts`.
-        thesis: the thesis's name or value of it.
+    ``description`` is without the other sentences, ``default`` as a person writes it.
     """
 
     description: str
@@ -85,11 +77,9 @@ def _condition_text(condition: Condition) -> str:
 
 
 def _conditions(text: str) -> tuple[Condition, ...]:
-    conditions: list[Mapping[str, tuple[str, ...]]] = []
-    for alternative in filter(None, text.split('; or ')):
-        pairs = (part.partition(' ') for part in alternative.split(', '))
-        conditions.append({name: tuple(values.split(' | ')) for name, _, values in pairs})
-    return tuple(conditions)
+    alternatives = [each.split(', ') for each in text.split('; or ') if each]
+    pairs = [[part.partition(' ') for part in parts] for parts in alternatives]
+    return tuple({name: tuple(said.split(' | ')) for name, _, said in each} for each in pairs)
 
 
 def _range(text: str) -> tuple[float, float] | None:

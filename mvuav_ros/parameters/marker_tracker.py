@@ -10,14 +10,8 @@ from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
-GROUPINGS = ('auto', 'distance', 'components')
-CHANNELS = ('auto', 'intensity', 'brightest', 'red', 'green', 'blue')
-CENTROIDS = ('auto', 'binary', 'weighted')
 _FOLLOWED = ({'mode': ('track', 'track_any')},)
-_GROUPED = (
-    {'mode': ('detect', 'detect_any')},
-    {'mode': ('track',), 'prediction': PREDICTIONS[1:]},
-)
+_GROUPED = ({'mode': ('detect', 'detect_any')}, {'mode': ('track',), 'prediction': PREDICTIONS[1:]})
 
 _detection = partial(parameter, stage='Detection')
 _tracking = partial(parameter, stage='Tracking')
@@ -44,7 +38,7 @@ class MarkerTrackerParameters(ParameterSet):
         'of full scale), brightest (the maximum of red, green and blue in each pixel, for lights '
         'of any colour), or one colour. auto: intensity, or brightest while no marker is found '
         'in it. A grey image has only its intensity.',
-        choices=CHANNELS,
+        choices=('auto', 'intensity', 'brightest', 'red', 'green', 'blue'),
         thesis='intensity; eq. 3.3',
         stage='Image',
     )
@@ -63,7 +57,7 @@ class MarkerTrackerParameters(ParameterSet):
         'grouping_distance of the first one, thesis), components (connected pixels: wide lights '
         'stay whole, close ones separate), auto (components in track_any and in track with '
         'prediction kalman, else distance). track with kalman always uses components.',
-        choices=GROUPINGS,
+        choices=('auto', 'distance', 'components'),
         thesis='distance',
     )
     grouping_distance: int = _detection(
@@ -104,7 +98,7 @@ class MarkerTrackerParameters(ParameterSet):
         'Centroid of a light: binary (mean of the pixels above the threshold, thesis), weighted '
         '(by intensity above the local background), auto (weighted in track with prediction '
         'kalman and in track_any, else binary).',
-        choices=CENTROIDS,
+        choices=('auto', 'binary', 'weighted'),
         thesis='binary',
     )
     layout: str = _pose(
@@ -160,15 +154,16 @@ class MarkerTrackerParameters(ParameterSet):
     @property
     def weighted(self) -> bool:
         """Whether lights are measured by intensity."""
-        if self.centroid != 'auto':
-            return self.centroid == 'weighted'
-        return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
+        return self._is_ours if self.centroid == 'auto' else self.centroid == 'weighted'
 
     @property
     def by_components(self) -> bool:
         """Whether the clusters of a whole frame are connected pixels."""
-        if self.grouping != 'auto':
-            return self.grouping == 'components'
+        return self._is_ours if self.grouping == 'auto' else self.grouping == 'components'
+
+    @property
+    def _is_ours(self) -> bool:
+        """Whether tracking is not the thesis's."""
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:

@@ -16,11 +16,7 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     """The values that a parameter file has for a node.
 
     Keys name nodes with or without slash, in namespaces or with wildcards (``/**``, ``/*``);
-    later entries win, as in rcl.
-
-    Args:
-        path: YAML file.
-        node: the node's name, without slash.
+    later entries win, as in rcl. ``node`` is without slash.
 
     Raises:
         ParameterError: the file cannot be read or is not a parameter file.
@@ -38,7 +34,8 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     for key, sections in _flattened_nodes(content):
         if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
             raise ParameterError(str(path), f'{key} has no ros__parameters')
-        if _matches(key, node):
+        # In any namespace.
+        if fnmatchcase(node, key.rsplit('/', 1)[-1].replace('**', '*')):
             values.update(_flattened(sections['ros__parameters']))
     return values
 
@@ -51,10 +48,7 @@ def is_every_nodes(name: str) -> bool:
 
 
 def parse_assignment(text: str) -> tuple[str, str, object]:
-    """Split ``node:name:=value``; the value is read as YAML, as ROS does.
-
-    Returns:
-        Node, parameter name and value.
+    """Node, name and value of ``node:name:=value``; the value is read as YAML, as ROS does.
 
     Raises:
         ParameterError: the text has another form.
@@ -77,12 +71,6 @@ def _flattened_nodes(content: Mapping[Any, Any]) -> Iterable[tuple[str, Any]]:
                 yield f'{key}/{inner.lstrip("/")}', section
         else:
             yield str(key), value
-
-
-def _matches(key: str, node: str) -> bool:
-    """Whether a key names a node of that name in any namespace."""
-    last = key.rsplit('/', 1)[-1]
-    return fnmatchcase(node, last.replace('**', '*'))
 
 
 def _flattened(values: Mapping[Any, Any], prefix: str = '') -> dict[str, object]:

@@ -8,14 +8,9 @@ from functools import partial
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
 
-CHANNELS = ('red', 'green', 'blue', 'intensity')
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 MOST_ROUND = 31
 """px; every pixel of a round element costs a pass over the rows searched."""
-ASSOCIATIONS = ('index', 'nearest')
-MODES = ('thesis', 'approach')
-HORIZON_SOURCES = ('auto', 'imu', 'image')
-TARGET_NAMES = ('runway', 'road', 'pipeline')
 _THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 _approach = partial(parameter, counts=_APPROACH, stage='Approach')
 _image = partial(parameter, counts=_THESIS, stage='Image')
@@ -33,7 +28,7 @@ class RunwayDetectorParameters(ParameterSet):
         "thesis: the strongest lines in the rows given, the thesis's scheme. approach: finds the "
         'target as one shape anywhere in the frame, tracks it, and gives guidance; rows, channel, '
         'edge, Hough and peak parameters have no effect then.',
-        choices=MODES,
+        choices=('thesis', 'approach'),
         thesis='thesis',
         stage='Mode',
     )
@@ -41,7 +36,7 @@ class RunwayDetectorParameters(ParameterSet):
         'runway',
         'What mode approach looks for: a runway below the horizon, the painted lines of the lane '
         'that the camera drives in, or a pipeline (a narrow strip without ends).',
-        choices=TARGET_NAMES,
+        choices=('runway', 'road', 'pipeline'),
     )
     runway_width: float = _approach(
         0.0,
@@ -73,7 +68,7 @@ class RunwayDetectorParameters(ParameterSet):
         'auto',
         'Source of the horizon in mode approach. auto: imu while it is published, else the image; '
         'imu: the same, with a warning on /diagnostics while imu is missing; image: never imu.',
-        choices=HORIZON_SOURCES,
+        choices=('auto', 'imu', 'image'),
     )
     camera_mount_rpy_deg: tuple[float, float, float] = _approach(
         (0.0, 0.0, 0.0),
@@ -104,7 +99,7 @@ class RunwayDetectorParameters(ParameterSet):
         'red',
         'Colour channel searched for edges, or the intensity of all three; a grey image has '
         'only its intensity.',
-        choices=CHANNELS,
+        choices=('red', 'green', 'blue', 'intensity'),
         thesis='free (section 4.3.2.2); red is our choice',
     )
     edge_threshold: float = _edges(
@@ -230,7 +225,7 @@ class RunwayDetectorParameters(ParameterSet):
         'Which peak is compared with which line: index (the strongest peak with the first line, '
         'and so on, as in the thesis) or nearest (the assignment with the least change of rho '
         'and theta over all lines).',
-        choices=ASSOCIATIONS,
+        choices=('index', 'nearest'),
         thesis='index',
         counts=_THESIS,
     )

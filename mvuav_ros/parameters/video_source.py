@@ -3,72 +3,53 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import autostart
+
+_at_start = partial(parameter, read_only=True)
 
 
 @dataclass(frozen=True)
 class VideoSourceParameters(ParameterSet):
     """Where images come from and how they are published."""
 
-    source: str = parameter(
+    source: str = _at_start(
         '0',
         'A camera index or device, a video file, a folder or glob of images, or a bag (.mcap, '
         'rosbag2 folder, .db3, ROS 1 .bag).',
-        read_only=True,
     )
-    bag_topic: str = parameter(
-        '',
-        'Image topic of a bag; may be empty if the bag has only one.',
-        read_only=True,
-    )
+    bag_topic: str = _at_start('', 'Image topic of a bag; may be empty if the bag has only one.')
     rate: float = parameter(
         0.0,
         'Frame rate of playback; 0: as given by the stamps of the source.',
-        limits=(0.0, 10_000.0),
+        (0.0, 10_000.0),
         unit='Hz',
     )
     loop: bool = parameter(False, 'Play again from the start at the end.')
-    width: int = parameter(
-        0,
-        'Image width requested from a camera; 0: its default.',
-        limits=(0, 100_000),
-        unit='px',
-        read_only=True,
+    width: int = _at_start(
+        0, 'Image width requested from a camera; 0: its default.', (0, 100_000), unit='px'
     )
-    height: int = parameter(
-        0,
-        'Image height requested from a camera; 0: its default.',
-        limits=(0, 100_000),
-        unit='px',
-        read_only=True,
+    height: int = _at_start(
+        0, 'Image height requested from a camera; 0: its default.', (0, 100_000), unit='px'
     )
-    fps: float = parameter(
-        0.0,
-        'Frame rate requested from a camera; 0: its default.',
-        limits=(0.0, 10_000.0),
-        unit='Hz',
-        read_only=True,
+    fps: float = _at_start(
+        0.0, 'Frame rate requested from a camera; 0: its default.', (0.0, 10_000.0), unit='Hz'
     )
-    pixel_format: str = parameter(
+    pixel_format: str = _at_start(
         '',
         'Pixel format requested from a camera, as the four letters of V4L2 (YUYV, MJPG, GREY …); '
         'empty: its default. Images are published as bgr8 or mono8.',
-        read_only=True,
     )
-    exposure_time_absolute: int = parameter(
+    exposure_time_absolute: int = _at_start(
         0,
         'V4L2 control of this name, if the driver has it; 0: unchanged.',
-        limits=(0, 1_000_000),
+        (0, 1_000_000),
         unit='100 µs',
-        read_only=True,
     )
-    gain: int = parameter(
-        -1,
-        'V4L2 control of this name, if the driver has it; -1: unchanged.',
-        limits=(-1, 1_000_000),
-        read_only=True,
+    gain: int = _at_start(
+        -1, 'V4L2 control of this name, if the driver has it; -1: unchanged.', (-1, 1_000_000)
     )
     encoding: str = parameter(
         'source',
@@ -76,19 +57,15 @@ class VideoSourceParameters(ParameterSet):
         choices=('source', 'mono8', 'bgr8', 'rgb8'),
     )
     gamma: float = parameter(
-        1.0,
-        'out = in ** gamma on the range 0 to 1; 1: off.',
-        limits=(0.01, 100.0),
-        thesis='eq. 3.2',
+        1.0, 'out = in ** gamma on the range 0 to 1; 1: off.', (0.01, 100.0), thesis='eq. 3.2'
     )
     frame_id: str = parameter(
         '', "Frame of the published headers; empty: the source's own, or camera_optical_frame."
     )
-    camera_info_url: str = parameter(
+    camera_info_url: str = _at_start(
         '',
         'Calibration file (YAML of camera_calibration), as a path, a file:// or a package:// URL; '
         'empty: uncalibrated.',
-        read_only=True,
     )
     stamp: str = parameter(
         'source',
@@ -99,15 +76,14 @@ class VideoSourceParameters(ParameterSet):
     jpeg_quality: int = parameter(
         90,
         'JPEG quality of image_raw/compressed, which is made only while somebody subscribes.',
-        limits=(1, 100),
+        (1, 100),
         unit='%',
     )
-    wait_for_subscribers: int = parameter(
+    wait_for_subscribers: int = _at_start(
         1,
         'A recording starts only when image_raw has this many subscribers, so that none of its '
         'frames is lost; 0: start at once. A camera never waits.',
-        limits=(0, 100),
-        read_only=True,
+        (0, 100),
     )
     autostart: bool = autostart()
 

@@ -165,14 +165,12 @@ class MarkerTrackerProcessor(Processor):
     def _check(self, camera: CameraModel, image: Image) -> None:
         """Find out whether the calibration is one of such images, if that is not known yet."""
         checked = (camera, image.width, image.height)
-        if checked == self._checked:
-            return
-        self._checked = checked
-        self._rejection = ''
-        try:
-            camera.check(image.width, image.height)
-        except CalibrationError as error:
-            self._rejection = f'no pose: {error}'
+        if checked != self._checked:
+            self._checked, self._rejection = checked, ''
+            try:
+                camera.check(image.width, image.height)
+            except CalibrationError as error:
+                self._rejection = f'no pose: {error}'
 
 
 def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:

@@ -33,11 +33,9 @@ class Output(NamedTuple):
 
 
 def resolve(topic: str, node: str = '~') -> str:
-    """The name of an output's topic: below its node, but for those of all nodes, such as /tf.
+    """The name of an `Output`'s topic: below its node, but for those of all nodes, such as /tf.
 
-    Args:
-        topic: an `Output`'s.
-        node: the node's full name; ``~`` leaves it to ROS.
+    ``~`` in place of the node's full name leaves it to ROS.
     """
     return topic if topic.startswith('/') else f'{node}/{topic}'
 
@@ -99,17 +97,8 @@ class Processor(ABC):
         frame: Frame,
         header: bytes,
     ) -> list[Output]:
-        """A pose as others take it.
-
-        Args:
-            camera: in the target's frame.
-            target: in the camera's frame.
-            name: of the target's frame.
-            frame: that the pose is of.
-            header: of its messages.
-        """
-        placed_header = cdr_header(frame.stamp_ns, name)
-        make = partial(transforms.encode_placement, camera, placed_header)
+        """A frame's pose as others take it: the camera in the target's frame, and vice versa."""
+        make = partial(transforms.encode_placement, camera, cdr_header(frame.stamp_ns, name))
         outputs = [Output('vision_pose', make)]
         # tf2 takes no frame without a name.
         if transforms.TF_TOPIC in self.topics and frame.frame_id:
@@ -138,8 +127,7 @@ class Processor(ABC):
 
     def type_of(self, topic: str) -> type:
         """The message class of an `Output`'s topic."""
-        kind = self.topics.get(topic) or self.periodic_topics.get(topic)
-        return Image if kind is None else kind
+        return self.topics.get(topic) or self.periodic_topics.get(topic) or Image
 
     def set_camera(self, camera: CameraModel) -> None:  # noqa: B027 - most need none
         """Take the calibration of the next frame on; it may be an unusable one."""
@@ -157,11 +145,8 @@ class Processor(ABC):
     def process(self, frame: Frame, debug: Collection[str] = ()) -> list[Output]:
         """The messages that follow from one frame, each with the frame's header.
 
-        A stamp earlier than the last one (a bag that loops) resets the state.
-
-        Args:
-            frame: the next frame.
-            debug: the debug topics that somebody looks at.
+        A stamp earlier than the last one (a bag that loops) resets the state. ``debug`` are the
+        debug topics that somebody looks at.
 
         Raises:
             DuplicateStampError: the stamp is that of the last frame.

@@ -36,12 +36,14 @@ from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_over
 from mvuav_ros.vision.runway.results import RunwayResult
 
 # The thesis's video windows two to five.
-_DEBUG_IMAGES: dict[str, tuple[Callable[[RunwayResult], Any], str]] = {
+_Drawings = dict[str, tuple[Callable[[Any], Any], str]]
+_THESIS_IMAGES: _Drawings = {
     'debug/confined': (draw_confined, 'mono8'),
     'debug/edges': (draw_edges, 'mono8'),
     'debug/hough': (draw_hough, 'bgr8'),
     'debug/overlay': (draw_overlay, 'bgr8'),
 }
+_APPROACH_IMAGES: _Drawings = {'debug/overlay': (draw_approach, 'bgr8')}
 
 
 class RunwayDetectorProcessor(Processor):
@@ -57,7 +59,7 @@ class RunwayDetectorProcessor(Processor):
         'pose': PoseWithCovarianceStamped,
         'vision_pose': PoseWithCovarianceStamped,
     }
-    debug_topics = tuple(_DEBUG_IMAGES)
+    debug_topics = tuple(_THESIS_IMAGES)
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True
@@ -118,11 +120,10 @@ class RunwayDetectorProcessor(Processor):
         result: RunwayResult | ApproachResult
         if self._parameters.mode == 'approach':
             result = self._approach.process(pixels, frame.stamp_ns, frame.attitude)
+            self.status = '; '.join(filter(None, (result.status, self._approach.attitude_problem)))
         else:
             result = self._thesis.process(pixels, frame.stamp_ns)
-        self.status = result.status
-        if self._parameters.mode == 'approach' and self._approach.attitude_problem:
-            self.status = '; '.join(filter(None, (self.status, self._approach.attitude_problem)))
+            self.status = result.status
         camera = self._usable_camera(frame.image)
         outputs = [
             Output('line_params', partial(encode_line_params, result, header)),
@@ -160,19 +161,12 @@ class RunwayDetectorProcessor(Processor):
         if self._newest is None:
             return []
         result, header = self._newest
-        if isinstance(result, ApproachResult):
-            if 'debug/overlay' not in debug:
-                return []
-            drawn = Image(draw_approach(result), 'bgr8')
-            return [Output('debug/overlay', partial(serialize_image, drawn, header))]
+        drawings = _APPROACH_IMAGES if isinstance(result, ApproachResult) else _THESIS_IMAGES
         outputs = []
-        for topic in debug:
-            draw, encoding = _DEBUG_IMAGES[topic]
-            image = draw(result)
-            if image.size:
-                outputs.append(
-                    Output(topic, partial(serialize_image, Image(image, encoding), header))
-                )
+        for topic, (draw, encoding) in drawings.items():
+            if topic in debug and (drawn := draw(result)).size:
+                image = Image(drawn, encoding)
+                outputs.append(Output(topic, partial(serialize_image, image, header)))
         return outputs
 
 

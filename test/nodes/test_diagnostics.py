@@ -8,7 +8,7 @@ from support.live_stream import KEEP_EVERYTHING, Stream
 
 from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, explain_no_images
 from mvuav_ros.nodes.intra_process import IntraProcessInput
-from mvuav_ros.nodes.received_image import Backlog, InputEvents
+from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
@@ -136,12 +136,14 @@ def test_problems_are_those_of_the_last_seconds():
 
 def test_reasons_for_silence():
     events = InputEvents()
-    assert explain_no_images('/image_raw', [], events) == 'nothing publishes /image_raw'
-    assert 'no image arrives' in explain_no_images('/image_raw', ['/cam'], events)
+    published = InputState('/image_raw', ['/cam'], events)
+    nothing = InputState('/image_raw', [], events)
+    assert explain_no_images(nothing) == 'nothing publishes /image_raw'
+    assert 'no image arrives' in explain_no_images(published)
     events.lost = 3
-    assert 'every image is lost' in explain_no_images('/image_raw', ['/cam'], events)
+    assert 'every image is lost' in explain_no_images(published)
     events.incompatible, events.incompatible_policy = 1, 'RELIABILITY'
-    assert 'RELIABILITY' in explain_no_images('/image_raw', ['/cam'], events)
+    assert 'RELIABILITY' in explain_no_images(published)
 
 
 def test_a_handover_never_holds_up_the_source():
@@ -163,4 +165,4 @@ def test_a_handover_never_holds_up_the_source():
         threading.Event().wait(0.01)
     handover.close()
     assert taken == [0, 5, 6, 7, 8, 9]
-    assert handover.poll().skipped == 4
+    assert handover.poll().events.skipped == 4

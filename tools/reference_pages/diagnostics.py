@@ -6,11 +6,11 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from mvuav_ros.nodes.detector_status import DetectorStatus, InputState
+from mvuav_ros.nodes.detector_status import DetectorStatus
+from mvuav_ros.nodes.diagnostics import SourceStatus
 from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics
-from mvuav_ros.nodes.image_input import InputEvents
 from mvuav_ros.nodes.input_monitor import StampMonitor
-from mvuav_ros.nodes.source_status import SourceStatus
+from mvuav_ros.nodes.received_image import InputEvents, InputState
 
 REJECTIONS = ('bad image', 'duplicate stamp', 'internal error')
 

@@ -6,6 +6,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import truediv
 from typing import NamedTuple
 
 Action = Callable[[], object]
@@ -13,16 +14,10 @@ Action = Callable[[], object]
 
 @dataclass(frozen=True)
 class Case:
-    """Something to measure, and what to hold it against.
+    """Something to measure, and what to hold it against; a run is usually one frame.
 
-    Attributes:
-        name: what is measured.
-        run: one call of it, usually one frame.
-        baseline_name: what it is compared with; empty if with nothing.
-        baseline: one call of that.
-        limit_ratio: median time may be this many times the baseline's.
-        limit_ms: median time may be this long, ms.
-        note: a figure from elsewhere, such as the thesis's own.
+    The median time may be ``limit_ratio`` times the baseline's, and ``limit_ms``. A note is a
+    figure from elsewhere, such as the thesis's own.
     """
 
     name: str
@@ -77,15 +72,11 @@ def measure(case: Case, seconds: float = 1.0, most_pairs: int = 3000) -> Measure
         times.append(_time(case.run))
         if case.baseline is not None:
             baselines.append(_time(case.baseline))
+    median_ms = statistics.median(times) * 1e3
     if not baselines:
-        return Measurement(case, statistics.median(times) * 1e3, None, None)
-    ratios = [ours / theirs for ours, theirs in zip(times, baselines, strict=True)]
-    return Measurement(
-        case,
-        statistics.median(times) * 1e3,
-        statistics.median(baselines) * 1e3,
-        statistics.median(ratios),
-    )
+        return Measurement(case, median_ms, None, None)
+    ratio = statistics.median(map(truediv, times, baselines))
+    return Measurement(case, median_ms, statistics.median(baselines) * 1e3, ratio)
 
 
 def _time(action: Action) -> float:

@@ -25,28 +25,21 @@ class LiveCase:
     """One stream of images and the nodes that answer it."""
 
     nodes: tuple[str, ...]
-    width: int
-    height: int
-    encoding: str
-    transport: str
-    hz: float
+    width: int = 640
+    height: int = 480
+    encoding: str = 'mono8'
+    transport: str = 'raw'
+    hz: float = 60
 
 
 @dataclass(frozen=True)
 class LiveResult:
-    """What became of a stream; times in ms, from the camera's stamp to the receiver's callback.
+    """What became of a stream of images sent, for one of its nodes.
 
-    Attributes:
-        node: whose results these are; the stream may have had other nodes as well.
-        sent: images published.
-        processed: images whose result came back to the camera.
-        latency: p50, p95 and p99 from the image's publication to the result's arrival.
-        floor_taken: images that the minimal subscriber took.
-        floor: its p50, p95 and p99 from publication to callback.
-        cpu_ms: the node's processor time per image, all threads.
-        memory_mb: its resident memory at the end.
-        memory_growth_mb: how much that grew after the warm-up.
-        status: the node's newest diagnostics.
+    ``latency``: p50, p95 and p99 (ms) from an image's stamp to its result's arrival back at the
+    camera, of those processed; ``floor``: the same to the callback of a minimal subscriber. The
+    processor time is of all threads, per image; the memory is resident, at the end, and its growth
+    since the warm-up. ``status`` are the node's newest diagnostics.
     """
 
     case: LiveCase
@@ -80,35 +73,28 @@ class LiveResult:
 
     def figures(self) -> dict[str, object]:
         """For a JSON file."""
-        return {
-            **asdict(self),
-            'ratio': self.ratio,
-            'limit_ratio': self.limit,
-            'within_limits': self.within_limits,
-        }
+        more = {'ratio': self.ratio, 'limit_ratio': self.limit}
+        return {**asdict(self), **more, 'within_limits': self.within_limits}
 
 
 def live_cases(full: bool) -> list[LiveCase]:
     """A short matrix, or every combination."""
     marker, runway = ('marker_tracker',), ('runway_detector',)
     if full:
-        return [
-            LiveCase(nodes, width, height, encoding, transport, hz)
-            for (width, height), encoding, transport, hz, nodes in product(
-                SIZES, ('mono8', 'bgr8'), ('raw', 'compressed'), (30, 60, 120), (marker, runway)
-            )
-        ]
+        encodings, transports, rates = ('mono8', 'bgr8'), ('raw', 'compressed'), (30, 60, 120)
+        every = product(SIZES, encodings, transports, rates, (marker, runway))
+        return [LiveCase(nodes, *size, code, way, hz) for size, code, way, hz, nodes in every]
     both = marker + runway
     return [
-        *(LiveCase(marker, 640, 480, 'mono8', 'raw', hz) for hz in (30, 60, 120)),
-        LiveCase(runway, 640, 480, 'mono8', 'raw', 60),
-        LiveCase(runway, 640, 480, 'bgr8', 'raw', 60),
-        LiveCase(both, 640, 480, 'mono8', 'raw', 120),
-        LiveCase(marker, 640, 480, 'bgr8', 'raw', 60),
-        LiveCase(marker, 640, 480, 'mono8', 'compressed', 60),
-        LiveCase(marker, 1280, 720, 'mono8', 'raw', 60),
-        LiveCase(both, 1920, 1080, 'mono8', 'raw', 60),
-        LiveCase(marker, 1920, 1080, 'bgr8', 'raw', 30),
+        *(LiveCase(marker, hz=hz) for hz in (30, 60, 120)),
+        LiveCase(runway),
+        LiveCase(runway, encoding='bgr8'),
+        LiveCase(both, hz=120),
+        LiveCase(marker, encoding='bgr8'),
+        LiveCase(marker, transport='compressed'),
+        LiveCase(marker, 1280, 720),
+        LiveCase(both, 1920, 1080),
+        LiveCase(marker, 1920, 1080, 'bgr8', hz=30),
     ]
 
 
@@ -131,27 +117,25 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
         answer = json.loads(camera.wait_for('{'))
         floor.interrupt()
         floor_taken = json.loads(floor.wait_for('{'))
-    sent = len(answer['sent'])
-    floor_ms = _latencies(answer['sent'], floor_taken)
-    results = []
-    for name in case.nodes:
-        latencies = _latencies(answer['sent'], answer['results'][name])
-        results.append(
-            LiveResult(
-                case=case,
-                node=name,
-                sent=sent,
-                processed=len(latencies),
-                latency=_percentiles(latencies),
-                floor_taken=len(floor_ms),
-                floor=_percentiles(floor_ms),
-                cpu_ms=(after[name].cpu - before[name].cpu) * 1e3 / sent,
-                memory_mb=after[name].memory,
-                memory_growth_mb=after[name].memory - before[name].memory,
-                status=answer['status'].get(name, {}),
-            )
+    sent = answer['sent']
+    floor_ms = _latencies(sent, floor_taken)
+    latencies = {name: _latencies(sent, answer['results'][name]) for name in case.nodes}
+    return [
+        LiveResult(
+            case=case,
+            node=name,
+            sent=len(sent),
+            processed=len(latencies[name]),
+            latency=_percentiles(latencies[name]),
+            floor_taken=len(floor_ms),
+            floor=_percentiles(floor_ms),
+            cpu_ms=(after[name].cpu - before[name].cpu) * 1e3 / len(sent),
+            memory_mb=after[name].memory,
+            memory_growth_mb=after[name].memory - before[name].memory,
+            status=answer['status'].get(name, {}),
         )
-    return results
+        for name in case.nodes
+    ]
 
 
 def _latencies(sent: list[int], arrivals: dict[str, int]) -> list[float]:

@@ -6,6 +6,8 @@ import json
 import struct
 import sys
 import time
+from contextlib import suppress
+from itertools import cycle
 from threading import Event, Thread
 from typing import Any
 
@@ -13,7 +15,6 @@ import cv2
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, PointCloud2
@@ -52,26 +53,18 @@ def scene(width: int, height: int, encoding: str, index: int) -> Image:
     return Image(image, encoding)
 
 
-class _Camera:
-    """Serialized images, ready to be stamped."""
+def _serialized(image: Image, compressed: bool) -> bytes:
+    header = cdr_header(0, 'nose')
+    if not compressed:
+        return serialize_image(image, header)
+    return serialize_compressed_image(
+        'jpeg', cv2.imencode('.jpg', image.pixels)[1].tobytes(), header
+    )
 
-    def __init__(self, width: int, height: int, encoding: str, compressed: bool) -> None:
-        images = [scene(width, height, encoding, index) for index in range(60)]
-        make = self._jpeg if compressed else (lambda p: serialize_image(p, cdr_header(0, 'nose')))
-        self._messages = [make(image) for image in images]
-        self._count = 0
 
-    @staticmethod
-    def _jpeg(image: Image) -> bytes:
-        pixels: NDArray[Any] = cv2.imencode('.jpg', image.pixels)[1]
-        return serialize_compressed_image('jpeg', pixels.tobytes(), cdr_header(0, 'nose'))
-
-    def shoot(self, stamp_ns: int) -> bytes:
-        """The next image with that stamp."""
-        message = self._messages[self._count % len(self._messages)]
-        self._count += 1
-        stamp = struct.pack('<iI', *divmod(stamp_ns, 1_000_000_000))
-        return b''.join((message[:_STAMP_AT], stamp, memoryview(message)[_STAMP_AT + 8 :]))
+def _stamped(message: bytes, stamp_ns: int) -> bytes:
+    stamp = struct.pack('<iI', *divmod(stamp_ns, 1_000_000_000))
+    return b''.join((message[:_STAMP_AT], stamp, memoryview(message)[_STAMP_AT + 8 :]))
 
 
 def main() -> None:
@@ -84,13 +77,8 @@ def main() -> None:
     results: dict[str, dict[int, int]] = {name: {} for name in given['nodes']}
     status: dict[str, dict[str, str]] = {}
     for name, answers in results.items():
-        node.create_subscription(
-            PointCloud2,
-            f'/{name}/{RESULTS[name]}',
-            _keeper(answers),
-            QoSProfile(depth=100),
-            raw=True,
-        )
+        topic, keep = f'/{name}/{RESULTS[name]}', _keeper(answers)
+        node.create_subscription(PointCloud2, topic, keep, QoSProfile(depth=100), raw=True)
     node.create_subscription(DiagnosticArray, '/diagnostics', _status_keeper(status), 10)
     stop = Event()
     spinning = Thread(target=_spin, args=(node, stop), daemon=True)
@@ -110,10 +98,11 @@ def main() -> None:
 def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     """Returns the stamps of the images that count, ns."""
     compressed = given['transport'] == 'compressed'
-    camera = _Camera(given['width'], given['height'], given['encoding'], compressed)
-    kind, topic = (
-        (CompressedImage, 'image_raw/compressed') if compressed else (RosImage, 'image_raw')
-    )
+    look = given['width'], given['height'], given['encoding']
+    messages = cycle([_serialized(scene(*look, index), compressed) for index in range(60)])
+    kind, topic = RosImage, 'image_raw'
+    if compressed:
+        kind, topic = CompressedImage, 'image_raw/compressed'
     publisher = node.create_publisher(kind, topic, QoSProfile(depth=10))
     end = time.monotonic() + 20.0
     while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:
@@ -124,7 +113,7 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     due = time.monotonic()
     for index in range(round((given['seconds'] + WARM_UP) / period)):
         stamp_ns = time.time_ns()
-        publisher.publish(camera.shoot(stamp_ns))
+        publisher.publish(_stamped(next(messages), stamp_ns))
         if index * period >= WARM_UP:
             if not stamps:
                 print('begin', flush=True)
@@ -154,11 +143,9 @@ def _status_keeper(newest: dict[str, dict[str, str]]) -> Any:
 def _spin(node: Any, stop: Event) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    try:
+    with suppress(ExternalShutdownException):
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.1)
-    except ExternalShutdownException:
-        pass
 
 
 if __name__ == '__main__':

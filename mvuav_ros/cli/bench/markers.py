@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.cli.bench.case import Case
+from mvuav_ros.cli.bench.case import Action, Case
 from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
@@ -29,11 +29,22 @@ FRAMES = 60
 
 def marker_cases() -> list[Case]:
     """Full frames, tracked frames, and frames without markers that must not stall the stream."""
+    return [*_usual_cases(), *_worst_cases(), *_crowded_cases()]
+
+
+def _usual_cases() -> list[Case]:
     frame = _flight(640, 480)[0]
     tracked, windows = _tracked_frame(640, 480)
-    tracked_1080, _ = _tracked_frame(1920, 1080)
-    noise = np.random.default_rng(0).random((1080, 1920))
-    cases = [
+    kalman, _ = _tracked_frame(640, 480, prediction='kalman')
+    larger, _ = _tracked_frame(1920, 1080)
+
+    def beside_tracking(
+        name: str, run: Action, baseline: str, ratio: float | None, ms: float | None = None
+    ) -> Case:
+        return Case(name, run, baseline, _tracked_frame(640, 480)[0], ratio, ms)
+
+    thesis = "track, the thesis's way"
+    return [
         Case(
             'detect, 640x480 mono8, whole frame',
             _whole_frame('detect', frame),
@@ -42,20 +53,8 @@ def marker_cases() -> list[Case]:
             limit_ratio=3.0,
             note='thesis: 85 ms',
         ),
-        Case(
-            'track with the names kept (kalman), 640x480 mono8',
-            _tracked_frame(640, 480, prediction='kalman')[0],
-            "track, the thesis's way",
-            _tracked_frame(640, 480)[0],
-            limit_ratio=2.0,
-        ),
-        Case(
-            'the same and the pose, 640x480 mono8',
-            _posed_frame(),
-            "track, the thesis's way",
-            _tracked_frame(640, 480)[0],
-            limit_ms=0.5,
-        ),
+        beside_tracking('track with the names kept (kalman), 640x480 mono8', kalman, thesis, 2.0),
+        beside_tracking('the same and the pose, 640x480 mono8', _posed_frame(), thesis, None, 0.5),
         Case(
             'track, 640x480 mono8, five windows',
             tracked,
@@ -64,26 +63,23 @@ def marker_cases() -> list[Case]:
             limit_ratio=3.0,
             note='thesis: 30 ms',
         ),
-        Case(
-            'track, 1920x1080 mono8, five windows',
-            tracked_1080,
-            'the same at 640x480',
-            _tracked_frame(640, 480)[0],
-            limit_ratio=1.2,
-        ),
+        beside_tracking('track, 1920x1080 mono8, five windows', larger, 'the same at 640x480', 1.2),
     ]
+
+
+def _worst_cases() -> list[Case]:
+    noise = np.random.default_rng(0).random((1080, 1920))
     worst = {
         'all white': np.full((1080, 1920), 255, np.uint8),
         'half salt and pepper': _specks(noise < 0.5),
         '4 % salt and pepper': _specks(noise < 0.04),
         '0.1 % salt and pepper': _specks(noise < 0.001),
     }
-    cases += [
+    return [
         Case(f'{mode}, 1920x1080, {name}', _whole_frame(mode, image), limit_ms=50.0)
         for name, image in worst.items()
         for mode in ('detect', 'detect_any', 'track')
     ]
-    return cases + _crowded_cases()
 
 
 def _crowded_cases() -> list[Case]:
@@ -151,14 +147,14 @@ def _lights(
     return image
 
 
-def _whole_frame(mode: str, image: NDArray[np.uint8]) -> Callable[[], object]:
+def _whole_frame(mode: str, image: NDArray[np.uint8]) -> Action:
     parameters = MarkerTrackerParameters(mode=mode)
     return lambda: MarkerTracker(parameters).process(Image(image, 'mono8'), 0)
 
 
 def _tracked_frame(
     width: int, height: int, prediction: str = 'acceleration'
-) -> tuple[Callable[[], object], tuple[Window, ...]]:
+) -> tuple[Action, tuple[Window, ...]]:
     """A call that tracks the next frame, and the windows of the one that came first."""
     run = _followed('track', _flight(width, height), prediction)
     for _ in range(4):
@@ -168,7 +164,7 @@ def _tracked_frame(
     return run, result.windows
 
 
-def _posed_frame() -> Callable[[], object]:
+def _posed_frame() -> Action:
     """A call that tracks the tanker of the built-in rig and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
     tracker, poses = MarkerTracker(), PoseEstimator(TANKER_747)
@@ -178,8 +174,7 @@ def _posed_frame() -> Callable[[], object]:
         points = np.add(behind, (x, y, 0.0))
         places = (points @ camera.matrix.T)[:, :2] / points[:, 2:]
         frames.append(Image(_lights(640, 480, places), 'mono8'))
-    endless = itertools.cycle(frames)
-    stamps = itertools.count(0, 33_333_333)
+    endless, stamps = itertools.cycle(frames), itertools.count(0, 33_333_333)
 
     def run() -> object:
         stamp_ns = next(stamps)
@@ -192,11 +187,10 @@ def _posed_frame() -> Callable[[], object]:
     return run
 
 
-def _bare_windows(image: NDArray[np.uint8], windows: tuple[Window, ...]) -> Callable[[], object]:
-    def run() -> object:
+def _bare_windows(image: NDArray[np.uint8], windows: tuple[Window, ...]) -> Action:
+    def run() -> None:
         for x0, x1, y0, y1 in windows:
             window = image[y0 : y1 + 1, x0 : x1 + 1]
             cv2.moments(cv2.threshold(window, LIMIT, 255, cv2.THRESH_BINARY)[1])
-        return None
 
     return run

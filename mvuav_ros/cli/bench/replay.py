@@ -59,15 +59,14 @@ def replay_cases(frames: int = _RATE * 15) -> list[Case]:
 
         return run
 
-    cases: list[Case] = []
-    for name, count, size in (
-        (f'{frames} frames 640x480', frames, None),
-        (f'{max(1, frames // 5)} frames JPEG 1920x1080', max(1, frames // 5), (1920, 1080)),
-    ):
-        bag = Path(folder.name) / f'{len(cases)}.mcap'
-        _write_bag(bag, count, size)
-        cases += _cases_of(name, bag, count, action)
-    return cases
+    raw, jpeg = Path(folder.name) / 'raw.mcap', Path(folder.name) / 'jpeg.mcap'
+    fewer = max(1, frames // 5)
+    _write_bag(raw, frames, None)
+    _write_bag(jpeg, fewer, (1920, 1080))
+    return [
+        *_cases_of(f'{frames} frames 640x480', raw, frames, action),
+        *_cases_of(f'{fewer} frames JPEG 1920x1080', jpeg, fewer, action),
+    ]
 
 
 def _cases_of(
@@ -76,34 +75,17 @@ def _cases_of(
     one = action(_Replay(bag, _NODES))
     floor = action(_Replay(bag, ()))
     raw = '640x480' in name
-    cases = [
-        Case(
-            f'replay {name}, both nodes, one core',
-            one,
-            limit_ms=frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None,
-        )
-    ]
-    cases += [
-        Case(
-            f'replay {name}, {node}',
-            action(_Replay(bag, (node,))),
-            'read, decode, threshold',
-            floor,
-            limit_ratio=_FLOOR_LIMIT,
-        )
-        for node in _NODES
-    ]
+    limit_ms = frames / _RATE / _TIMES_REAL_TIME * 1e3 if raw else None
+    cases = [Case(f'replay {name}, both nodes, one core', one, limit_ms=limit_ms)]
+    for node in _NODES:
+        alone = action(_Replay(bag, (node,)))
+        beside = ('read, decode, threshold', floor, _FLOOR_LIMIT)
+        cases.append(Case(f'replay {name}, {node}', alone, *beside))
     if len(os.sched_getaffinity(0)) > 1:
-        cases.append(
-            Case(
-                f'replay {name}, both nodes, --jobs 2',
-                action(_Replay(bag, _NODES, 2)),
-                '--jobs 1',
-                one,
-                limit_ratio=1 / _TWO_JOBS_GAIN,
-                note=f'{_TWO_JOBS_GAIN} times the frames/s at the limit',
-            )
-        )
+        both = action(_Replay(bag, _NODES, 2))
+        limit, note = 1 / _TWO_JOBS_GAIN, f'{_TWO_JOBS_GAIN} times the frames/s at the limit'
+        title = f'replay {name}, both nodes, --jobs 2'
+        cases.append(Case(title, both, '--jobs 1', one, limit, note=note))
     return cases
 
 

@@ -18,6 +18,8 @@ from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 
 Frame = NDArray[np.uint8]
+Baseline = Callable[[Frame, float], object]
+"""Of a frame and the threshold of its edges."""
 
 _FRAMES = 8
 _VERTICAL = np.ones((3, 1), np.uint8)
@@ -35,34 +37,16 @@ def runway_cases() -> list[Case]:
     whole_frames = [_runway(1280, 720, seed) for seed in range(_FRAMES)]
     wholes = [np.ascontiguousarray(frame[:, :, 2]) for frame in whole_frames]
     whole = RunwayDetectorParameters(start_row=0, end_row=0)
-    cases = [
-        Case(
-            'runway 320x240 rows 50-130',
-            _detector(slice_frames, RunwayDetectorParameters()),
-            'OpenCV',
-            _in_turn(_opencv, slices),
-            limit_ratio=1.5,
-        )
-    ]
+
+    def in_rows(name: str, baseline: Baseline, limit: float) -> Case:
+        ours = _detector(slice_frames, RunwayDetectorParameters())
+        return Case('runway 320x240 rows 50-130', ours, name, _in_turn(baseline, slices), limit)
+
+    cases = [in_rows('OpenCV', _opencv, 1.5)]
     if importlib.util.find_spec('skimage') is not None:
-        cases.append(
-            Case(
-                'runway 320x240 rows 50-130',
-                _detector(slice_frames, RunwayDetectorParameters()),
-                'scikit-image',
-                _in_turn(_scikit_image(), slices),
-                limit_ratio=0.2,
-            )
-        )
-    cases.append(
-        Case(
-            'runway 1280x720 whole frame',
-            _detector(whole_frames, whole),
-            'OpenCV',
-            _in_turn(_opencv, wholes),
-        )
-    )
-    return cases
+        cases.append(in_rows('scikit-image', _scikit_image(), 0.2))
+    ours, theirs = _detector(whole_frames, whole), _in_turn(_opencv, wholes)
+    return [*cases, Case('runway 1280x720 whole frame', ours, 'OpenCV', theirs)]
 
 
 def _detector(frames: list[Frame], parameters: RunwayDetectorParameters) -> Action:
@@ -71,7 +55,7 @@ def _detector(frames: list[Frame], parameters: RunwayDetectorParameters) -> Acti
     return lambda: detector.process(next(endless), 0)
 
 
-def _in_turn(process: Callable[[Frame, float], object], slices: list[Frame]) -> Action:
+def _in_turn(process: Baseline, slices: list[Frame]) -> Action:
     endless = itertools.cycle([(gray, automatic_threshold(gray)) for gray in slices])
     return lambda: process(*next(endless))
 
@@ -85,7 +69,7 @@ def _opencv(gray: Frame, threshold: float) -> object:
     return cv2.HoughLines(opened, 2, np.pi / 180, 15)
 
 
-def _scikit_image() -> Callable[[Frame, float], object]:
+def _scikit_image() -> Baseline:
     # Its functions have no types; as modules of unknown type they need none.
     filters, morphology, transform = (
         importlib.import_module(f'skimage.{name}')

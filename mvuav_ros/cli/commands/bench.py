@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Sequence
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from mvuav_ros.cli.bench.approach import approach_cases
 from mvuav_ros.cli.bench.case import Measurement, measure
+from mvuav_ros.cli.bench.frame_rates import approach_cases, simulation_cases
 from mvuav_ros.cli.bench.live import LiveResult, live_cases, measure_live
-from mvuav_ros.cli.bench.live_table import print_results
 from mvuav_ros.cli.bench.markers import marker_cases
 from mvuav_ros.cli.bench.replay import replay_cases
 from mvuav_ros.cli.bench.runway import runway_cases
-from mvuav_ros.cli.bench.simulation import simulation_cases
 from mvuav_ros.cli.options import Json
-from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, table_console
 
 SUITES = {
     'markers': marker_cases,
@@ -31,6 +29,13 @@ SUITES = {
 LIVE = 'live'
 """The suite of processes on real DDS, which takes minutes and is run only when named."""
 LIVE_SECONDS = 5.0
+_HEADINGS = ('case', 'median', 'beside', 'median', 'ratio', 'limit', '')
+_LIVE_HEADINGS = (
+    'node', 'image', 'Hz', 'processed', 'p50', 'p95', 'p99', 'floor p50', 'p95', 'p99', 'ratio',
+    'decode', 'process', 'publish', 'CPU', 'MB', '',
+)  # fmt: skip
+_LEGEND = 'Times in ms; CPU per image, all threads; memory at the end; +: the other node runs too.'
+_WORDS = ('node', 'image', 'case', 'beside', '')
 
 
 def bench(
@@ -56,70 +61,66 @@ def bench(
     if unknown:
         raise typer.BadParameter(f'{", ".join(unknown)}; there are {", ".join(known)}')
     names = suite or list(SUITES)
-    measurements = _measure([name for name in names if name != LIVE], seconds)
-    results = _measure_live(full, max(seconds, LIVE_SECONDS)) if LIVE in names else []
-    if measurements:
-        _print(measurements)
+    cases = [case for name in names if name != LIVE for case in SUITES[name]()]
+    live = live_cases(full) if LIVE in names else []
+    with frame_progress() as progress:
+        measured = [measure(c, seconds) for c in progress.track(cases, description='bench')]
+    with frame_progress() as progress:
+        tracked = progress.track(live, description='bench live')
+        results = [r for c in tracked for r in measure_live(c, max(seconds, LIVE_SECONDS))]
+    if measured:
+        _print(_HEADINGS, map(_row, measured))
     if results:
-        print_results(results, _console())
+        # From the camera's stamp to the result's arrival back at the camera; the floor is a
+        # minimal rclpy subscriber beside the node, from the stamp to its callback.
+        _print(_LIVE_HEADINGS, map(_live_row, results))
+        table_console(160).print(_LEGEND)
+    both: list[Measurement | LiveResult] = [*measured, *results]
     if as_json is not None:
-        figures = [m.figures() for m in measurements] + [r.figures() for r in results]
-        as_json.write_text(json.dumps(figures, indent=2) + '\n')
-    kept = [m.within_limits for m in measurements] + [r.within_limits for r in results]
-    if check and not all(kept):
+        as_json.write_text(json.dumps([each.figures() for each in both], indent=2) + '\n')
+    if check and not all(each.within_limits for each in both):
         raise typer.Exit(1)
 
 
-def _measure_live(full: bool, seconds: float) -> list[LiveResult]:
-    cases, results = live_cases(full), []
-    with frame_progress() as progress:
-        task = progress.add_task('bench live', total=len(cases))
-        for case in cases:
-            results += measure_live(case, seconds)
-            progress.advance(task)
-    return results
-
-
-def _measure(names: list[str], seconds: float) -> list[Measurement]:
-    cases = [case for name in names for case in SUITES[name]()]
-    measurements = []
-    with frame_progress() as progress:
-        task = progress.add_task('bench', total=len(cases))
-        for case in cases:
-            measurements.append(measure(case, seconds))
-            progress.advance(task)
-    return measurements
-
-
-def _print(measurements: list[Measurement]) -> None:
+def _print(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     table = Table(box=None, pad_edge=False)
-    for heading in ('case', 'median', 'beside', 'median', 'ratio', 'limit', ''):
-        table.add_column(heading, justify='left' if heading in ('case', 'beside', '') else 'right')
-    for m in measurements:
-        table.add_row(
-            m.case.name,
-            _milliseconds(m.median_ms),
-            m.case.baseline_name,
-            _milliseconds(m.baseline_ms),
-            f'{m.ratio:.2f}' if m.ratio is not None else '',
-            _limit(m),
-            m.case.note if m.within_limits else f'{m.case.note} EXCEEDED'.strip(),
-        )
-    _console().print(table)
+    for heading in headings:
+        table.add_column(heading, justify='left' if heading in _WORDS else 'right')
+    for row in rows:
+        table.add_row(*row)
+    table_console(160).print(table)
 
 
-def _console() -> Console:
-    console = Console(markup=False, highlight=False)
-    if not console.is_terminal:
-        console = Console(markup=False, highlight=False, width=160)
-    return console
-
-
-def _limit(m: Measurement) -> str:
-    if m.case.limit_ratio is not None:
-        return f'{m.case.limit_ratio:g} x'
-    return f'{m.case.limit_ms:g} ms' if m.case.limit_ms is not None else ''
+def _row(m: Measurement) -> list[str]:
+    limit = f'{m.case.limit_ms:g} ms' if m.case.limit_ms is not None else ''
+    return [
+        m.case.name,
+        _milliseconds(m.median_ms),
+        m.case.baseline_name,
+        _milliseconds(m.baseline_ms),
+        f'{m.ratio:.2f}' if m.ratio is not None else '',
+        f'{m.case.limit_ratio:g} x' if m.case.limit_ratio is not None else limit,
+        m.case.note if m.within_limits else f'{m.case.note} EXCEEDED'.strip(),
+    ]
 
 
 def _milliseconds(value: float | None) -> str:
     return '' if value is None else f'{value:.3f} ms'
+
+
+def _live_row(result: LiveResult) -> list[str]:
+    case = result.case
+    jpeg = ' jpeg' if case.transport == 'compressed' else ''
+    stages = [result.status.get(f'{s}_p50_ms', '') for s in ('decode', 'process', 'publish')]
+    return [
+        result.node + ('+' if len(case.nodes) > 1 else ''),
+        f'{case.width}x{case.height} {case.encoding}{jpeg}',
+        f'{case.hz:g}',
+        f'{result.processed}/{result.sent}',
+        *(f'{ms:.2f}' for ms in (*result.latency, *result.floor)),
+        f'{result.ratio:.2f}',
+        *stages,
+        f'{result.cpu_ms:.2f}',
+        f'{result.memory_mb:.0f}',
+        '' if result.within_limits else f'EXCEEDED {result.limit:g} x',
+    ]

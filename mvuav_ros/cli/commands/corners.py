@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from mvuav_ros.cli.options import Json, Param, ParamsFile, takes
-from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.cli.terminal import frame_progress
 from mvuav_ros.offline.node_parameters import resolve_parameters
 from mvuav_ros.recordings.sources.frame import SourceError
 

@@ -31,16 +31,12 @@ def demo(
     from mvuav_ros.cli.demo.panel import run_panel
     from mvuav_ros.cli.demo.run import run_demo
 
-    if panel:
-        run_panel(bags or sample_bags(), Console())
-        return
-    for path in run_demo(bags or sample_bags(), output, Console()):
-        typer.echo(path)
-
-
-def sample_bags() -> Path:
-    """The sample bags of a checkout, or those installed with the package."""
-    folder = shipped_folder('bags')
+    # Of a checkout, or installed with the package.
+    folder = bags or shipped_folder('bags')
     if folder is None:
         raise SourceError('the sample bags are not installed; name their folder with --bags')
-    return folder
+    if panel:
+        run_panel(folder, Console())
+        return
+    for path in run_demo(folder, output, Console()):
+        typer.echo(path)

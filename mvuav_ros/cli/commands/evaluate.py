@@ -11,14 +11,15 @@ import typer
 from typer.core import TyperGroup
 
 from mvuav_ros.cli.commands.corners import corners
-from mvuav_ros.cli.options import Force, ImageTopic, takes
-from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
+from mvuav_ros.cli.terminal import frame_progress
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.errors import RecordingError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
 
+PAGE = 'index.html'
 Output = Annotated[Path, typer.Option('--output', '-o', help='Folder for the report.')]
 
 
@@ -60,7 +61,7 @@ def thesis(
     from mvuav_ros.offline.thesis.build import build_report, steps_of
     from mvuav_ros.offline.thesis.plan import Plan
 
-    _refuse_to_overwrite(output, force)
+    refuse_to_overwrite(output / PAGE, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
@@ -111,7 +112,7 @@ def bag(options: BagOptions) -> None:
     from mvuav_ros.offline.evaluation.bag_report import bag_report
     from mvuav_ros.offline.report.writing import write_report
 
-    _refuse_to_overwrite(options.output, options.force)
+    refuse_to_overwrite(options.output / PAGE, options.force)
     run = None
     again = options.replayed or options.param or options.params_file is not None
     if not again and not options.source.startswith('sim:'):
@@ -153,9 +154,3 @@ def _require_truth(run: EvaluationRun) -> None:
             f'{run.name} holds no truth (/truth/markers, /truth/rpy, /truth/lines); '
             'mvuav simulate writes bags that do'
         )
-
-
-def _refuse_to_overwrite(output: Path, force: bool) -> None:
-    page = output / 'index.html'
-    if page.exists() and not force:
-        raise RecordingError(f'{page} exists; --force overwrites it')

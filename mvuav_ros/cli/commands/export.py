@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from mvuav_ros.cli.options import Force
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output, size_at
+from mvuav_ros.cli.options import Force, refuse_to_overwrite
+from mvuav_ros.recordings.remote import inside, local_copy, local_output
 
 
 class Form(StrEnum):
@@ -36,8 +35,7 @@ def export(
     """Write markers, roll, poses and lines, one file for each topic."""
     from mvuav_ros.recordings.exporting import export as write
 
-    if is_url(output) and not force and size_at(output) is not None:
-        raise RecordingError(f'{output} exists; --force overwrites it')
+    refuse_to_overwrite(output, force)
     with local_copy(source) as path, local_output(output) as folder:
         files = write(path, folder, form.value, overwrite=force)
     for file, rows in files.items():

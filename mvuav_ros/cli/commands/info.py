@@ -11,10 +11,9 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, table_console, tell_damage
 from mvuav_ros.recordings.remote import is_url, local_copy
 from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
@@ -94,17 +93,10 @@ def _print_recording(summary: RecordingSummary) -> None:
         images = ', '.join(topic.images.formats) if topic.images else ''
         rate = f'{topic.rate_hz:.2f}' if topic.rate_hz else '-'
         table.add_row(topic.name, topic.type, str(topic.count), rate, images, _notes(topic))
-    # A pipe has no width: nothing is wrapped there.
-    console = Console(markup=False, highlight=False)
-    if not console.is_terminal:
-        console = Console(markup=False, highlight=False, width=240)
-    console.print(table)
+    table_console(240).print(table)
     for skipped in summary.skipped:
         typer.echo(f'skipped: {skipped.name} is {skipped.encoding or "without encoding"}, not CDR')
-    for error in summary.errors:
-        typer.echo(f'damage: {error}')
-    for warning in summary.warnings:
-        typer.echo(f'note: {warning}')
+    tell_damage(summary.errors, summary.warnings)
 
 
 def _notes(topic: TopicSummary) -> str:
@@ -128,5 +120,4 @@ def _print_images(summary: FrameSummary) -> None:
     )
     if summary.unusable:
         typer.echo(f'damage: {summary.unusable} frames do not decode')
-    for error in summary.errors:
-        typer.echo(f'damage: {error}')
+    tell_damage(summary.errors, ())

@@ -6,10 +6,9 @@ from typing import Annotated
 
 import typer
 
-from mvuav_ros.cli.options import Force, Format, SplitMb, Storage
-from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.remote import is_url, local_copy, local_output, size_at
+from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
+from mvuav_ros.cli.terminal import frame_progress, tell_damage
+from mvuav_ros.recordings.remote import local_copy, local_output
 
 
 def repair(
@@ -27,8 +26,7 @@ def repair(
     """Copy every readable message of all topics to a new file, and list what was lost."""
     from mvuav_ros.recordings.repairing import repair as write
 
-    if is_url(output) and not force and size_at(output) is not None:
-        raise RecordingError(f'{output} exists; --force overwrites it')
+    refuse_to_overwrite(output, force)
     with local_copy(source) as path, local_output(output) as target, frame_progress() as bar:
         task = bar.add_task(path.name, total=None)
         report = write(
@@ -43,7 +41,4 @@ def repair(
         typer.echo(f'  {topic}: {count}')
     for topic, encoding in report.skipped.items():
         typer.echo(f'skipped: {topic} is {encoding or "without encoding"}, not CDR', err=True)
-    for error in report.errors:
-        typer.echo(f'damage: {error}', err=True)
-    for warning in report.warnings:
-        typer.echo(f'note: {warning}', err=True)
+    tell_damage(report.errors, report.warnings, err=True)

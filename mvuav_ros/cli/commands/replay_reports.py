@@ -9,7 +9,7 @@ import cv2
 import typer
 from rich.progress import Progress, TaskID
 
-from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.cli.terminal import frame_progress
 from mvuav_ros.offline.replay.cluster import run_on_cluster
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
 from mvuav_ros.offline.replay.manifest import Manifest

@@ -50,12 +50,10 @@ def check(
     except RigError as error:
         raise ParameterError('rig', str(error)) from error
     size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
-    flat = (
-        ', all in one plane: the tilt is ambiguous'
-        if len(body.names) >= 3 and is_flat(body)
-        else ''
-    )
-    typer.echo(f'{body.name}: {len(body.names)} markers, {size:g} m across{flat}')
+    words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
+    if len(body.names) >= 3 and is_flat(body):
+        words += ', all in one plane: the tilt is ambiguous'
+    typer.echo(words)
     doubts = examine(body)
     for doubt in doubts:
         typer.echo(f'refused: {doubt}')

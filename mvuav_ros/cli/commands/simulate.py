@@ -9,11 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from mvuav_ros.cli.options import Force, takes
-from mvuav_ros.cli.progress import frame_progress
+from mvuav_ros.cli.options import Force, refuse_to_overwrite, takes
+from mvuav_ros.cli.terminal import frame_progress
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
-from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.sources.simulated import FRAME_ID, camera_model, make_flight
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.simulation.flight import SimulatedFrame
@@ -70,8 +69,7 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
     from mvuav_ros.offline.simulate import simulated_messages
 
     flight = make_flight(kind, given)
-    if output.exists() and not force:
-        raise RecordingError(f'{output} exists; --force overwrites it')
+    refuse_to_overwrite(output, force)
     camera = camera_model(flight.camera)
     seed = flight.settings.seed
     with (

@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mvuav_ros.cli.options import Dask, Force, ImageTopic, ParamsFile, takes
-from mvuav_ros.cli.progress import frame_progress
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.cli.options import (
+    Dask,
+    Force,
+    ImageTopic,
+    ParamsFile,
+    refuse_to_overwrite,
+    takes,
+)
+from mvuav_ros.cli.terminal import frame_progress
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.sweep.run import RunResult
@@ -65,15 +71,10 @@ def sweep(options: SweepOptions) -> None:
     nodes = node_names(options.nodes, swept or PROCESSING_NODES)
     base = resolve_parameters(nodes, options.params_file)
     runs = sweeping.plan_runs(options.sources, axes, base, options.image_topic)
-    if (output / CSV).exists() and not options.force:
-        raise RecordingError(f'{output / CSV} exists; --force overwrites it')
-    results = []
+    refuse_to_overwrite(output / CSV, options.force)
     with frame_progress() as progress:
-        task = progress.add_task('sweep', total=len(runs))
-        for result in sweeping.sweep(runs, options.jobs, options.dask):
-            results.append(result)
-            progress.advance(task)
-    results = sweeping.in_order(results)
+        made = sweeping.sweep(runs, options.jobs, options.dask)
+        results = sweeping.in_order(progress.track(made, total=len(runs), description='sweep'))
     described = {
         'inputs': ', '.join(options.sources),
         'parameters swept': ', '.join(

@@ -61,6 +61,11 @@ class Flight:
         """The node's fully qualified name."""
         return f'/{self.processor.name}'
 
+    @property
+    def main(self) -> str:
+        """The full name of the main topic."""
+        return self.topic(self.main_topic)
+
     def topic(self, suffix: str) -> str:
         """A result topic's full name."""
         return f'{self.node}/{suffix}'
@@ -74,11 +79,11 @@ class Flight:
 
     def start_source(self, nodes: NodeProcesses, **parameters: str) -> None:
         """Start the node that plays the bag."""
-        arguments = ['--ros-args', '-r', f'__ns:=/{self.name}']
-        arguments += _losing_nothing([self.image_topic], 'publisher')
-        for name, value in {'source': self.bag, **parameters}.items():
-            arguments += ['-p', f'{name}:={value}']
-        nodes.start('mvuav_ros', 'video_source', *arguments)
+        given = {'source': self.bag, **parameters}
+        arguments = [word for name in given for word in ('-p', f'{name}:={given[name]}')]
+        images = _losing_nothing([self.image_topic], 'publisher')
+        remapping = ('--ros-args', '-r', f'__ns:=/{self.name}')
+        nodes.start('mvuav_ros', 'video_source', *remapping, *images, *arguments)
 
 
 def _losing_nothing(topics: Iterable[str], end: str) -> list[str]:
@@ -94,16 +99,15 @@ def _losing_nothing(topics: Iterable[str], end: str) -> list[str]:
 
 def marker_table(newest: dict[str, Any]) -> Table:
     """Five markers and the roll."""
+    colors = {MarkerState.DETECTED: 'green', MarkerState.PREDICTED: 'yellow'}
     table = _table('marker', 'state', 'x px', 'y px', 'vx px/s', 'vy px/s')
-    if 'markers' in newest:
-        for row in decode_points(newest['markers']):
-            state = MarkerState(row['state'])
-            color = {MarkerState.DETECTED: 'green', MarkerState.PREDICTED: 'yellow'}
-            table.add_row(
-                Label(row['label']).name.lower(),
-                f'[{color.get(state, "red")}]{state.name.lower()}[/]',
-                *(_number(row[name]) for name in ('x', 'y', 'vx', 'vy')),
-            )
+    for row in decode_points(newest['markers']) if 'markers' in newest else ():
+        state = MarkerState(row['state'])
+        table.add_row(
+            Label(row['label']).name.lower(),
+            f'[{colors.get(state, "red")}]{state.name.lower()}[/]',
+            *(_number(row[name]) for name in ('x', 'y', 'vx', 'vy')),
+        )
     if 'rpy' in newest:
         table.caption = f'roll {_number(math.degrees(newest["rpy"].vector.x))}°'
     return table
@@ -112,21 +116,15 @@ def marker_table(newest: dict[str, Any]) -> Table:
 def runway_table(newest: dict[str, Any]) -> Table:
     """One row per line, with its flags."""
     table = _table('line', 'state', 'rho px', 'theta °', 'votes')
-    if 'line_params' in newest:
-        for index, row in enumerate(decode_points(newest['line_params']), 1):
-            table.add_row(
-                str(index),
-                _flag_words(int(row['flags']), bool(np.isfinite(row['rho']))),
-                _number(row['rho']),
-                _number(math.degrees(row['theta'])),
-                _number(row['votes']),
-            )
+    rows = decode_points(newest['line_params']) if 'line_params' in newest else ()
+    for index, row in enumerate(rows, 1):
+        words = _flag_words(int(row['flags'])) if np.isfinite(row['rho']) else '[red]not found[/]'
+        numbers = (row['rho'], math.degrees(row['theta']), row['votes'])
+        table.add_row(str(index), words, *map(_number, numbers))
     return table
 
 
-def _flag_words(flags: int, found: bool) -> str:
-    if not found:
-        return '[red]not found[/]'
+def _flag_words(flags: int) -> str:
     if not flags & LineFlag.CORRECTED:
         return '[green]ok[/]'
     names = ['rho'] * bool(flags & LineFlag.RHO_ERROR)

@@ -22,10 +22,6 @@ _PREFIX = 'tuning_panel: '
 def run_panel(bags: Path, console: Console) -> None:
     """Start everything, say where the panel is, and wait for Ctrl-C.
 
-    Args:
-        bags: folder of the sample bags.
-        console: where the address is shown.
-
     Raises:
         SourceError: a bag is missing, or a process failed.
     """

@@ -23,10 +23,8 @@ EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 class Recorder(Node):
     """Writes every message as it came over DDS.
 
-    Attributes:
-        newest: the newest message of each topic that is decoded (all but images).
-        counts: messages of each topic.
-        latency_ms: median latency of each processing node, from ``/diagnostics``.
+    Keeps the ``newest`` of each topic but images', their ``counts``, and ``latency_ms``: the median
+    of each processing node, from ``/diagnostics``.
     """
 
     def __init__(self, topics: dict[str, type], writer: RecordingWriter, context: Any) -> None:

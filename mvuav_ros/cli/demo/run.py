@@ -30,15 +30,7 @@ SILENCE = 0.5
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
-    """Show the demo and leave a bag, annotated images and a plot.
-
-    Args:
-        bags: folder of the sample bags.
-        out: folder for the results.
-        console: where the live table is shown.
-
-    Returns:
-        The files made.
+    """Show the demo and leave a bag, annotated images and a plot in ``out``; returns the files.
 
     Raises:
         SourceError: a bag is missing, or a node failed.
@@ -55,7 +47,6 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
             for flight in flights:
                 flight.start_node(nodes)
             _watch(flights, recorder, nodes, console)
-            _check(flights, recorder)
             recorder.destroy_node()
         finally:
             rclpy.try_shutdown(context=context)
@@ -86,9 +77,7 @@ def _watch(
             if now - shown > 0.1:
                 live.update(_screen(flights, recorder), refresh=True)
                 shown = now
-            if ready_at is None and recorder.hears(
-                flight.topic(flight.main_topic) for flight in flights
-            ):
+            if ready_at is None and recorder.hears(flight.main for flight in flights):
                 ready_at = now
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True
@@ -97,43 +86,31 @@ def _watch(
                     flight.start_source(nodes, wait_for_subscribers='2')
             if reason := nodes.failure():
                 raise SourceError(reason)
-            answered = all(
-                recorder.counts[flight.topic(flight.main_topic)] >= flight.frames
-                for flight in flights
-            )
+            answered = all(recorder.counts[flight.main] >= flight.frames for flight in flights)
             if answered and now - recorder.changed_at > SILENCE:
                 break
     executor.shutdown()
+    for flight in flights:
+        if not recorder.counts[flight.main]:
+            raise SourceError(f'{flight.processor.name} published nothing within {LONGEST:.0f} s')
 
 
 def _screen(flights: list[Flight], recorder: Recorder) -> Group:
     parts: list[Any] = []
     for flight in flights:
-        main = flight.topic(flight.main_topic)
-        prefix = len(flight.node) + 1
+        start = f'{flight.node}/'
         newest = {
-            topic[prefix:]: message
+            topic.removeprefix(start): message
             for topic, message in recorder.newest.items()
-            if topic.startswith(f'{flight.node}/')
+            if topic.startswith(start)
         }
-        latency = recorder.latency_ms.get(flight.node) or '-'
-        parts += [
-            Text(
-                f'{flight.processor.name}   frame {recorder.counts[main]} of '
-                f'{recorder.counts[flight.image_topic]}   {recorder.rate(main):.0f} Hz   '
-                f'latency {latency} ms',
-                style='bold',
-            ),
-            flight.make_table(newest),
-            Text(),
-        ]
+        words = (
+            f'{flight.processor.name}   frame {recorder.counts[flight.main]} of '
+            f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
+            f'latency {recorder.latency_ms.get(flight.node) or "-"} ms'
+        )
+        parts += [Text(words, style='bold'), flight.make_table(newest), Text()]
     return Group(*parts)
-
-
-def _check(flights: list[Flight], recorder: Recorder) -> None:
-    for flight in flights:
-        if not recorder.counts[flight.topic(flight.main_topic)]:
-            raise SourceError(f'{flight.processor.name} published nothing within {LONGEST:.0f} s')
 
 
 def _make_images(flights: list[Flight], bag: Path, out: Path) -> list[Path]:

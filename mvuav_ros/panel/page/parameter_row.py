@@ -28,32 +28,24 @@ class ParameterRow:
         self._current: Any = value
         self._new: Any = value
         self._image_size = -1
-        self._refused = ''
-        self._difference = ''
+        self._refused = self._difference = ''
         self._slider: ui.element | None = None
         thesis = f' Thesis: {control.text.thesis}.' if control.text.thesis else ''
         self._description = (control.text.description or 'No description.') + thesis
         with el.box(f'param of-{control.kind.value}') as self._row:
             el.set_props(self._row, data_parameter=control.label)
-            self._make_name()
+            _show_name(control.label, self._description)
             self._now = el.text(value_text(value), 'now')
             with el.box('edit'):
                 self._field = self._make_field()
             if control.kind is Kind.SLIDER and not control.read_only:
-                self._slider = self._make_slider()
+                # The browser's own: Quasar's puts the keyboard's focus on an element without a
+                # role. ``static/live.js`` places its thumb and writes what it speaks.
+                slider = el.box('range', 'input').props('type=range min=0 step=1')
+                el.set_props(slider, aria_label=control.label, data_unit=control.text.unit)
+                move = '(e) => emit(e.target.value)'
+                self._slider = slider.on('input', self._moved, js_handler=move, throttle=0.05)
             self._hint = el.text('', 'hint').props('aria-live=polite')
-
-    def _make_name(self) -> None:
-        with el.box('name'):
-            # May break after an underscore only.
-            for number, word in enumerate(self.control.label.split('_')):
-                if number:
-                    el.box(tag='wbr')
-                el.text(f'_{word}' if number else word, tag='span')
-            with ui.tooltip().props(
-                'max-width=320px delay=600 anchor="top left" self="bottom left"'
-            ):
-                el.text(self._description)
 
     def _make_field(self) -> Any:
         control = self.control
@@ -75,16 +67,6 @@ class ParameterRow:
         if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
             field.disable()
         return field
-
-    def _make_slider(self) -> ui.element:
-        """The browser's own: Quasar's puts the keyboard's focus on an element without a role.
-
-        ``static/live.js`` places its thumb and writes what it speaks.
-        """
-        slider = el.box('range', 'input').props('type=range min=0 step=1')
-        el.set_props(slider, aria_label=self.control.label, data_unit=self.control.text.unit)
-        move = '(e) => emit(e.target.value)'
-        return slider.on('input', self._moved, js_handler=move, throttle=0.05)
 
     @property
     def _options(self) -> list[Any]:
@@ -191,3 +173,14 @@ class ParameterRow:
         el.set_class(self._row, 'off-set', bool(self._difference))
         pending = bool(self._refused) or not same_value(self._new, self._current)
         el.set_class(self._row, 'pending', pending)
+
+
+def _show_name(label: str, description: str) -> None:
+    """May break after an underscore only."""
+    with el.box('name'):
+        for number, word in enumerate(label.split('_')):
+            if number:
+                el.box(tag='wbr')
+            el.text(f'_{word}' if number else word, tag='span')
+        with ui.tooltip().props('max-width=320px delay=600 anchor="top left" self="bottom left"'):
+            el.text(description)

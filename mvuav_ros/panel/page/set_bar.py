@@ -119,7 +119,7 @@ class SetBar:
             ui.download.content(content, f'{name}.yaml', 'application/yaml')
 
     def _ask_file(self) -> None:
-        services = self._page.services
+        services, too_large = self._page.services, f'the file has more than {LARGEST_SET} bytes'
 
         async def take(event: Any) -> None:
             name = Path(event.file.name).stem
@@ -138,9 +138,7 @@ class SetBar:
                 auto_upload=True,
                 max_file_size=LARGEST_SET,
                 on_upload=take,
-                on_rejected=lambda: el.tell(
-                    f'the file has more than {LARGEST_SET} bytes', bad=True
-                ),
+                on_rejected=lambda: el.tell(too_large, bad=True),
             ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
             el.button('Cancel', asking.close)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mvuav_ros.processing.messages.points import PointLayout
-from mvuav_ros.recordings.serialization.cdr import CdrWriter
+from mvuav_ros.recordings.serialization.cdr import stamped_doubles
 from mvuav_ros.vision.markers.results import Marker, MarkerResult
 from mvuav_ros.vision.pose import Pose
 
@@ -39,9 +39,7 @@ def encode_markers(result: MarkerResult, header: bytes, *, numbered: bool = Fals
 
 def encode_marker(marker: Marker, header: bytes) -> bytes:
     """A PointStamped: one marker's position, px."""
-    writer = CdrWriter(header)
-    writer.numbers('3d', marker.x, marker.y, 0.0)
-    return writer.message()
+    return stamped_doubles(header, marker.x, marker.y, 0.0)
 
 
 def encode_rpy(result: MarkerResult, header: bytes, pose: Pose | None = None) -> bytes:
@@ -53,6 +51,4 @@ def encode_rpy(result: MarkerResult, header: bytes, pose: Pose | None = None) ->
     roll, pitch, yaw = pose.rpy if pose is not None else (math.nan, math.nan, math.nan)
     if result.has_wings:
         roll = float(result.roll)
-    writer = CdrWriter(header)
-    writer.numbers('3d', roll, pitch, yaw)
-    return writer.message()
+    return stamped_doubles(header, roll, pitch, yaw)

@@ -43,13 +43,9 @@ class PointLayout:
         self._starts: dict[int, bytes] = {}
 
     def encode(self, rows: Sequence[Sequence[float]], header: bytes) -> bytes:
-        """A PointCloud2 in CDR: one row per point.
+        """A PointCloud2 in CDR: a row per point, with a number for each field.
 
         ``is_dense`` says whether every x, y and z is a number.
-
-        Args:
-            rows: a number for each field.
-            header: `cdr_header`.
         """
         pack, finite = self._row.pack, math.isfinite
         is_dense = all(finite(x) and finite(y) and finite(z) for x, y, z, *_ in rows)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from mvuav_ros.processing.messages.points import PointLayout
-from mvuav_ros.recordings.serialization.cdr import CdrWriter
+from mvuav_ros.recordings.serialization.cdr import CdrWriter, stamped_doubles
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CameraModel
@@ -52,33 +52,17 @@ def encode_line_params(result: Result, header: bytes) -> bytes:
 
 
 def _values(line: RunwayLine) -> tuple[float | int, ...]:
-    return (
-        line.x,
-        line.y,
-        line.x * 0.0,
-        line.x2,
-        line.y2,
-        line.rho,
-        line.theta,
-        line.votes,
-        line.rho_raw,
-        line.theta_raw,
-        int(line.flags),
-        int(line.role),
-        line.confidence,
-    )
+    ends = (line.x, line.y, line.x * 0.0, line.x2, line.y2)
+    normal_form = (line.rho, line.theta, line.votes, line.rho_raw, line.theta_raw)
+    return (*ends, *normal_form, int(line.flags), int(line.role), line.confidence)
 
 
 def encode_lines(result: Result, header: bytes, camera: CameraModel | None = None) -> bytes:
     """A Marker: the segments as a LINE_LIST, coloured by role, or by flag without roles.
 
-    Without any, the marker is deleted.
-
-    Args:
-        result: of a frame.
-        header: `cdr_header`.
-        camera: the frame's calibration, with which the segments lie on the plane at `PLANE`, m in
-            the optical frame, and overlay the image in RViz; without it they are px, z = 0.
+    Without any, the marker is deleted. With the frame's calibration the segments lie on the plane
+    at `PLANE`, m in the optical frame, and overlay the image in RViz; without it they are px,
+    z = 0.
     """
     # A line may be known and yet miss the frame.
     drawn = [line for line in result.lines if not math.isnan(line.x)]
@@ -128,10 +112,8 @@ def _nothing_more() -> bytes:
     writer.octets(b'')
     uv_coordinates = 0
     writer.numbers('I', uv_coordinates)
-    # text, mesh_resource and mesh_file.
-    writer.text('')
-    writer.text('')
-    writer.text('')
+    for _ in ('text', 'mesh_resource', 'mesh_file.filename'):
+        writer.text('')
     writer.octets(b'')
     mesh_use_embedded_materials = False
     writer.numbers('B', mesh_use_embedded_materials)
@@ -152,9 +134,7 @@ def encode_vanishing_point(result: Result, header: bytes) -> bytes:
     x = y = z = math.nan
     if isinstance(result, ApproachResult) and not math.isnan(result.vanishing_point[0]):
         (x, y), z = result.vanishing_point, 0.0
-    writer = CdrWriter(header)
-    writer.numbers('3d', x, y, z)
-    return writer.message()
+    return stamped_doubles(header, x, y, z)
 
 
 def encode_pose(guidance: Guidance, header: bytes) -> bytes:
@@ -172,10 +152,8 @@ def encode_pose(guidance: Guidance, header: bytes) -> bytes:
         cr * cp * sy - sr * sp * cy,
         cr * cp * cy + sr * sp * sy,
     )
-    writer = CdrWriter(header)
-    writer.numbers('7d', guidance.x, guidance.y, guidance.z, *quaternion)
-    writer.numbers('36d', *guidance.covariance.ravel().tolist())
-    return writer.message()
+    covariance = guidance.covariance.ravel().tolist()
+    return stamped_doubles(header, guidance.x, guidance.y, guidance.z, *quaternion, *covariance)
 
 
 class _Status(NamedTuple):
@@ -202,60 +180,43 @@ def _correction(index: int, line: RunwayLine) -> _Status:
         message = 'moved by more than the threshold'
     else:
         message = 'ok'
-    return _Status(
-        level=_OK if message == 'ok' else _WARN,
-        name=_name(index, line),
-        message=message,
-        values=_texts(
-            rho=line.rho,
-            theta_deg=math.degrees(line.theta),
-            rho_flag=line.rho_flag,
-            theta_flag=line.theta_flag,
-            corrected=line.corrected,
-        ),
+    values = _texts(
+        rho=line.rho,
+        theta_deg=math.degrees(line.theta),
+        rho_flag=line.rho_flag,
+        theta_flag=line.theta_flag,
+        corrected=line.corrected,
     )
-
-
-def _name(index: int, line: RunwayLine) -> str:
-    if line.role is LineRole.UNKNOWN:
-        return f'line {index}'
-    return f'line {index} ({line.role.name.lower()})'
+    role = '' if line.role is LineRole.UNKNOWN else f' ({line.role.name.lower()})'
+    return _Status(_OK if message == 'ok' else _WARN, f'line {index}{role}', message, values)
 
 
 def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
     """A DiagnosticArray, the GUI's result section: totals first, then one status per line."""
-    total = _Status(
-        level=_OK,
-        name='runway',
-        message=f'{summary.frames} frames',
-        values=_texts(
-            frames=summary.frames,
-            rho_flags=summary.rho_flags,
-            theta_flags=summary.theta_flags,
-            combined_flags=summary.corrected,
-        )
-        | {'frames_with_flags': summary.flag_text},
+    values = _texts(
+        frames=summary.frames,
+        rho_flags=summary.rho_flags,
+        theta_flags=summary.theta_flags,
+        combined_flags=summary.corrected,
     )
+    values['frames_with_flags'] = summary.flag_text
+    total = _Status(_OK, 'runway', f'{summary.frames} frames', values)
     lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines, 1)]
     return _encode_statuses([total, *lines], header)
 
 
 def _line_statistics(index: int, line: LineSummary) -> _Status:
-    return _Status(
-        level=_OK,
-        name=f'line {index}',
-        message=f'found in {line.found} frames',
-        values=_texts(
-            found=line.found,
-            rho_flags=line.rho_flags,
-            theta_flags=line.theta_flags,
-            combined_flags=line.corrected,
-            rho_mean=line.rho_mean,
-            rho_std=line.rho_std,
-            theta_mean_deg=math.degrees(line.theta_mean),
-            theta_std_deg=math.degrees(line.theta_std),
-        ),
+    values = _texts(
+        found=line.found,
+        rho_flags=line.rho_flags,
+        theta_flags=line.theta_flags,
+        combined_flags=line.corrected,
+        rho_mean=line.rho_mean,
+        rho_std=line.rho_std,
+        theta_mean_deg=math.degrees(line.theta_mean),
+        theta_std_deg=math.degrees(line.theta_std),
     )
+    return _Status(_OK, f'line {index}', f'found in {line.found} frames', values)
 
 
 def _encode_statuses(statuses: Sequence[_Status], header: bytes) -> bytes:
@@ -275,10 +236,7 @@ def _encode_statuses(statuses: Sequence[_Status], header: bytes) -> bytes:
 
 
 def _texts(**values: float | bool) -> dict[str, str]:
-    return {key: _text(value) for key, value in values.items()}
-
-
-def _text(value: float | bool) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f'{value:.4f}' if isinstance(value, float) else str(value)
+    return {
+        key: f'{value:.4f}' if isinstance(value, float) else str(value).lower()
+        for key, value in values.items()
+    }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion
 from sensor_msgs.msg import CameraInfo, Imu
 from std_msgs.msg import Header
 
 from mvuav_ros.vision.camera import CameraModel
 
 _UNKNOWN = [-1.0, *[0.0] * 8]
+"""REP 145."""
 
 
 def make_header(stamp_ns: int, frame_id: str) -> Header:
@@ -33,17 +35,11 @@ def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
 
 
 def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
-    """An orientation as a message without rates and accelerations (REP 145).
-
-    Args:
-        orientation: x, y, z, w of the body in a level world.
-        header: of the message.
-    """
-    message = Imu(
+    """The body's orientation in a level world (x, y, z, w), without rates and accelerations."""
+    x, y, z, w = orientation
+    return Imu(
         header=header,
+        orientation=Quaternion(x=x, y=y, z=z, w=w),
         angular_velocity_covariance=list(_UNKNOWN),
         linear_acceleration_covariance=list(_UNKNOWN),
     )
-    given = message.orientation
-    given.x, given.y, given.z, given.w = orientation
-    return message

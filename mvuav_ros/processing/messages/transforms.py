@@ -16,7 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.recordings.serialization.cdr import CdrWriter, without_encapsulation
+from mvuav_ros.recordings.serialization.cdr import (
+    CdrWriter,
+    stamped_doubles,
+    without_encapsulation,
+)
 from mvuav_ros.vision.approach.results import Guidance
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy, quaternion
 from mvuav_ros.vision.pose import Pose
@@ -84,13 +88,7 @@ def camera_in_body(pose: Pose) -> Placement:
 
 
 def encode_transform(placement: Placement, header: bytes, child_frame: str) -> bytes:
-    """A TFMessage with one transform, from the header's frame to the child.
-
-    Args:
-        placement: the child in the header's frame.
-        header: `cdr_header`.
-        child_frame: its name.
-    """
+    """A TFMessage with one transform: the placement of the child in the header's frame."""
     writer = CdrWriter()
     transforms = 1
     writer.numbers('I', transforms)
@@ -102,10 +100,8 @@ def encode_transform(placement: Placement, header: bytes, child_frame: str) -> b
 
 def encode_placement(placement: Placement, header: bytes) -> bytes:
     """A PoseWithCovarianceStamped in the header's frame."""
-    writer = CdrWriter(header)
-    writer.numbers('7d', *placement.translation.tolist(), *quaternion(placement.rotation))
-    writer.numbers('36d', *placement.covariance.ravel().tolist())
-    return writer.message()
+    pose = (*placement.translation.tolist(), *quaternion(placement.rotation))
+    return stamped_doubles(header, *pose, *placement.covariance.ravel().tolist())
 
 
 def encode_pose(pose: Pose | None, header: bytes) -> bytes:
@@ -115,6 +111,4 @@ def encode_pose(pose: Pose | None, header: bytes) -> bytes:
     """
     if pose is not None:
         return encode_placement(body_in_camera(pose), header)
-    writer = CdrWriter(header)
-    writer.numbers('43d', *[math.nan] * 43)
-    return writer.message()
+    return stamped_doubles(header, *[math.nan] * 43)

@@ -73,6 +73,12 @@ def cdr_header(stamp_ns: int, frame_id: str) -> bytes:
     return _ENCAPSULATION + _STAMP.pack(*divmod(stamp_ns, 1_000_000_000)) + _text(frame_id)
 
 
+def stamped_doubles(header: bytes, *values: float) -> bytes:
+    """A message of a header and doubles, such as PointStamped and PoseWithCovarianceStamped."""
+    padding = bytes((len(_ENCAPSULATION) - len(header)) % 8)
+    return b''.join((header, padding, struct.pack(f'<{len(values)}d', *values)))
+
+
 @lru_cache(maxsize=8)
 def _text(text: str) -> bytes:
     writer = CdrWriter(b'')

@@ -1,7 +1,10 @@
-"""One progress bar for every command."""
+"""What every command shows: one progress bar, tables, and what is wrong with a recording."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -40,3 +43,17 @@ def frame_progress(*, thread: bool = True) -> Progress:
         auto_refresh=thread,
         disable=not console.is_terminal,
     )
+
+
+def table_console(width: int) -> Console:
+    """For tables on stdout, of this width where that is a pipe, which has none itself."""
+    console = Console(markup=False, highlight=False)
+    return console if console.is_terminal else Console(markup=False, highlight=False, width=width)
+
+
+def tell_damage(errors: Iterable[str], warnings: Iterable[str], *, err: bool = False) -> None:
+    """One line for each thing that is wrong with a recording, or worth a note."""
+    for error in errors:
+        typer.echo(f'damage: {error}', err=err)
+    for warning in warnings:
+        typer.echo(f'note: {warning}', err=err)
