@@ -60,18 +60,6 @@ class Derotation:
         on_y = centre_y + sin * dx + cos * dy
         return (on_x + 0.5) * self.factor - 0.5, (on_y + 0.5) * self.factor - 0.5
 
-    def line_on_frame(self, x: float, y: float, slope: float) -> NormalForm:
-        """The line through a level point that moves ``slope`` columns right per row down."""
-        x1, y1 = self.to_frame(x, y)
-        x2, y2 = self.to_frame(x + slope, y + 1.0)
-        return line_through(x1, y1, x2, y2)
-
-    def row_on_frame(self, y: float) -> NormalForm:
-        """A level row as a line of the frame."""
-        x1, y1 = self.to_frame(0.0, y)
-        x2, y2 = self.to_frame(1.0, y)
-        return line_through(x1, y1, x2, y2)
-
 
 def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
     """The line through two points."""
@@ -96,7 +84,7 @@ def turn_edge(
 
 
 def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
-    """Strips, (n, 6) as in `runway.search`, of one derotation described on another one."""
+    """Strips, (n, 6), of one derotation described on another one."""
     turned = strips.copy()
     for strip in turned:
         x, y, left, right, far, near = (float(value) for value in strip)

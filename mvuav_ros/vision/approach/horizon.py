@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import vertex
+
 _WIDTH, _HEIGHT = 80, 60
 _STEP_DEG = 1.5
 _MAX_ROLL_DEG = 66.0
@@ -87,8 +89,8 @@ class HorizonFinder:
         strength = float(sums[best, row])
         if strength <= 0:
             return Horizon(0.5 * (self._size[0] - 1), 0.0, 0.0, 0.0)
-        slope = self._slopes[best] + math.radians(_STEP_DEG) * _vertex(sums[:, row], int(best))
-        exact_row = int(row) + _vertex(sums[best], int(row))
+        slope = self._slopes[best] + math.radians(_STEP_DEG) * vertex(sums[:, row], int(best))
+        exact_row = int(row) + vertex(sums[best], int(row))
         unrest = self._unrest(blue, int(row) + self._shift[best])
         found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, unrest)
         if not found.trusted:
@@ -181,12 +183,3 @@ def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
     on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * _FAINTEST)
     found = horizon._replace(row=float(row), slope=math.atan(tangent))
     return found, float(on_line.mean())
-
-
-def _vertex(values: NDArray[Any], index: int) -> float:
-    """Where the parabola through a maximum and its neighbours has its vertex, from the maximum."""
-    if not 0 < index < values.size - 1:
-        return 0.0
-    before, at, after = (float(v) for v in values[index - 1 : index + 2])
-    bend = before - 2 * at + after
-    return 0.5 * (before - after) / bend if bend < 0 else 0.0

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
-from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.edges import Edges, Strip
 
-# Px of the working image: of one edge point, and of the vanishing point from the horizon.
+# Px of the working image: of one edge point.
 _POINT_SIGMA = 0.7
-HORIZON_SIGMA = 4.0
 # Points in neighbouring rows err alike.
 _CORRELATED_ROWS = 3.0
 # Per frame: the camera's yaw and pitch, px, and the change of slope of an edge.
@@ -27,9 +25,9 @@ class Shape:
         reference: row, px.
     """
 
-    def __init__(self, shape: NDArray[np.float64], near: float) -> None:
+    def __init__(self, strip: Strip) -> None:
         """Take over a candidate: as sure of its near end as of a fraction of its width."""
-        x, y, left, right = (float(v) for v in shape)
+        x, y, left, right, _, near = (float(v) for v in strip)
         self.reference = y + near
         self.state = np.array([x + left * near, left, x + right * near, right])
         width = (right - left) * near
@@ -49,10 +47,6 @@ class Shape:
             return float('nan'), float('nan')
         depth = -(p_right - p_left) / (right - left)
         return p_left + left * depth, self.reference + depth
-
-    def as_array(self) -> NDArray[np.float64]:
-        """(4,) as in `strip`."""
-        return np.array([*self.vanishing_point, *self.slopes])
 
     def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:
         """One frame passes, in which the image was seen to move, px."""
@@ -91,20 +85,16 @@ class Shape:
         self.covariance = matrix @ self.covariance @ matrix.T
         self.reference = row
 
-    def update(
-        self, left: EdgePoints, right: EdgePoints, horizon_row: float | None, sigma: float
-    ) -> None:
-        """Take in the points of the edges, and that they meet at the horizon.
+    def update(self, edges: Edges, horizon: tuple[float, float] | None) -> None:
+        """Take in the points of both edges, and that they meet at the horizon.
 
         Args:
-            left: points of the left edge.
-            right: of the right edge.
-            horizon_row: px, if known.
-            sigma: standard deviation of the vanishing point about that row, px.
+            edges: the left and the right one.
+            horizon: row and the vanishing point's standard deviation about it, px, if known.
         """
         information = np.linalg.inv(self.covariance)
         vector = information @ self.state
-        for first, points in ((0, left), (2, right)):
+        for first, points in zip((0, 2), edges, strict=True):
             weight = points.weights / (_POINT_SIGMA**2 * _CORRELATED_ROWS)
             depth = points.rows - self.reference
             # Sums, not products of matrices: BLAS rounds as the arrays happen to lie in memory.
@@ -116,7 +106,8 @@ class Shape:
             )
             vector[first] += (weight * points.columns).sum()
             vector[first + 1] += (by_depth * points.columns).sum()
-        if horizon_row is not None:
+        if horizon is not None:
+            horizon_row, sigma = horizon
             below = horizon_row - self.reference
             gap = max(self.slopes[1] - self.slopes[0], 0.05)
             row = np.array([1.0, below, -1.0, -below])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.runway.search import Strips
 from mvuav_ros.vision.approach.runway.tuning import TUNING
@@ -70,7 +69,7 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
         signed[..., :3] *= mirror
         edges.append((slopes, signed))
     (lefts, one), (rights, other) = edges
-    total = _common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
+    total = in_common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
     score = np.abs(total) @ _WEIGHTS
     widths = (rights[None] - lefts[:, None]) * near
     score[(widths < max(_NARROWER * width, 2.0)) | (widths > _WIDER * width)] = -1.0
@@ -94,16 +93,10 @@ def _choose(edges: list[NDArray[np.int16]]) -> list[NDArray[np.intp]]:
     for _ in range(_ROUNDS):
         for side in (0, 1):
             other = edges[1 - side][chosen[1 - side], number]
-            total = np.abs(_common(edges[side], other).sum(axis=2, dtype=np.int32))
+            total = np.abs(in_common(edges[side], other).sum(axis=2, dtype=np.int32))
             score = total @ _WEIGHTS / (_SAMPLES * UNIT) - cost
             chosen[side] = score.argmax(axis=0)
     return chosen
-
-
-def _common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-    common: NDArray[Any] = np.maximum(np.minimum(one, other), 0)
-    common += np.minimum(np.maximum(one, other), 0)
-    return common
 
 
 def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDArray[np.bool_]]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.runway.profile import (
     MOST_GAIN,
@@ -124,7 +125,7 @@ def _sampled(
     values = evidence.astype(np.float32) / UNIT
     count = first.shape[1]
     left, right = values[:, :count], values[:, count:] * _MIRROR
-    common = np.maximum(np.minimum(left, right), 0) + np.minimum(np.maximum(left, right), 0)
+    common = in_common(left, right)
     known = inside[:, :count] & inside[:, count:]
     return np.minimum(np.abs(common) @ WEIGHTS, MOST_GAIN), known
 
@@ -208,7 +209,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     after, seen_right = image.means(rows, right + 0.15 * width + 1, right + 0.8 * width + 1)
     texture = _texture(image, rows, (left + right) / 2)
     one, other = (inside - before) * seen_left / texture, (inside - after) * seen_right / texture
-    common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
+    common = in_common(one, other)
     sides = [_length(each.mean(axis=2)) for each in (one, other)]
     spread = max(scene.brightest - scene.darkest, 0.0) + 1
     beside = np.minimum(before[0].mean(axis=1), after[0].mean(axis=1))

@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.channels import halved
 from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.runway.alignment import align, around
 from mvuav_ros.vision.approach.runway.appearance import FEATURES, Scene, describe
-from mvuav_ros.vision.approach.runway.evidence import EvidenceMap, gather_evidence, halved
+from mvuav_ros.vision.approach.runway.evidence import EvidenceMap, gather_evidence
 from mvuav_ros.vision.approach.runway.geometry import surrounding_box
 from mvuav_ros.vision.approach.runway.profile import profile
 from mvuav_ros.vision.approach.runway.search import Strips, distinct, fan, fan_jobs

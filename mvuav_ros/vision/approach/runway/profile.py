@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.best_run import best_run
+from mvuav_ros.vision.approach.numeric import best_run, in_common
 from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.runway.search import Strips
 from mvuav_ros.vision.approach.runway.tuning import TUNING
@@ -83,7 +83,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     visible = in_left & in_right
     one, other = lefts.astype(np.float32) / UNIT, rights.astype(np.float32) / UNIT
     other[..., :3] *= -1
-    common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
+    common = in_common(one, other)
     known = (depth > TUNING.first_row * expected[:, None]) & (depth <= expected[:, None])
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
     parts = common * sign

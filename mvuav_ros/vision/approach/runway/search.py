@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.runway.evidence import CHANNELS, COARSE, UNIT
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 
@@ -98,12 +99,7 @@ class Fan:
 
     def _pair(self, lefts: NDArray[np.int32], rights: NDArray[np.int32]) -> NDArray[np.float32]:
         """What both edges have in common, with the same sign in every row."""
-        one, other = lefts.view(np.int8), rights.view(np.int8)
-        common = np.minimum(one, other)
-        np.maximum(common, 0, out=common)
-        negative = np.maximum(one, other)
-        np.minimum(negative, 0, out=negative)
-        common += negative
+        common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
         return (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
 

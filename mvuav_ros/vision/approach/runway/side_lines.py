@@ -16,9 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at, rows_of
-from mvuav_ros.vision.approach.runway.evidence import opponent_channels
+from mvuav_ros.vision.approach.channels import opponent_channels
+from mvuav_ros.vision.approach.edges import EdgePoints, Edges, LevelledFrame, Strip, rows_of
 from mvuav_ros.vision.approach.runway.line_choice import Line
 
 
@@ -77,31 +76,25 @@ _CLIPPED = 4.0
 
 
 def edges_by_lines(
-    image: NDArray[Any],
-    level: Derotation,
-    shape: NDArray[np.float64],
-    span: tuple[float, float],
+    frame: LevelledFrame,
+    strip: Strip,
     choose: Callable[[tuple[list[Line], list[Line]]], tuple[Line, Line] | None],
-) -> tuple[EdgePoints, EdgePoints] | None:
+) -> Edges | None:
     """Measure both edges of a narrow runway by the outer sides of the lines along them.
 
     Args:
-        image: the frame, (height, width) or (height, width, 3), blue first.
-        level: of the frame.
-        shape: (4,) vanishing point and slopes, px of the levelled working image.
-        span: rows from the vanishing point to the far and to the near end.
-        choose: which of the lines along the left and along the right edge are the runway's, if
-            any.
+        frame: where they are looked for.
+        strip: (6,) about which.
+        choose: which of the lines along the left and along the right edge are the runway's.
 
     Returns:
-        Points of the left and of the right edge; None if the lines are not clear, or the runway is
-        wider than `SideLineParameters.widest`.
+        None if the lines are not clear, or the runway is wider than `SideLineParameters.widest`.
     """
-    if float(shape[3] - shape[2]) * span[1] >= SIDE_LINES.widest:
+    if float(strip[3] - strip[2]) * strip[5] >= SIDE_LINES.widest:
         return None
-    rows, expected, outwards = rows_of(shape, span, _ALONG)
+    rows, expected, outwards = rows_of(strip, _ALONG)
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-    brightness = _brightness(image, level, columns, rows)
+    brightness = _brightness(frame, columns, rows)
     lines = choose((_distinct(brightness[0]), _distinct(brightness[1])))
     if lines is None or min(line.clearness for line in lines) <= SIDE_LINES.least_clearness:
         return None
@@ -110,7 +103,7 @@ def edges_by_lines(
     inside, beyond = round(SIDE_LINES.around / step), round(SIDE_LINES.beyond / step)
     beside = np.arange(-inside, beyond + 1) * step
     across = middle[:, :, None] + outwards[:, :, None] * beside
-    profiles = _brightness(image, level, across, rows)
+    profiles = _brightness(frame, across, rows)
     edges = []
     for side in (0, 1):
         # Blur is the same number of px everywhere, and so a larger share of the far end's width.
@@ -157,11 +150,10 @@ def _line_fan(half: float) -> _LineFan:
 
 
 def _brightness(
-    image: NDArray[Any], level: Derotation, columns: NDArray[Any], rows: NDArray[Any]
+    frame: LevelledFrame, columns: NDArray[Any], rows: NDArray[Any]
 ) -> NDArray[np.float32]:
     """(2, rows, places) grey levels of the frame at places of the levelled working image."""
-    on_rows = np.broadcast_to(rows[:, None], columns.shape)
-    pixels, _, _ = pixels_at(image, level, columns, on_rows)
+    pixels, _, _ = frame.at(columns, rows[:, None])
     return opponent_channels(pixels)[0].reshape(columns.shape)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
+from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.appearance import Scene
 from mvuav_ros.vision.approach.runway.candidates import (
@@ -76,9 +77,8 @@ class RunwayTracker:
 
     def step(
         self,
-        image: NDArray[Any],
+        frame: LevelledFrame,
         pixels: NDArray[Any],
-        level: Derotation,
         ranges: list[SearchRange],
         horizon: tuple[float, float] | None,
         *,
@@ -87,10 +87,9 @@ class RunwayTracker:
         """Take in the next frame.
 
         Args:
-            image: the frame, (height, width) or (height, width, 3), blue first.
+            frame: the next one.
             pixels: its working image.
-            level: of the frame.
-            ranges: hypotheses of where the horizon is; the first has the level's slope.
+            ranges: hypotheses of where the horizon is; the first has the frame's slope.
             horizon: row of the vanishing point and its standard deviation, if known, px.
             attitude: whether that comes from an attitude sensor.
 
@@ -100,8 +99,9 @@ class RunwayTracker:
         if self._frame % _SCENE_FRAMES == 0:
             self._scene = None
         self._registration.take(pixels)
+        level = frame.level
         working = LevelledImage(pixels, level, self._scene)
-        view = View(image, pixels, working, level, horizon, self._registration)
+        view = View(frame, pixels, working, horizon, self._registration)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
@@ -154,7 +154,7 @@ class RunwayTracker:
 
     def _everywhere(self, view: View, where: SearchRange) -> Candidates:
         searched, turned = self._levelled(view, where)
-        return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
+        return _turned(find_candidates(searched, where.first, where.last), turned, view.frame.level)
 
     def _share(self, view: View, ranges: list[SearchRange]) -> Candidates:
         """The next few rows of vanishing points, on one level and at one depth."""
@@ -168,10 +168,10 @@ class RunwayTracker:
         self._job += 1
         searched, turned = self._levelled(view, where)
         found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
-        return _turned(searched.weigh(found, pyramid), turned, view.level)
+        return _turned(searched.weigh(found, pyramid), turned, view.frame.level)
 
     def _levelled(self, view: View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
-        level = view.level
+        level = view.frame.level
         if where.slope == level.slope:
             return view.working, level
         other = Derotation(level.width, level.height, level.factor, where.slope)
