@@ -48,46 +48,29 @@ class LineFlags:
             confidence: of the shape.
             size: width and height of the frame, px.
         """
-        return tuple(
-            self._row(role, segments.get(role), votes.get(role, math.nan), confidence, size)
-            for role in ROLES
-        )
+        found = []
+        for index, role in enumerate(ROLES):
+            segment = segments.get(role)
+            if segment is None:
+                self._last.pop(role, None)
+                found.append(RunwayLine(role=role))
+                continue
+            line = line_through(*segment[0], *segment[1])
+            flags = self._compared(role, line)
+            ends = _confine(line, segment, size)
+            number = votes.get(role, math.nan)
+            found.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
+        return tuple(found)
 
-    def _row(
-        self,
-        role: LineRole,
-        segment: Segment | None,
-        votes: float,
-        confidence: float,
-        size: tuple[int, int],
-    ) -> RunwayLine:
-        if segment is None:
-            self._last.pop(role, None)
-            return RunwayLine(role=role)
-        line = line_through(*segment[0], *segment[1])
-        last = self._last.get(role)
-        self._last[role] = line
-        rho_flag = theta_flag = False
-        if last is not None:
-            facing = line.facing(last.theta)
-            rho_flag = abs(facing.rho - last.rho) > self._most_rho
-            theta_flag = abs(facing.theta - last.theta) > self._most_theta
-        x, y, x2, y2 = _confine(line, segment, size)
-        return RunwayLine(
-            peak=ROLES.index(role),
-            rho=line.rho,
-            theta=line.theta,
-            votes=votes,
-            rho_raw=line.rho,
-            theta_raw=line.theta,
-            rho_flag=rho_flag,
-            theta_flag=theta_flag,
-            x=x,
-            y=y,
-            x2=x2,
-            y2=y2,
-            role=role,
-            confidence=confidence,
+    def _compared(self, role: LineRole, line: NormalForm) -> tuple[bool, bool]:
+        """The flags of rho and theta."""
+        last, self._last[role] = self._last.get(role), line
+        if last is None:
+            return False, False
+        facing = line.facing(last.theta)
+        return (
+            abs(facing.rho - last.rho) > self._most_rho,
+            abs(facing.theta - last.theta) > self._most_theta,
         )
 
 

@@ -200,18 +200,5 @@ def _line(
     if row.measured is None or row.line is None:
         return RunwayLine()
     raw = measured[row.measured]
-    x, y, x2, y2 = segment_ends(row.line, width, height)
-    return RunwayLine(
-        peak=row.measured,
-        rho=row.line.rho,
-        theta=row.line.theta,
-        votes=votes[row.measured],
-        rho_raw=raw.rho,
-        theta_raw=raw.theta,
-        rho_flag=row.rho_flag,
-        theta_flag=row.theta_flag,
-        x=x,
-        y=y,
-        x2=x2,
-        y2=y2,
-    )
+    flags, ends = (row.rho_flag, row.theta_flag), segment_ends(row.line, width, height)
+    return RunwayLine(row.measured, *row.line, votes[row.measured], *raw, *flags, *ends)

@@ -60,13 +60,7 @@ class Scene:
 def describe(
     image: EvidenceMap, strips: Strips, scene: Scene, level: int
 ) -> tuple[NDArray[np.float64], Strips]:
-    """Features of strips.
-
-    Args:
-        image: the map.
-        strips: (n, 6) on the map.
-        scene: of the map's image.
-        level: of the pyramid.
+    """Features of strips on a level's map.
 
     Returns:
         (n, features) in the order of `FEATURES`, and the strips with the ends that were found.
@@ -106,17 +100,10 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 def _sampled(
     image: EvidenceMap, of: Profile, first: Numbers, second: Numbers, depth: Numbers
 ) -> tuple[Numbers, NDArray[np.bool_]]:
-    """Evidence that pairs of edges through the vanishing points have in common; where it is known.
-
-    Args:
-        image: the map.
-        of: the strips.
-        first: (n, pairs) columns per row of the left edges.
-        second: (n, pairs) of the right edges.
-        depth: (n, rows) below the vanishing point.
+    """Evidence that pairs of edges of (n, pairs) slopes have in common at (n, rows) depths.
 
     Returns:
-        Twice (n, pairs, rows).
+        That, and where it is known: (n, pairs, rows).
     """
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
