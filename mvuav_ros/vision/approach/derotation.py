@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
-FarPoint = tuple[float, float]
-
 
 @dataclass(frozen=True)
 class Derotation:
@@ -32,7 +30,7 @@ class Derotation:
     slope: float
 
     @property
-    def centre(self) -> FarPoint:
+    def centre(self) -> tuple[float, float]:
         """About which it is turned, px of the working image."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
@@ -92,12 +90,6 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
         (first, left), (second, right) = edges
         if right - left > 0.02:
             depth = (second - first) / (right - left)
-            strip[:] = (
-                first - left * depth,
-                y + near - depth,
-                left,
-                right,
-                depth * far / near,
-                depth,
-            )
+            apex = first - left * depth, y + near - depth
+            strip[:] = (*apex, left, right, depth * far / near, depth)
     return turned

@@ -14,7 +14,7 @@ from mvuav_ros.vision.approach.attitude import (
     mount_matrix,
 )
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.finders import Finder, Found, make_finder
+from mvuav_ros.vision.approach.finders import Found, RunwayFinder, StripFinder
 from mvuav_ros.vision.approach.followed_strip import FollowedStrip
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.lines import LineFlags, Segment
@@ -71,7 +71,7 @@ class ApproachDetector:
     def reset(self) -> None:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
-        self._finder: Finder | None = None
+        self._finder: RunwayFinder | StripFinder | None = None
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._lines.reset()
@@ -108,7 +108,8 @@ class ApproachDetector:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, status)
         if self._finder is None:
-            self._finder = make_finder(self._parameters.target)
+            target = self._parameters.target
+            self._finder = RunwayFinder() if target == 'runway' else StripFinder(target)
         found = self._finder.step(image, self._horizon_of(attitude))
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.

@@ -92,9 +92,9 @@ class EdgeSamples:
     """
 
     pixels: NDArray[Any]
-    expected: NDArray[np.floating[Any]]
-    rows: NDArray[np.float64]
-    across: NDArray[np.float64]
+    expected: NDArray[Any]
+    rows: NDArray[Any]
+    across: NDArray[Any]
     inside: NDArray[np.bool_]
     base: int
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -49,19 +49,6 @@ class Found:
     horizon_row: float | None
 
 
-class Finder(Protocol):
-    """Finds a target in one frame after the other."""
-
-    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
-        ...
-
-
-def make_finder(target: str) -> Finder:
-    """The finder of a target by its name."""
-    return RunwayFinder() if target == 'runway' else StripFinder(target)
-
-
 class _ImageHorizon:
     """The horizon as the image shows it, followed from frame to frame."""
 
@@ -89,7 +76,7 @@ class RunwayFinder:
         self._horizon = _ImageHorizon()
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """See `Finder`."""
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         if attitude is not None:
@@ -146,7 +133,7 @@ class StripFinder:
         self._horizon = _ImageHorizon()
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """See `Finder`."""
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
         pixels, factor = shrink(image)
         height, width = pixels.shape[:2]
         horizon: HorizonLine | Horizon | None = None

@@ -65,16 +65,12 @@ class HorizonFinder:
         self._index = rows * _WIDTH + np.arange(_WIDTH)
 
     def find(self, pixels: NDArray[Any], near: Horizon | None = None) -> Horizon:
-        """Find the horizon.
-
-        Args:
-            pixels: (height, width, 3) uint8, blue first: of land and sky, blue differs most.
-            near: the last one: it is looked for there alone, if it is there.
-        """
+        """Find the horizon on (height, width, 3) uint8; near the last one alone, if it is there."""
         if near is not None and near.trusted:
             found, agreeing = _refined(near, pixels)
             if agreeing > _MOST_AGREE:
                 return found
+        # Of land and sky, blue differs most.
         blue = cv2.resize(
             cv2.extractChannel(pixels, 0), (_WIDTH, _HEIGHT), interpolation=cv2.INTER_AREA
         )
@@ -136,14 +132,9 @@ def _unrest_above(blue: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
-    """Fit the line anew through the steepest step of every few columns.
+    """Fit a line, known to a few px, anew through the steepest step of every few columns.
 
-    Args:
-        horizon: to within a few px.
-        pixels: (height, width, 3) uint8, blue first.
-
-    Returns:
-        The line, and the share of columns whose steps lie on it.
+    Returns the line, and the share of columns whose steps lie on it.
     """
     height, width = pixels.shape[:2]
     columns = np.arange(_COLUMN_STEP // 2, width, _COLUMN_STEP)

@@ -7,6 +7,7 @@ import math
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.derotation import line_through
 from mvuav_ros.vision.approach.results import ROLES, Point
+from mvuav_ros.vision.runway.correction import jumps
 from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
@@ -26,8 +27,7 @@ class LineFlags:
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """Use other thresholds; the lines stay known."""
-        self._most_rho = parameters.rho_error_threshold
-        self._most_theta = math.radians(parameters.theta_error_threshold_deg)
+        self._parameters = parameters
 
     def reset(self) -> None:
         """Forget the lines."""
@@ -56,22 +56,12 @@ class LineFlags:
                 found.append(RunwayLine(role=role))
                 continue
             line = line_through(*segment[0], *segment[1])
-            flags = self._compared(role, line)
+            last, self._last[role] = self._last.get(role, line), line
+            flags = jumps(line, last, self._parameters)
             ends = _confine(line, segment, size)
             number = votes.get(role, math.nan)
             found.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
         return tuple(found)
-
-    def _compared(self, role: LineRole, line: NormalForm) -> tuple[bool, bool]:
-        """The flags of rho and theta."""
-        last, self._last[role] = self._last.get(role), line
-        if last is None:
-            return False, False
-        facing = line.facing(last.theta)
-        return (
-            abs(facing.rho - last.rho) > self._most_rho,
-            abs(facing.theta - last.theta) > self._most_theta,
-        )
 
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:

@@ -39,14 +39,9 @@ class Registration:
         self.moving = self._last is not None and not np.array_equal(self._last, self._now)
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
-        """By how much the surroundings of a strip have moved.
+        """Px to the right and down by which the surroundings of the last frame's strip have moved.
 
-        Args:
-            strip: (6,) of the last frame.
-            level: in which it is described, and the shift too.
-
-        Returns:
-            Px to the right and down on the levelled working image; 0 where nobody can tell.
+        Both are on the levelled working image; the shift is 0 where nobody can tell.
         """
         last, now = self._last, self._now
         if last is None or now is None or last.shape != now.shape or last.dtype != now.dtype:

@@ -40,11 +40,11 @@ def canvas_of(image: Pixels) -> tuple[Canvas, float]:
 
 def draw_line(canvas: Canvas, first: Point, last: Point, color: Color, thickness: int) -> None:
     """Draw a line between two points (x, y), fractions of px."""
-    ends = [
-        tuple(round(min(max(value, -_FARTHEST), _FARTHEST) * 2**_SHIFT) for value in point)
+    begin, end = (
+        [round(min(max(value, -_FARTHEST), _FARTHEST) * 2**_SHIFT) for value in point]
         for point in (first, last)
-    ]
-    cv2.line(canvas, *ends, color, thickness, cv2.LINE_AA, _SHIFT)
+    )
+    cv2.line(canvas, begin, end, color, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def write(

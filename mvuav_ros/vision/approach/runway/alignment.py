@@ -73,7 +73,9 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
 
 def _rows(y: Any, near: Any) -> NDArray[np.intp]:
     """Rows of the map in which strips are compared."""
-    return np.rint(y + np.linspace(TUNING.first_row, 1.0, _SAMPLES) * near).astype(np.intp)
+    share = np.linspace(TUNING.first_row, 1.0, _SAMPLES)
+    rows: NDArray[np.intp] = np.rint(y + share * near).astype(np.intp)
+    return rows
 
 
 def _signed(

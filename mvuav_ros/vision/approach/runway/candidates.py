@@ -240,7 +240,8 @@ def find_candidates(image: LevelledImage, first: float, last: float) -> Candidat
         factor = 2**level
         found = [
             image.search(level, depth, row)
-            for depth, row in fan_jobs(first / factor, last / factor, level)
+            for depth, rows in fan_jobs(first / factor, last / factor, level)
+            for row in rows
         ]
         if found:
             parts.append(image.weigh(np.concatenate(found), level))

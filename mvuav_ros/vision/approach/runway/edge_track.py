@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.edges import Edges, Strip
+from mvuav_ros.vision.approach.edges import Edges, LevelledFrame, Strip
 from mvuav_ros.vision.approach.followed_strip import FollowedStrip
-from mvuav_ros.vision.approach.runway.candidates import ends_of
+from mvuav_ros.vision.approach.registration import Registration
+from mvuav_ros.vision.approach.runway.candidates import LevelledImage, ends_of
 from mvuav_ros.vision.approach.runway.edges import EdgeLook
 from mvuav_ros.vision.approach.runway.lined_edges import LinedEdges
 from mvuav_ros.vision.approach.runway.shoulders import shows_shoulders
-from mvuav_ros.vision.approach.runway.view import View
 
 MEMORY = 0.06
 """Share of a weighed frame in what a track remembers."""
@@ -31,6 +32,24 @@ _SHOULDER_MEMORY, _SHOULDERS = (0.3, 0.1), (0.3, 0.6)
 and what of it makes them possible and certain. Run 3."""
 _JUMP_MEMORY = 0.15
 """Share of a frame by which an edge that jumped is forgotten."""
+
+
+class View(NamedTuple):
+    """A frame as the tracks see it.
+
+    Attributes:
+        frame: the frame itself.
+        pixels: its working image.
+        working: that, levelled.
+        horizon: row of the vanishing point and its standard deviation, if known, px.
+        registration: of the working images.
+    """
+
+    frame: LevelledFrame
+    pixels: NDArray[Any]
+    working: LevelledImage
+    horizon: tuple[float, float] | None
+    registration: Registration
 
 
 def tolerance(width: float) -> float:

@@ -96,11 +96,7 @@ class EvidenceMap:
 
 
 def gather_evidence(pixels: NDArray[Any]) -> EvidenceMap:
-    """Make the maps of a levelled image.
-
-    Args:
-        pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
-    """
+    """Make the maps of a levelled image of 256 grey levels, or colours."""
     channels = opponent_channels(pixels)
     height, width = channels[0].shape
     evidence = np.zeros((height, width, CHANNELS), np.int8)

@@ -65,11 +65,7 @@ class Hypotheses:
         self._kept = np.empty(0, np.intp)
 
     def strips(self, frame: NDArray[np.float64]) -> Strips:
-        """Where they are expected.
-
-        Args:
-            frame: (6,) the runway's strip.
-        """
+        """Where they are expected in a frame in which the runway is the strip (6,)."""
         rows = _rows(frame)
         edges = columns_at(frame[None], rows)[0]
         columns = edges[0] + self._places * (edges[1] - edges[0])
@@ -109,12 +105,7 @@ class Hypotheses:
         return Weighed(measured[kept], self._shares(columns[kept]))
 
     def settle(self, measured: Strips, frame: NDArray[np.float64]) -> None:
-        """Say where the runway is in the newest frame, for the places within it.
-
-        Args:
-            measured: (n, 6) the strips that `weigh` gave.
-            frame: (6,) the runway's strip.
-        """
+        """Say where the runway is in the newest frame, for the places of `weigh`'s strips."""
         rows = _rows(frame)
         edges = columns_at(frame[None], rows)[0]
         places = (columns_at(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)

@@ -65,19 +65,14 @@ class Profile:
 
 
 def profile(image: EvidenceMap, strips: Strips) -> Profile:
-    """Measure strips row by row and find their ends.
+    """Measure strips row by row, on the level where near ends are 10 to 40 px deep, and find ends.
 
-    Args:
-        image: the map of the level on which the near ends are 10 to 40 px deep.
-        strips: (n, 6); their near ends say which rows the strips are known by.
+    Their near ends say which rows the strips are known by.
     """
     x, y, left_slope, right_slope, _, expected = strips.T
     rows = np.rint(y[:, None] + np.arange(1, ROWS + 1)).astype(np.intp)
     depth = rows - y[:, None]
-    left, right = (
-        x[:, None] + left_slope[:, None] * depth,
-        x[:, None] + right_slope[:, None] * depth,
-    )
+    left, right = (x[:, None] + slope[:, None] * depth for slope in (left_slope, right_slope))
     lefts, in_left = image.at(rows, left)
     rights, in_right = image.at(rows, right)
     visible = in_left & in_right

@@ -20,6 +20,7 @@ from mvuav_ros.vision.approach.runway.edge_track import (
     WIDE,
     YOUNG,
     EdgeTrack,
+    View,
     support,
     tolerance,
 )
@@ -34,7 +35,6 @@ from mvuav_ros.vision.approach.runway.geometry import (
 )
 from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.runway.probability import evidence_weights
-from mvuav_ros.vision.approach.runway.view import View
 
 _MOST_STRIPS = 8
 """Tried around the mean each time."""

@@ -20,6 +20,7 @@ from mvuav_ros.vision.approach.runway.candidates import (
     LevelledImage,
     find_candidates,
 )
+from mvuav_ros.vision.approach.runway.edge_track import View
 from mvuav_ros.vision.approach.runway.probability import (
     Report,
     confidence_weights,
@@ -27,7 +28,6 @@ from mvuav_ros.vision.approach.runway.probability import (
 )
 from mvuav_ros.vision.approach.runway.search import fan_jobs
 from mvuav_ros.vision.approach.runway.track import RunwayTrack
-from mvuav_ros.vision.approach.runway.view import View
 
 _MOST_TRACKS = 3
 _CHUNK = 8
@@ -159,10 +159,11 @@ class RunwayTracker:
     def _share(self, view: View, ranges: list[SearchRange]) -> Candidates:
         """The next few rows of vanishing points, on one level and at one depth."""
         chunks = [
-            (where, pyramid, depth, rows)
+            (where, pyramid, depth, rows[start : start + _CHUNK])
             for where in ranges
             for pyramid in range(LEVELS)
-            for depth, rows in _chunks(where, pyramid)
+            for depth, rows in fan_jobs(where.first / 2**pyramid, where.last / 2**pyramid, pyramid)
+            for start in range(0, len(rows), _CHUNK)
         ]
         where, pyramid, depth, rows = chunks[self._job % len(chunks)]
         self._job += 1
@@ -225,18 +226,6 @@ class RunwayTracker:
         for track in self.tracks:
             if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
                 self.best = track
-
-
-def _chunks(where: SearchRange, level: int) -> list[tuple[int, list[float]]]:
-    factor = 2**level
-    by_depth: dict[int, list[float]] = {}
-    for depth, row in fan_jobs(where.first / factor, where.last / factor, level):
-        by_depth.setdefault(depth, []).append(row)
-    return [
-        (depth, rows[first : first + _CHUNK])
-        for depth, rows in by_depth.items()
-        for first in range(0, len(rows), _CHUNK)
-    ]
 
 
 def _turned(found: Candidates, old: Derotation, new: Derotation) -> Candidates:

@@ -7,9 +7,9 @@ from mvuav_ros.vision.approach.derotation import Derotation
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.candidates import LevelledImage
+from mvuav_ros.vision.approach.runway.edge_track import View
 from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.runway.track import RunwayTrack
-from mvuav_ros.vision.approach.runway.view import View
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 STRIP = np.array([160.0, 60.0, -0.25, 0.25, 20.0, 60.0])
