@@ -83,6 +83,8 @@ def turn_edge(
 
 def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
     """Strips, (n, 6), of one derotation described on another one."""
+    if old.slope == new.slope:
+        return strips
     turned = strips.copy()
     for strip in turned:
         x, y, left, right, far, near = (float(value) for value in strip)

@@ -93,9 +93,7 @@ class Shape:
     def update(self, edges: Edges, horizon: tuple[float, float] | None) -> None:
         """Take in the points of both edges, and that they meet at the horizon.
 
-        Args:
-            edges: the left and the right one.
-            horizon: row and the vanishing point's standard deviation about it, px, if known.
+        Of that, its row and the vanishing point's standard deviation about it, px, may be known.
         """
         information = np.linalg.inv(self.covariance)
         vector = information @ self.state

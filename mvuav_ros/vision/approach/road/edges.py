@@ -21,14 +21,9 @@ def find_edges(
     brightness: float,
     colours: Colours = PLAIN,
 ) -> Edges:
-    """Measure the left and the right edge of a strip.
+    """Measure the edges of a strip whose inside has a contrast (channels,) to its outside.
 
-    Args:
-        frame: where they are looked for.
-        strip: (6,).
-        contrast: (channels,) inside minus outside.
-        brightness: weight of brightness against colourfulness.
-        colours: with which ``contrast`` was measured.
+    ``brightness`` is its weight against colourfulness; the contrast was measured with ``colours``.
     """
     sampled = sample_edges(frame, strip)
     weights = np.array([brightness, 1.0])

@@ -29,14 +29,9 @@ class Band:
     def __init__(
         self, look: EdgeProfile, depth: float, ratio: float, height: int, width: int
     ) -> None:
-        """Lay out where to look.
+        """Lay out where to look on levelled images of that height and width.
 
-        Args:
-            look: of the target.
-            depth: of the near end below the horizon, px.
-            ratio: strip's width over the camera's height.
-            height: of the levelled images, px.
-            width: likewise.
+        ``depth`` is the near end's below the horizon, px, ``ratio`` width over camera height.
         """
         self._width, self._height = ratio * depth, height
         self._slopes = np.stack([-(_OFFSETS + 0.5) * ratio, (0.5 - _OFFSETS) * ratio], axis=1)

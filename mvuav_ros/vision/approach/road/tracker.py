@@ -58,15 +58,12 @@ class Tracker:
     def step(
         self, frame: LevelledFrame, pixels: NDArray[np.uint8], horizon_row: float | None
     ) -> Track | None:
-        """Take in the next frame.
+        """The confirmed track in the next frame, if there is one.
 
         Args:
             frame: the next one.
             pixels: its working image.
             horizon_row: of the levelled working image, px, if it is seen.
-
-        Returns:
-            The confirmed track, if there is one.
         """
         first_row, level = 0, frame.level
         if horizon_row is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -31,12 +32,7 @@ _DEEPEST = 28.0
 
 
 class Candidates(NamedTuple):
-    """Strips with their features.
-
-    Attributes:
-        strips: (n, 6) px on the levelled working image.
-        features: (n, features) as in `appearance.FEATURES`.
-    """
+    """Strips (n, 6) on the levelled working image, and their (n, features) as in `FEATURES`."""
 
     strips: Strips
     features: NDArray[np.float64]
@@ -62,30 +58,30 @@ def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 class LevelledImage:
-    """A levelled working image and what is known of it, each part computed when it is asked for."""
+    """A levelled working image and what is known of it, each part computed when it is asked for.
+
+    Attributes:
+        size: height and width, px.
+        level: by which it is turned; not at all if none is given.
+    """
 
     def __init__(
         self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
     ) -> None:
-        """Begin with nothing computed.
-
-        Args:
-            pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
-            level: of the pixels, which are turned by it; None if they are level.
-            scene: what a frame just before was like, to be taken for this one's.
-        """
+        """Begin with pixels of 256 grey levels, and the scene of a frame just before, if known."""
+        height, width = self.size = pixels.shape[:2]
         self._given = pixels
-        self._level = level
+        self.level = level or Derotation(width, height, 1, 0.0)
         self._pixels: list[NDArray[Any]] = []
         self._given_scene = scene
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width, px."""
-        height, width = self._given.shape[:2]
-        return height, width
+    def at_slope(self, slope: float) -> LevelledImage:
+        """The same image, levelled by another angle, rad."""
+        if slope == self.level.slope:
+            return self
+        return LevelledImage(self._given, replace(self.level, slope=slope))
 
     @property
     def used(self) -> bool:
@@ -95,8 +91,7 @@ class LevelledImage:
     def pixels(self, level: int) -> NDArray[Any]:
         """The image of a level of the pyramid."""
         if not self._pixels:
-            given = self._given
-            self._pixels.append(given if self._level is None else self._level.turned(given))
+            self._pixels.append(self.level.turned(self._given))
         while len(self._pixels) <= level:
             self._pixels.append(halved(self._pixels[-1]))
         return self._pixels[level]
@@ -178,13 +173,7 @@ class Part(NamedTuple):
 def describe_around(
     working: LevelledImage, strip: Strip, expected: Strips, most: int
 ) -> tuple[Strips, NDArray[np.float64], NDArray[np.bool_]] | None:
-    """Align and describe strips on the part of an image around one of them.
-
-    Args:
-        working: the image.
-        strip: (6,) around which others are tried as well.
-        expected: (n, 6) strips.
-        most: of the others.
+    """Align and describe expected strips, and at most so many others around one of them.
 
     Returns:
         (m, 6) the strips as they are in the image, the expected ones first, (m, features), and

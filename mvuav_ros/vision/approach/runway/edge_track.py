@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,14 +39,12 @@ class View(NamedTuple):
 
     Attributes:
         frame: the frame itself.
-        pixels: its working image.
-        working: that, levelled.
+        working: its working image, levelled.
         horizon: row of the vanishing point and its standard deviation, if known, px.
         registration: of the working images.
     """
 
     frame: LevelledFrame
-    pixels: NDArray[Any]
     working: LevelledImage
     horizon: tuple[float, float] | None
     registration: Registration

@@ -58,10 +58,7 @@ class EdgeLook:
     def find(self, frame: LevelledFrame, strip: Strip, *, wide: bool) -> Edges:
         """Measure both edges of a strip, and learn what they look like.
 
-        Args:
-            frame: where they are looked for.
-            strip: (6,).
-            wide: the runway's edges may be farther from the strip's than its lines are apart.
+        Those of a wide one may be farther from the strip's than its lines are apart.
         """
         samples = sample_edges(frame, strip)
         channels = opponent_channels(samples.pixels)

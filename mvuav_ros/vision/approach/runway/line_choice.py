@@ -170,15 +170,15 @@ class _Side:
 
     def weigh(self, other: _Side) -> float:
         """How likely each line is the runway's; from 0 to 1 whether there are shoulders' lines."""
-        gaps = other._gaps()
+        gaps, its_gaps = self._gaps(), other._gaps()
         most = 0.0
         for line in self.known:
             shoulder = max(
                 (
-                    min(share, its)
-                    for gap, share in self._gaps(line)
-                    for other_gap, its in gaps
-                    if abs(gap - other_gap) < _SAME
+                    min(share, its_share)
+                    for outer, gap, share in gaps
+                    for _, its_gap, its_share in its_gaps
+                    if outer is line and abs(gap - its_gap) < _SAME
                 ),
                 default=0.0,
             )
@@ -207,16 +207,14 @@ class _Side:
             if abs(line.place - held.place) > apart
         )
 
-    def _gaps(self, outer: _Known | None = None) -> list[tuple[float, float]]:
-        """From any clear line to another one outside, or to one; and whether both are clear."""
+    def _gaps(self) -> list[tuple[_Known, float, float]]:
+        """Of clear lines outside of others: which, how far outside, and whether both are clear."""
         clear = [line for line in self.known if line.clear > _CLEAR]
-        if outer is not None and outer.clear <= _CLEAR:
-            return []
         return [
-            (line.place - inner.place, min(line.clear, inner.clear))
-            for line in (clear if outer is None else [outer])
+            (outer, outer.place - inner.place, min(outer.clear, inner.clear))
+            for outer in clear
             for inner in clear
-            if line.place - inner.place > _SAME
+            if outer.place - inner.place > _SAME
         ]
 
     def _shift(self, places: list[float], shares: list[float], sigma: float) -> float:

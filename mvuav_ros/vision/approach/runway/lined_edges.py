@@ -13,7 +13,7 @@ _MIDDLE = 0.7
 
 
 class LinedEdges:
-    """The side lines of one runway that is followed; strips are (6,) as `search.Strips`.
+    """The side lines of one runway that is followed; strips are (6,).
 
     Attributes:
         shoulders: from 0 to 1, whether shoulders have lines too, on both sides and as far apart.
@@ -30,11 +30,11 @@ class LinedEdges:
         self.other, self.shoulders = 0.0, 0.0
 
     def move(self, before: Strip, after: Strip) -> None:
-        """The runway's edges are now elsewhere, (4,) than the strip's."""
+        """The runway's edges have moved."""
         self._choice.move(_outwards(before, after))
 
     def expect(self, strip: Strip, shape: Strip) -> None:
-        """The edges may be where a shape, (4,), has them."""
+        """The edges may be where another strip has them."""
         self._choice.expect(_outwards(strip, shape))
 
     def expect_colour(self, strip: Strip, points: Edges) -> None:
@@ -49,13 +49,10 @@ class LinedEdges:
     def find(
         self, frame: LevelledFrame, strip: Strip, about: Strip, tolerance: float
     ) -> Edges | None:
-        """Both edges in the next frame, if it shows the runway's lines.
+        """Both edges in the next frame, if it shows the lines of the runway followed as ``strip``.
 
-        Args:
-            frame: where they are looked for.
-            strip: the runway as it is followed.
-            about: about which lines are looked for.
-            tolerance: px at the near end by which an edge may be wrong.
+        They are looked for ``about`` another strip; at the near end an edge may be wrong by
+        ``tolerance``, px.
         """
         offsets = _outwards(strip, about)
         depth = _MIDDLE * float(strip[5])

@@ -63,15 +63,10 @@ def edges_by_lines(
     strip: Strip,
     choose: Callable[[tuple[list[Line], list[Line]]], tuple[Line, Line] | None],
 ) -> Edges | None:
-    """Measure both edges of a narrow runway by the outer sides of the lines along them.
+    """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
 
-    Args:
-        frame: where they are looked for.
-        strip: (6,) about which.
-        choose: which of the lines along the left and along the right edge are the runway's.
-
-    Returns:
-        None if the lines are not clear, or the runway is too wide.
+    ``choose`` says which of those along the left and along the right edge are the runway's. None
+    if the lines are not clear, or the runway is too wide.
     """
     if float(strip[3] - strip[2]) * strip[5] >= _WIDEST:
         return None

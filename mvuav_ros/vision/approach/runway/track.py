@@ -93,9 +93,8 @@ class RunwayTrack(EdgeTrack):
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""
-        if old.slope != new.slope:
-            self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
-            super().turn(old, new)
+        self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+        super().turn(old, new)
 
     def step(self, view: View, period: int) -> None:
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
@@ -175,7 +174,7 @@ class RunwayTrack(EdgeTrack):
         )
         memory = max(1.0 - (1.0 - MEMORY) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
-        weighed = self._hypotheses.weigh(measured, odds, valid, share, frame)
+        weighed = self._hypotheses.weigh(measured, odds, share, frame)
         self._look.paint_lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
         self._measure(view, weighed, memory)
         self.open_end = bool(features[best, _OPEN] > 0.5)

@@ -37,7 +37,7 @@ def view():
     registration = Registration()
     registration.take(image)
     frame = LevelledFrame(image, LEVEL)
-    return View(frame, image, LevelledImage(image, LEVEL), (STRIP[1], 2.0), registration)
+    return View(frame, LevelledImage(image, LEVEL), (STRIP[1], 2.0), registration)
 
 
 def near_edges(track):
