@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.channels import Table
-from mvuav_ros.vision.approach.edges import LevelledFrame, Strip
+from mvuav_ros.vision.approach.edges import Edges, LevelledFrame, Strip, sample_edges
 from mvuav_ros.vision.approach.followed_strip import FollowedStrip
-from mvuav_ros.vision.approach.road.edges import find_edges
-from mvuav_ros.vision.approach.road.features import Colours
+from mvuav_ros.vision.approach.road.features import PLAIN, Colours, features_of
 from mvuav_ros.vision.approach.road.strip import score_strips
 from mvuav_ros.vision.approach.road.targets import EdgeProfile, Target
 
@@ -20,6 +19,8 @@ _MEMORY = 0.15
 """Share of the newest frame in what a track remembers of its looks."""
 _HORIZON_SIGMA = 4.0
 """Px of the working image: of the vanishing point about the horizon."""
+_COLOUR_SMOOTHING = 13
+"""Samples across an edge, to find its line in: JPEG rounds colour coarsely."""
 _SUPPORT_RANGE, _LEAST_SHARP = 0.25, 0.2
 _OFF_HORIZON = 7.0
 """Px of the working image between the horizon seen and where the edges meet; beyond, less and
@@ -175,3 +176,30 @@ class Track(FollowedStrip):
         narrow, usual = target.usual_widths
         wide = max(0.0, math.log(width / usual), math.log(narrow / width)) / _WIDTH_SPREAD
         return math.exp(-0.5 * ((aside / target.offset_spread) ** 2 + wide**2))
+
+
+def find_edges(
+    frame: LevelledFrame,
+    strip: Strip,
+    contrast: NDArray[np.float64],
+    brightness: float,
+    colours: Colours = PLAIN,
+) -> Edges:
+    """Measure the edges of a strip whose inside has a contrast (channels,) to its outside.
+
+    ``brightness`` is its weight against colourfulness; the contrast was measured with ``colours``.
+    """
+    sampled = sample_edges(frame, strip)
+    weights = np.array([brightness, 1.0])
+    weighted = contrast * weights
+    size = float(np.hypot(*weighted))
+    direction = weighted * weights / max(size, 1e-6)
+
+    def steps_of(smoothing: int) -> NDArray[Any]:
+        features = features_of(sampled.pixels, colours, smoothing)
+        profile = direction[0] * features[0] + direction[1] * features[1]
+        clipped: NDArray[Any] = np.clip(sampled.steps(profile), 0.0, size)
+        return clipped
+
+    # Noise of colour hides the line, smoothing it moves the steps: each for what it leaves alone.
+    return sampled.fit(steps_of(1), steps_of(_COLOUR_SMOOTHING), size)

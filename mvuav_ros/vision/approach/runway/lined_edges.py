@@ -21,21 +21,20 @@ class LinedEdges:
     """
 
     def __init__(self) -> None:
-        self.other, self.shoulders = 0.0, 0.0
-        self._choice = LineChoice()
+        self.forget()
 
     def forget(self) -> None:
         """Begin anew: the lines were not looked for in a frame."""
-        self._choice = LineChoice()
         self.other, self.shoulders = 0.0, 0.0
+        self._choice = LineChoice()
 
     def move(self, before: Strip, after: Strip) -> None:
         """The runway's edges have moved."""
         self._choice.move(_outwards(before, after))
 
-    def expect(self, strip: Strip, shape: Strip) -> None:
+    def expect(self, strip: Strip, other: Strip) -> None:
         """The edges may be where another strip has them."""
-        self._choice.expect(_outwards(strip, shape))
+        self._choice.expect(_outwards(strip, other))
 
     def expect_colour(self, strip: Strip, points: Edges) -> None:
         """The edges are where colour has shown them."""
@@ -69,13 +68,13 @@ class LinedEdges:
         return found
 
 
-def _outwards(strip: Strip, about: Strip) -> tuple[float, float]:
-    """How far a about's left and right edge lie outside of a strip's, in its widths."""
+def _outwards(strip: Strip, other: Strip) -> tuple[float, float]:
+    """How far the other's left and right edge lie outside of a strip's, in its widths."""
     depth = _MIDDLE * float(strip[5])
     row = float(strip[1]) + depth
     width = float(strip[3] - strip[2]) * depth
     left, right = (
-        float(about[0] + about[side] * (row - about[1]) - strip[0] - strip[side] * depth)
+        float(other[0] + other[side] * (row - other[1]) - strip[0] - strip[side] * depth)
         for side in (2, 3)
     )
     return -left / width, right / width
