@@ -18,7 +18,7 @@ from mvuav_ros.offline.thesis.videos import read_avi, runway_images, write_avi
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.point_operations import Mask, Pixels
 from mvuav_ros.vision.runway.correction import RhoThetaCorrection
-from mvuav_ros.vision.runway.detector import RunwayDetector, correction_limits, lines_on_frame
+from mvuav_ros.vision.runway.detector import RunwayDetector, lines_on_frame
 from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
 from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.overlay import draw_overlay
@@ -80,7 +80,7 @@ def _pass(frames: Sequence[Pixels], parameters: RunwayDetectorParameters, watch:
     height, width = frames[0][rows].shape[:2]
     grid = HoughGrid(height, width, parameters.rho_resolution, parameters.theta_resolution_deg)
     watch.note(INITIALISING, 0, time.perf_counter() - start)
-    correction = RhoThetaCorrection(correction_limits(parameters))
+    correction = RhoThetaCorrection(parameters)
     detector.process(frames[0], -1)
     detector.reset()
     for number, frame in enumerate(frames):

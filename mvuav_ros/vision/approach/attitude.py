@@ -35,11 +35,7 @@ class HorizonLine:
 class Attitude:
     """Orientation of the body (x forward, y left, z up) in a level world with z up (REP 103).
 
-    Attributes:
-        x: of the unit quaternion.
-        y: of the unit quaternion.
-        z: of the unit quaternion.
-        w: of the unit quaternion.
+    It is a unit quaternion.
 
     Examples:
         >>> Attitude.from_roll_pitch(0.0, 0.0).w
@@ -74,11 +70,7 @@ class Attitude:
 
 
 def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Body axes from the camera's body axes (x forward, y left, z up).
-
-    Args:
-        rpy_deg: roll, pitch and yaw of the camera on the body, degrees, about fixed axes.
-    """
+    """Body axes from the camera's own (x forward, y left, z up), turned about fixed axes."""
     roll, pitch, yaw = (math.radians(angle) for angle in rpy_deg)
     return from_rpy(roll, pitch, yaw)
 
@@ -86,15 +78,9 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
 def horizon_from(
     attitude: Attitude, camera: CameraModel, mount: NDArray[np.float64]
 ) -> HorizonLine | None:
-    """The horizon that a camera on a body of that attitude sees.
+    """The horizon that a calibrated camera sees, which `mount_matrix` has put on the body.
 
-    Args:
-        attitude: of the body.
-        camera: calibrated.
-        mount: as `mount_matrix` makes it.
-
-    Returns:
-        None where the camera looks steeply up or down, or the attitude is none.
+    None where the camera looks steeply up or down, or the attitude is none.
     """
     if not attitude.valid:
         return None

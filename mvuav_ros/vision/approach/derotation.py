@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
-FarPoint = tuple[float, float]
-
 
 @dataclass(frozen=True)
 class Derotation:
@@ -32,7 +30,7 @@ class Derotation:
     slope: float
 
     @property
-    def centre(self) -> FarPoint:
+    def centre(self) -> tuple[float, float]:
         """About which it is turned, px of the working image."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
@@ -60,18 +58,6 @@ class Derotation:
         on_y = centre_y + sin * dx + cos * dy
         return (on_x + 0.5) * self.factor - 0.5, (on_y + 0.5) * self.factor - 0.5
 
-    def line_on_frame(self, x: float, y: float, slope: float) -> NormalForm:
-        """The line through a level point that moves ``slope`` columns right per row down."""
-        x1, y1 = self.to_frame(x, y)
-        x2, y2 = self.to_frame(x + slope, y + 1.0)
-        return line_through(x1, y1, x2, y2)
-
-    def row_on_frame(self, y: float) -> NormalForm:
-        """A level row as a line of the frame."""
-        x1, y1 = self.to_frame(0.0, y)
-        x2, y2 = self.to_frame(1.0, y)
-        return line_through(x1, y1, x2, y2)
-
 
 def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
     """The line through two points."""
@@ -96,7 +82,9 @@ def turn_edge(
 
 
 def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
-    """Strips, (n, 6) as in `runway.search`, of one derotation described on another one."""
+    """Strips, (n, 6), of one derotation described on another one."""
+    if old.slope == new.slope:
+        return strips
     turned = strips.copy()
     for strip in turned:
         x, y, left, right, far, near = (float(value) for value in strip)
@@ -104,12 +92,6 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
         (first, left), (second, right) = edges
         if right - left > 0.02:
             depth = (second - first) / (right - left)
-            strip[:] = (
-                first - left * depth,
-                y + near - depth,
-                left,
-                right,
-                depth * far / near,
-                depth,
-            )
+            apex = first - left * depth, y + near - depth
+            strip[:] = (*apex, left, right, depth * far / near, depth)
     return turned

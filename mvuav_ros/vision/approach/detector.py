@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from mvuav_ros.vision.approach.attitude import (
     mount_matrix,
 )
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.finders import Finder, FollowedTrack, Found, make_finder
+from mvuav_ros.vision.approach.finders import Found, RunwayFinder, StripFinder
+from mvuav_ros.vision.approach.followed_strip import FollowedStrip
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.lines import LineFlags, Segment
-from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
-from mvuav_ros.vision.approach.targets import TARGETS
+from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.results import LineRole
@@ -26,7 +26,6 @@ from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
 _SMALLEST = 48
 """Px, of the frame's shorter side."""
-_NOWHERE: Point = (math.nan, math.nan)
 
 
 class ApproachDetector:
@@ -72,9 +71,9 @@ class ApproachDetector:
     def reset(self) -> None:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
-        self._finder: Finder | None = None
+        self._finder: RunwayFinder | StripFinder | None = None
         self._had_attitude = False
-        self._shown: FollowedTrack | None = None
+        self._shown: FollowedStrip | None = None
         self._lines.reset()
 
     def reset_statistics(self) -> None:
@@ -107,17 +106,20 @@ class ApproachDetector:
             self._size = (height, width)
         if min(height, width) < _SMALLEST:
             status = f'the frame is too small ({width} x {height})'
-            return self._absent(image, stamp_ns, None, status)
+            return self._absent(image, stamp_ns, status)
         if self._finder is None:
-            self._finder = make_finder(self._parameters.target)
+            target = self._parameters.target
+            self._finder = RunwayFinder() if target == 'runway' else StripFinder(target)
         found = self._finder.step(image, self._horizon_of(attitude))
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._lines.reset()
             self._shown = found.track
         if found.track is None or self._doubtful(found):
-            return self._absent(image, stamp_ns, found, self._why_absent(found))
-        return self._present(image, stamp_ns, found.track, found)
+            result = self._absent(image, stamp_ns, self._why_absent(found))
+        else:
+            result = self._present(image, stamp_ns, found.track, found)
+        return replace(result, horizon=_across(found), confidence=found.confidence)
 
     def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
         """Where attitude says that the horizon is; None where the image must say it."""
@@ -147,73 +149,48 @@ class ApproachDetector:
         return runway and found.confidence < self._parameters.min_confidence
 
     def _why_absent(self, found: Found) -> str:
-        status = f'no {self._parameters.target}'
+        target = self._parameters.target
         if found.track is not None:
-            return f'{status}: the likeliest has confidence {found.confidence:.2f}'
-        if found.horizon_row is None and TARGETS[self._parameters.target].uses_horizon:
-            status += ': no horizon'
-        return status
+            return f'no {target}: the likeliest has confidence {found.confidence:.2f}'
+        # A road is looked for without a horizon.
+        without = found.horizon_row is None and target != 'road'
+        return f'no {target}' + without * ': no horizon'
 
-    def _absent(
-        self, image: Pixels, stamp_ns: int, found: Found | None, status: str
-    ) -> ApproachResult:
+    def _absent(self, image: Pixels, stamp_ns: int, status: str) -> ApproachResult:
         height, width = image.shape[:2]
-        horizon = None if found is None else _across(found)
-        confidence = 0.0 if found is None else found.confidence
         lines = self._lines.rows({}, {}, 0.0, (width, height))
         self._statistics.add(lines)
         guidance = None if self._usable_camera() is None else Guidance()
         return ApproachResult(
-            stamp_ns,
-            width,
-            height,
-            lines,
-            _NOWHERE,
-            horizon,
-            None,
-            confidence,
-            guidance,
-            status,
-            image,
+            stamp_ns, width, height, lines, guidance=guidance, status=status, image=image
         )
 
     def _present(
-        self,
-        image: Pixels,
-        stamp_ns: int,
-        track: FollowedTrack,
-        found: Found,
+        self, image: Pixels, stamp_ns: int, track: FollowedStrip, found: Found
     ) -> ApproachResult:
         height, width = image.shape[:2]
         level = found.level
-        x, y, left, right = (float(v) for v in track.shape.as_array())
-        near_left, near_right, far_right, far_left, near_middle, far_middle = (
-            _point(level, x + slope * depth, y + depth)
-            for slope, depth in (
-                (left, track.near),
-                (right, track.near),
-                (right, track.far),
-                (left, track.far),
-                (0.5 * (left + right), track.near),
-                (0.5 * (left + right), track.far),
-            )
+        x, y, left, right, far, near = (float(v) for v in track.strip())
+        middle = 0.5 * (left + right)
+        (far_left, near_left), (far_right, near_right), along_middle = (
+            (_point(level, x + slope * far, y + far), _point(level, x + slope * near, y + near))
+            for slope in (left, right, middle)
         )
         segments: dict[LineRole, Segment] = {
             LineRole.LEFT_EDGE: (far_left, near_left),
             LineRole.RIGHT_EDGE: (far_right, near_right),
-            LineRole.CENTRELINE: (far_middle, near_middle),
+            LineRole.CENTRELINE: along_middle,
         }
-        if TARGETS[self._parameters.target].has_ends:
+        # Only a runway ends within sight.
+        if self._parameters.target == 'runway':
             segments[LineRole.FAR_END] = (far_left, far_right)
             if not track.open_end:
                 segments[LineRole.NEAR_END] = (near_left, near_right)
-        votes = {}
-        if track.points is not None:
-            left_points, right_points = track.points
-            votes[LineRole.LEFT_EDGE] = float(np.count_nonzero(left_points.weights))
-            votes[LineRole.RIGHT_EDGE] = float(np.count_nonzero(right_points.weights))
-        confidence = found.confidence
-        lines = self._lines.rows(segments, votes, confidence, (width, height))
+        votes = {
+            role: float(np.count_nonzero(points.weights))
+            for role, points in zip(ROLES, track.points or (), strict=False)
+        }
+        lines = self._lines.rows(segments, votes, found.confidence, (width, height))
         self._statistics.add(lines)
         return ApproachResult(
             stamp_ns,
@@ -221,12 +198,10 @@ class ApproachDetector:
             height,
             lines,
             _point(level, x, y),
-            _across(found),
-            (near_left, near_right, far_right, far_left),
-            confidence,
-            self._guidance(image, track, level),
-            '' if track.points is not None else f'{self._parameters.target} not seen: predicted',
-            image,
+            corners=(near_left, near_right, far_right, far_left),
+            guidance=self._guidance(track, level),
+            status='' if track.points else f'{self._parameters.target} not seen: predicted',
+            image=image,
         )
 
     def _usable_camera(self) -> CameraModel | None:
@@ -242,7 +217,7 @@ class ApproachDetector:
             return None
         return self._camera
 
-    def _guidance(self, image: Pixels, track: FollowedTrack, level: Derotation) -> Guidance | None:
+    def _guidance(self, track: FollowedStrip, level: Derotation) -> Guidance | None:
         camera = self._usable_camera()
         if camera is None:
             return None

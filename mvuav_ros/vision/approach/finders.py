@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,16 +11,16 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints
-from mvuav_ros.vision.approach.features import shrink
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.followed_strip import FollowedStrip
 from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
+from mvuav_ros.vision.approach.road.features import shrink
+from mvuav_ros.vision.approach.road.targets import TARGETS
 from mvuav_ros.vision.approach.road.tracker import Tracker
 from mvuav_ros.vision.approach.runway.evidence import shrink_levels
 from mvuav_ros.vision.approach.runway.probability import Report
 from mvuav_ros.vision.approach.runway.tracker import RunwayTracker, SearchRange
 from mvuav_ros.vision.approach.runway.tuning import TUNING
-from mvuav_ros.vision.approach.shape import Shape
-from mvuav_ros.vision.approach.targets import TARGETS
 from mvuav_ros.vision.point_operations import Pixels
 
 _AFRESH = 10
@@ -31,17 +30,6 @@ _NEAR_HORIZON = 10.0
 to which the two are taken for the same."""
 _WHOLE = (0.03, 0.65)
 """Share of the height in which vanishing points are looked for without a horizon."""
-
-
-class FollowedTrack(Protocol):
-    """What a result needs of a track."""
-
-    shape: Shape
-    far: float
-    near: float
-    near_seen: float
-    open_end: bool
-    points: tuple[EdgePoints, EdgePoints] | None
 
 
 @dataclass(frozen=True)
@@ -55,23 +43,10 @@ class Found:
         horizon_row: on the levelled working image, if it is known.
     """
 
-    track: FollowedTrack | None
+    track: FollowedStrip | None
     confidence: float
     level: Derotation
     horizon_row: float | None
-
-
-class Finder(Protocol):
-    """Finds a target in one frame after the other."""
-
-    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
-        ...
-
-
-def make_finder(target: str) -> Finder:
-    """The finder of a target by its name."""
-    return RunwayFinder() if target == 'runway' else StripFinder(target)
 
 
 class _ImageHorizon:
@@ -101,7 +76,7 @@ class RunwayFinder:
         self._horizon = _ImageHorizon()
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """See `Finder`."""
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
         if attitude is not None:
@@ -114,9 +89,8 @@ class RunwayFinder:
         else:
             level, ranges, seen = self._from_image(pixels, factor)
             row, known = seen, self._agreed(seen)
-        track = self._tracker.step(
-            image, pixels, level, ranges, known, attitude=attitude is not None
-        )
+        frame = LevelledFrame(image, level)
+        track = self._tracker.step(frame, pixels, ranges, known, attitude=attitude is not None)
         return Found(track, self._tracker.confidence, level, row)
 
     @property
@@ -159,18 +133,20 @@ class StripFinder:
         self._horizon = _ImageHorizon()
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """See `Finder`."""
-        working = shrink(image)
-        height, width = working.pixels.shape[:2]
-        slope, row = 0.0, math.nan
-        if self._target.uses_horizon:
-            if attitude is not None:
-                slope, row = attitude.slope, (attitude.row + 0.5) / working.factor - 0.5
-            elif (horizon := self._horizon.find(working.pixels)) is not None:
-                slope, row = horizon.slope, horizon.row
-        level = Derotation(width, height, working.factor, slope)
-        level_row = None if math.isnan(row) else level.row_of(row)
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+        pixels, factor = shrink(image)
+        height, width = pixels.shape[:2]
+        horizon: HorizonLine | Horizon | None = None
+        if not self._target.look.painted:
+            horizon = self._horizon.find(pixels) if attitude is None else attitude
+        slope, row = 0.0, None
+        if horizon is not None:
+            slope, row = horizon.slope, horizon.row
+            if horizon is attitude:
+                row = (row + 0.5) / factor - 0.5
+        level = Derotation(width, height, factor, slope)
+        level_row = None if row is None else level.row_of(row)
         if self._tracker is None:
             self._tracker = Tracker(self._target, height, width)
-        track = self._tracker.step(image, working.pixels, level, level_row)
+        track = self._tracker.step(LevelledFrame(image, level), pixels, level_row)
         return Found(track, 0.0 if track is None else track.confidence, level, level_row)

@@ -47,14 +47,9 @@ class EdgeFit:
 
 
 def fit_edge(points: EdgePoints, factor: int) -> EdgeFit | None:
-    """Fit a straight line through the points of one edge in one frame.
+    """Fit a straight line through an edge's points in one frame; None where they are too few.
 
-    Args:
-        points: of the edge.
-        factor: px of the frame per px of the working image.
-
-    Returns:
-        None where there are too few points.
+    ``factor`` is px of the frame per px of the working image.
     """
     used = points.weights > 0
     if used.sum() < 4:
@@ -88,8 +83,8 @@ def locate(
     """Where the camera is in the runway's frame.
 
     Args:
-        left: the left edge.
-        right: the right edge.
+        left: edge.
+        right: edge.
         near_row: row of the near end on the levelled working image, if it is in sight.
         level: of the frame.
         camera: calibrated for frames of that size.
@@ -140,13 +135,8 @@ def _pose(
 ) -> Vector:
     """x, y, z, roll, pitch, yaw.
 
-    Args:
-        values: columns of the left and the right edge at ``rows``, error of the horizon's slope
-            (rad), row of the near end (NaN if unknown).
-        rows: (4,) px.
-        level: of the frame.
-        camera: calibration.
-        runway_width: m.
+    Of the columns of the left and the right edge at (4,) rows, the error of the horizon's slope
+    (rad), and the row of the near end (NaN if unknown).
     """
     rays = _rays(values[:4], rows, level, camera)
     left, right = np.cross(rays[0], rays[1]), np.cross(rays[2], rays[3])

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import vertex
+
 _WIDTH, _HEIGHT = 80, 60
 _STEP_DEG = 1.5
 _MAX_ROLL_DEG = 66.0
@@ -63,16 +65,12 @@ class HorizonFinder:
         self._index = rows * _WIDTH + np.arange(_WIDTH)
 
     def find(self, pixels: NDArray[Any], near: Horizon | None = None) -> Horizon:
-        """Find the horizon.
-
-        Args:
-            pixels: (height, width, 3) uint8, blue first: of land and sky, blue differs most.
-            near: the last one: it is looked for there alone, if it is there.
-        """
+        """Find the horizon on (height, width, 3) uint8; near the last one alone, if it is there."""
         if near is not None and near.trusted:
             found, agreeing = _refined(near, pixels)
             if agreeing > _MOST_AGREE:
                 return found
+        # Of land and sky, blue differs most.
         blue = cv2.resize(
             cv2.extractChannel(pixels, 0), (_WIDTH, _HEIGHT), interpolation=cv2.INTER_AREA
         )
@@ -87,8 +85,8 @@ class HorizonFinder:
         strength = float(sums[best, row])
         if strength <= 0:
             return Horizon(0.5 * (self._size[0] - 1), 0.0, 0.0, 0.0)
-        slope = self._slopes[best] + math.radians(_STEP_DEG) * _vertex(sums[:, row], int(best))
-        exact_row = int(row) + _vertex(sums[best], int(row))
+        slope = self._slopes[best] + math.radians(_STEP_DEG) * vertex(sums[:, row], int(best))
+        exact_row = int(row) + vertex(sums[best], int(row))
         unrest = self._unrest(blue, int(row) + self._shift[best])
         found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, unrest)
         if not found.trusted:
@@ -134,14 +132,9 @@ def _unrest_above(blue: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
-    """Fit the line anew through the steepest step of every few columns.
+    """Fit a line, known to a few px, anew through the steepest step of every few columns.
 
-    Args:
-        horizon: to within a few px.
-        pixels: (height, width, 3) uint8, blue first.
-
-    Returns:
-        The line, and the share of columns whose steps lie on it.
+    Returns the line, and the share of columns whose steps lie on it.
     """
     height, width = pixels.shape[:2]
     columns = np.arange(_COLUMN_STEP // 2, width, _COLUMN_STEP)
@@ -181,12 +174,3 @@ def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
     on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * _FAINTEST)
     found = horizon._replace(row=float(row), slope=math.atan(tangent))
     return found, float(on_line.mean())
-
-
-def _vertex(values: NDArray[Any], index: int) -> float:
-    """Where the parabola through a maximum and its neighbours has its vertex, from the maximum."""
-    if not 0 < index < values.size - 1:
-        return 0.0
-    before, at, after = (float(v) for v in values[index - 1 : index + 2])
-    bend = before - 2 * at + after
-    return 0.5 * (before - after) / bend if bend < 0 else 0.0

@@ -7,6 +7,7 @@ import math
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.derotation import line_through
 from mvuav_ros.vision.approach.results import ROLES, Point
+from mvuav_ros.vision.runway.correction import jumps
 from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
@@ -26,8 +27,7 @@ class LineFlags:
 
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """Use other thresholds; the lines stay known."""
-        self._most_rho = parameters.rho_error_threshold
-        self._most_theta = math.radians(parameters.theta_error_threshold_deg)
+        self._parameters = parameters
 
     def reset(self) -> None:
         """Forget the lines."""
@@ -48,47 +48,20 @@ class LineFlags:
             confidence: of the shape.
             size: width and height of the frame, px.
         """
-        return tuple(
-            self._row(role, segments.get(role), votes.get(role, math.nan), confidence, size)
-            for role in ROLES
-        )
-
-    def _row(
-        self,
-        role: LineRole,
-        segment: Segment | None,
-        votes: float,
-        confidence: float,
-        size: tuple[int, int],
-    ) -> RunwayLine:
-        if segment is None:
-            self._last.pop(role, None)
-            return RunwayLine(role=role)
-        line = line_through(*segment[0], *segment[1])
-        last = self._last.get(role)
-        self._last[role] = line
-        rho_flag = theta_flag = False
-        if last is not None:
-            facing = line.facing(last.theta)
-            rho_flag = abs(facing.rho - last.rho) > self._most_rho
-            theta_flag = abs(facing.theta - last.theta) > self._most_theta
-        x, y, x2, y2 = _confine(line, segment, size)
-        return RunwayLine(
-            peak=ROLES.index(role),
-            rho=line.rho,
-            theta=line.theta,
-            votes=votes,
-            rho_raw=line.rho,
-            theta_raw=line.theta,
-            rho_flag=rho_flag,
-            theta_flag=theta_flag,
-            x=x,
-            y=y,
-            x2=x2,
-            y2=y2,
-            role=role,
-            confidence=confidence,
-        )
+        found = []
+        for index, role in enumerate(ROLES):
+            segment = segments.get(role)
+            if segment is None:
+                self._last.pop(role, None)
+                found.append(RunwayLine(role=role))
+                continue
+            line = line_through(*segment[0], *segment[1])
+            last, self._last[role] = self._last.get(role, line), line
+            flags = jumps(line, last, self._parameters)
+            ends = _confine(line, segment, size)
+            number = votes.get(role, math.nan)
+            found.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
+        return tuple(found)
 
 
 def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import math
 
-import cv2
-import numpy as np
-
 from mvuav_ros.vision.approach.results import ApproachResult, Point
-from mvuav_ros.vision.runway.drawing import BLACK, WHITE, Canvas, Color, write
+from mvuav_ros.vision.runway.drawing import (
+    BLACK,
+    WHITE,
+    Canvas,
+    Color,
+    blank,
+    canvas_of,
+    draw_line,
+    write,
+)
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 # Blue, green, red. Left green and right red, as the marker lights are drawn.
@@ -21,7 +27,6 @@ ROLE_COLORS: dict[LineRole, Color] = {
     LineRole.NEAR_END: (60, 230, 255),
 }
 _HORIZON = (255, 160, 160)
-_SHIFT = 4
 _DASHES = 12
 
 
@@ -36,18 +41,13 @@ def draw_approach(result: ApproachResult) -> Canvas:
         (height, width, 3) uint8, blue first; at least 1 x 1 px.
     """
     if result.image.size == 0:
-        return np.zeros((max(1, result.height), max(1, result.width), 3), np.uint8)
-    image = result.image
-    levels = image >> 8 if image.dtype == np.uint16 else image
-    canvas = np.array(levels, np.uint8)
-    if canvas.ndim == 2:
-        canvas = np.stack([canvas] * 3, axis=2)
-    scale = max(1.0, min(result.width, result.height) / 240)
+        return blank(result.height, result.width, 3)
+    canvas, scale = canvas_of(result.image)
     if result.horizon is not None:
-        _line(canvas, *result.horizon, _HORIZON, 1)
+        draw_line(canvas, *result.horizon, _HORIZON, 1)
     for line in result.lines:
         if line.found and not math.isnan(line.x):
-            _draw_line(canvas, line, scale)
+            _draw_role(canvas, line, scale)
     _draw_cross(canvas, result.vanishing_point, scale)
     for number, text in enumerate(_words(result)):
         place = round(3 * scale), round((12 + 13 * number) * scale)
@@ -55,25 +55,22 @@ def draw_approach(result: ApproachResult) -> Canvas:
     return canvas
 
 
-def _draw_line(canvas: Canvas, line: RunwayLine, scale: float) -> None:
+def _draw_role(canvas: Canvas, line: RunwayLine, scale: float) -> None:
     color = ROLE_COLORS[line.role]
     first, last = (line.x, line.y), (line.x2, line.y2)
     thin = line.role is LineRole.CENTRELINE
     width = 1 if thin else max(1, round(1.6 * scale - 0.6))
     if not line.corrected:
         if not thin and width > 1:
-            _line(canvas, first, last, BLACK, width + 2)
-        _line(canvas, first, last, color, width)
+            draw_line(canvas, first, last, BLACK, width + 2)
+        draw_line(canvas, first, last, color, width)
         return
     for number in range(_DASHES):
-        ends = [
-            (
-                first[0] + share * (last[0] - first[0]),
-                first[1] + share * (last[1] - first[1]),
-            )
+        begin, end = (
+            (first[0] + share * (last[0] - first[0]), first[1] + share * (last[1] - first[1]))
             for share in (number / _DASHES, (number + 0.5) / _DASHES)
-        ]
-        _line(canvas, ends[0], ends[1], color, width)
+        )
+        draw_line(canvas, begin, end, color, width)
 
 
 def _draw_cross(canvas: Canvas, point: Point, scale: float) -> None:
@@ -85,7 +82,7 @@ def _draw_cross(canvas: Canvas, point: Point, scale: float) -> None:
     for ink, width in ((BLACK, 3), (WHITE, 1)):
         for dx, dy in ((-1, 0), (1, 0), (0, -1)):
             first = (x + gap * dx, y + gap * dy)
-            _line(canvas, first, (x + reach * dx, y + reach * dy), ink, width)
+            draw_line(canvas, first, (x + reach * dx, y + reach * dy), ink, width)
 
 
 def _words(result: ApproachResult) -> list[str]:
@@ -103,11 +100,3 @@ def _words(result: ApproachResult) -> list[str]:
             f'heading {math.degrees(abs(guidance.yaw)):.1f} deg {turned}',
         ]
     return words
-
-
-def _line(canvas: Canvas, first: Point, last: Point, color: Color, width: int) -> None:
-    (x, y), (x2, y2) = (
-        tuple(round(min(max(value, -1e5), 1e5) * 2**_SHIFT) for value in point)
-        for point in (first, last)
-    )
-    cv2.line(canvas, (x, y), (x2, y2), color, width, cv2.LINE_AA, _SHIFT)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import Strip
+from mvuav_ros.vision.approach.numeric import vertex
 
 _REACH = 6
 """Px of the working image by which a camera may turn between two frames."""
@@ -36,15 +38,10 @@ class Registration:
         self._last, self._now = self._now, np.asarray(gray)
         self.moving = self._last is not None and not np.array_equal(self._last, self._now)
 
-    def shift(self, strip: NDArray[np.float64], level: Derotation) -> tuple[float, float]:
-        """By how much the surroundings of a strip have moved.
+    def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
+        """Px to the right and down by which the surroundings of the last frame's strip have moved.
 
-        Args:
-            strip: (6,) of the last frame, as `runway.search.Strips`.
-            level: in which it is described, and the shift too.
-
-        Returns:
-            Px to the right and down on the levelled working image; 0 where nobody can tell.
+        Both are on the levelled working image; the shift is 0 where nobody can tell.
         """
         last, now = self._last, self._now
         if last is None or now is None or last.shape != now.shape or last.dtype != now.dtype:
@@ -59,14 +56,14 @@ class Registration:
         row, column = np.unravel_index(int(alike.argmax()), alike.shape)
         if not alike[row, column] > _ALIKE:
             return 0.0, 0.0
-        right = column - _REACH + _vertex(alike[row], int(column))
-        down = row - _REACH + _vertex(alike[:, column], int(row))
+        right = column - _REACH + vertex(alike[row], int(column))
+        down = row - _REACH + vertex(alike[:, column], int(row))
         cos, sin = math.cos(level.slope), math.sin(level.slope)
         return cos * right + sin * down, -sin * right + cos * down
 
 
 def _box(
-    strip: NDArray[np.float64], level: Derotation, size: tuple[int, ...]
+    strip: Strip, level: Derotation, size: tuple[int, ...]
 ) -> tuple[int, int, int, int] | None:
     """First column, first row, column and row after the last one of what is compared."""
     x, y, left, right, _, near = (float(value) for value in strip)
@@ -82,12 +79,3 @@ def _box(
     if end - first < _LEAST // 2 or bottom - top < _LEAST // 2:
         return None
     return first, top, end, bottom
-
-
-def _vertex(values: NDArray[Any], index: int) -> float:
-    """Where the parabola through a maximum and its neighbours has its vertex, from the maximum."""
-    if not 0 < index < values.size - 1:
-        return 0.0
-    before, at, after = (float(value) for value in values[index - 1 : index + 2])
-    bend = before - 2 * at + after
-    return 0.5 * (before - after) / bend if bend < 0 else 0.0

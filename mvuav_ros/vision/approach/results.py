@@ -83,10 +83,10 @@ class ApproachResult:
     width: int
     height: int
     lines: tuple[RunwayLine, ...]
-    vanishing_point: Point
-    horizon: tuple[Point, Point] | None
-    corners: tuple[Point, Point, Point, Point] | None
-    confidence: float
-    guidance: Guidance | None
-    status: str
-    image: Pixels
+    vanishing_point: Point = (math.nan, math.nan)
+    horizon: tuple[Point, Point] | None = None
+    corners: tuple[Point, Point, Point, Point] | None = None
+    confidence: float = 0.0
+    guidance: Guidance | None = None
+    status: str = field(kw_only=True)
+    image: Pixels = field(kw_only=True)

@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.runway.association import by_distance, by_index
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 
-@dataclass(frozen=True)
-class CorrectionLimits:
-    """What the correction allows.
-
-    Attributes:
-        rows: lines that are followed.
-        rho: largest change of rho from frame to frame, px.
-        theta: largest change of theta, rad.
-        warmup: measurements of a new line that are believed.
-        max_hold: frames in succession for which a line is held; 0 for ever, as in the thesis.
-        by_index: lines are compared in the order of their peaks, as in the thesis, instead of
-            with the nearest.
-        rho_cell: resolution of the Hough transform, px.
-        theta_cell: resolution of the Hough transform, rad.
-    """
-
-    rows: int
-    rho: float
-    theta: float
-    warmup: int = 2
-    max_hold: int = 0
-    by_index: bool = True
-    rho_cell: float = 0.0
-    theta_cell: float = 0.0
+def jumps(
+    line: NormalForm, last: NormalForm, parameters: RunwayDetectorParameters
+) -> tuple[bool, bool]:
+    """Whether rho and theta have changed by more than their thresholds."""
+    new = line.facing(last.theta)
+    return (
+        abs(new.rho - last.rho) > parameters.rho_error_threshold,
+        abs(new.theta - last.theta) > math.radians(parameters.theta_error_threshold_deg),
+    )
 
 
 class CorrectedLine(NamedTuple):
@@ -66,7 +53,7 @@ class _KnownLine:
 class RhoThetaCorrection:
     """Compares the lines of each frame with the last corrected ones, row by row.
 
-    A row's first measurements (`CorrectionLimits.warmup`) are believed. After that, a change of
+    A row's first measurements (``correction_warmup``) are believed. After that, a change of
     rho or theta beyond its limit raises that flag, and the row keeps both old values, with which
     the next frame is compared. The comparison knows that (rho, theta) and (-rho, theta + pi) are
     the same line.
@@ -77,14 +64,14 @@ class RhoThetaCorrection:
     given up: the measurement is believed as that of a new line, with a warm-up of its own.
     """
 
-    def __init__(self, limits: CorrectionLimits) -> None:
+    def __init__(self, parameters: RunwayDetectorParameters) -> None:
         self._known: list[_KnownLine | None] = []
-        self.configure(limits)
+        self.configure(parameters)
 
-    def configure(self, limits: CorrectionLimits) -> None:
-        """Use other limits; rows that remain keep what they know."""
-        self._limits = limits
-        self._known = self._known[: limits.rows] + [None] * (limits.rows - len(self._known))
+    def configure(self, parameters: RunwayDetectorParameters) -> None:
+        """Use other parameters; rows that remain keep what they know."""
+        self._parameters, rows = parameters, parameters.num_peaks
+        self._known = self._known[:rows] + [None] * (rows - len(self._known))
 
     def reset(self) -> None:
         """Forget all lines."""
@@ -94,10 +81,10 @@ class RhoThetaCorrection:
         """Correct the lines of the next frame.
 
         Args:
-            measured: strongest first, at most `CorrectionLimits.rows`.
+            measured: strongest first, at most ``num_peaks``.
 
         Returns:
-            As many rows as `CorrectionLimits.rows`.
+            ``num_peaks`` rows.
         """
         return [
             self._hold(row) if index is None else self._compare(row, index, measured[index])
@@ -105,25 +92,24 @@ class RhoThetaCorrection:
         ]
 
     def _associate(self, measured: Sequence[NormalForm]) -> list[int | None]:
-        limits = self._limits
-        if limits.by_index:
+        parameters = self._parameters
+        if parameters.association == 'index':
             return by_index(len(self._known), len(measured))
         # With limits of zero, a cell of the Hough transform is still the same line.
+        theta = max(parameters.theta_error_threshold_deg, parameters.theta_resolution_deg)
         return by_distance(
             [None if known is None else known.line for known in self._known],
             measured,
-            max(limits.rho, limits.rho_cell),
-            max(limits.theta, limits.theta_cell),
+            max(parameters.rho_error_threshold, parameters.rho_resolution),
+            math.radians(theta),
         )
 
     def _compare(self, row: int, index: int, line: NormalForm) -> CorrectedLine:
         known = self._known[row]
         if known is None:
             return self._start(row, index, line)
-        new = line.facing(known.line.theta)
-        rho_flag = abs(new.rho - known.line.rho) > self._limits.rho
-        theta_flag = abs(new.theta - known.line.theta) > self._limits.theta
-        in_warmup = known.measurements < self._limits.warmup
+        rho_flag, theta_flag = jumps(line, known.line, self._parameters)
+        in_warmup = known.measurements < self._parameters.correction_warmup
         if in_warmup or not (rho_flag or theta_flag):
             known.line = line
             known.measurements += in_warmup
@@ -147,4 +133,4 @@ class RhoThetaCorrection:
         return CorrectedLine(index, line)
 
     def _is_given_up(self, known: _KnownLine) -> bool:
-        return 0 < self._limits.max_hold <= known.held
+        return 0 < self._parameters.max_hold <= known.held

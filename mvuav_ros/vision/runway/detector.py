@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import (
     CorrectedLine,
-    CorrectionLimits,
     RhoThetaCorrection,
 )
 from mvuav_ros.vision.runway.edges import detect_edges, open_edges, select_channel
@@ -41,7 +38,7 @@ class RunwayDetector:
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         self._parameters = parameters or RunwayDetectorParameters()
-        self._correction = RhoThetaCorrection(correction_limits(self._parameters))
+        self._correction = RhoThetaCorrection(self._parameters)
         self._statistics = RunwayStatistics()
         self._hough: HoughVideo | None = None
         self._grid_key: tuple[int, int, float, float] | None = None
@@ -59,7 +56,7 @@ class RunwayDetector:
         is forgotten, except rows beyond a smaller ``num_peaks``.
         """
         self._parameters = parameters
-        self._correction.configure(correction_limits(parameters))
+        self._correction.configure(parameters)
 
     def reset(self) -> None:
         """Forget the lines of earlier frames; statistics go on."""
@@ -157,20 +154,6 @@ class RunwayDetector:
         return self._hough
 
 
-def correction_limits(parameters: RunwayDetectorParameters) -> CorrectionLimits:
-    """What the parameters allow a line to change from frame to frame."""
-    return CorrectionLimits(
-        rows=parameters.num_peaks,
-        rho=parameters.rho_error_threshold,
-        theta=math.radians(parameters.theta_error_threshold_deg),
-        warmup=parameters.correction_warmup,
-        max_hold=parameters.max_hold,
-        by_index=parameters.association == 'index',
-        rho_cell=parameters.rho_resolution,
-        theta_cell=math.radians(parameters.theta_resolution_deg),
-    )
-
-
 def _check_format(image: Pixels) -> None:
     if image.dtype not in (np.uint8, np.uint16) or not (
         image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
@@ -200,18 +183,5 @@ def _line(
     if row.measured is None or row.line is None:
         return RunwayLine()
     raw = measured[row.measured]
-    x, y, x2, y2 = segment_ends(row.line, width, height)
-    return RunwayLine(
-        peak=row.measured,
-        rho=row.line.rho,
-        theta=row.line.theta,
-        votes=votes[row.measured],
-        rho_raw=raw.rho,
-        theta_raw=raw.theta,
-        rho_flag=row.rho_flag,
-        theta_flag=row.theta_flag,
-        x=x,
-        y=y,
-        x2=x2,
-        y2=y2,
-    )
+    flags, ends = (row.rho_flag, row.theta_flag), segment_ends(row.line, width, height)
+    return RunwayLine(row.measured, *row.line, votes[row.measured], *raw, *flags, *ends)

@@ -11,13 +11,15 @@ import math
 import cv2
 import numpy as np
 
-from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.drawing import (
     BLACK,
     WHITE,
     Canvas,
     Color,
-    Point,
+    blank,
+    canvas_of,
+    draw_line,
+    eight_bits,
     write,
     write_centred,
 )
@@ -26,8 +28,6 @@ from mvuav_ros.vision.runway.results import LineFlag, RunwayLine, RunwayResult
 
 GREEN, AMBER, MAGENTA, RED = (80, 230, 60), (0, 190, 255), (255, 80, 230), (60, 60, 255)
 
-# OpenCV draws between whole pixels unless coordinates carry fractional bits.
-_SHIFT = 4
 _DASH, _GAP = 9, 9
 
 
@@ -44,13 +44,13 @@ def line_color(flags: LineFlag) -> Color:
 def draw_confined(result: RunwayResult) -> Canvas:
     """The channel in the rows searched, (rows, width)."""
     gray = result.workings.gray
-    return _blank(0, result.width) if gray is None else np.ascontiguousarray(_eight_bits(gray))
+    return blank(0, result.width) if gray is None else np.ascontiguousarray(eight_bits(gray))
 
 
 def draw_edges(result: RunwayResult) -> Canvas:
     """The opened edges, white on black, (rows, width)."""
     edges = result.workings.edges
-    return _blank(0, result.width) if edges is None else edges * np.uint8(255)
+    return blank(0, result.width) if edges is None else edges * np.uint8(255)
 
 
 def draw_overlay(result: RunwayResult) -> Canvas:
@@ -60,13 +60,9 @@ def draw_overlay(result: RunwayResult) -> Canvas:
     flags (`line_color`), with its rejected measurement as a thin line beside it. Numbers are
     rows of the result, counted from 1. Brackets at both sides show the rows searched.
     """
-    image = _eight_bits(result.workings.image)
-    if image.size == 0:
-        return _blank(result.height, result.width, 3)
-    canvas = np.array(image, np.uint8)
-    if canvas.ndim == 2:
-        canvas = np.stack([canvas] * 3, axis=2)
-    scale = max(1.0, min(result.width, result.height) / 240)
+    if result.workings.image.size == 0:
+        return blank(result.height, result.width, 3)
+    canvas, scale = canvas_of(result.workings.image)
     _draw_brackets(canvas, result.rows, scale)
     numbered = [(number, line) for number, line in enumerate(result.lines, 1) if line.found]
     # Believed lines last, so that they lie on top.
@@ -85,7 +81,7 @@ def _draw_line(canvas: Canvas, line: RunwayLine, scale: float) -> None:
     color = line_color(line.flags)
     measured = segment_ends(line.raw, width, height)
     if line.corrected and not math.isnan(measured[0]):
-        cv2.line(canvas, *_fixed_point(measured), color, 1, cv2.LINE_AA, _SHIFT)
+        draw_line(canvas, measured[:2], measured[2:], color, 1)
     if not math.isnan(ends[0]):
         _stroke(canvas, _dashes(ends, scale) if line.corrected else [ends], color, scale)
 
@@ -94,7 +90,7 @@ def _stroke(canvas: Canvas, strokes: list[Ends], color: Color, scale: float) -> 
     width = max(2, round(1.8 * scale))
     for ink, thickness in ((BLACK, width + 2), (color, width)):
         for ends in strokes:
-            cv2.line(canvas, *_fixed_point(ends), ink, thickness, cv2.LINE_AA, _SHIFT)
+            draw_line(canvas, ends[:2], ends[2:], ink, thickness)
 
 
 def _dashes(ends: Ends, scale: float) -> list[Ends]:
@@ -152,16 +148,3 @@ def _caption(result: RunwayResult) -> str:
 
 def _inside(value: float, margin: int, size: int) -> int:
     return round(min(max(value, margin), max(margin, size - 1 - margin)))
-
-
-def _fixed_point(ends: Ends) -> tuple[Point, Point]:
-    x, y, x2, y2 = (round(value * 2**_SHIFT) for value in ends)
-    return (x, y), (x2, y2)
-
-
-def _eight_bits(image: Pixels) -> Canvas:
-    return (image >> 8 if image.dtype == np.uint16 else image).astype(np.uint8, copy=False)
-
-
-def _blank(height: int, width: int, *channels: int) -> Canvas:
-    return np.zeros((max(1, height), max(1, width), *channels), np.uint8)

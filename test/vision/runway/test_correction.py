@@ -6,7 +6,6 @@ import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.runway.correction import CorrectedLine, RhoThetaCorrection
-from mvuav_ros.vision.runway.detector import correction_limits
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 
@@ -21,7 +20,7 @@ RHO_JUMP, THETA_JUMP, BOTH_JUMP = line(191, 0), line(160, 2.1), line(200, 10)
 
 def correction(**parameters):
     given = RunwayDetectorParameters(**{'num_peaks': 1, **parameters})
-    return RhoThetaCorrection(correction_limits(given))
+    return RhoThetaCorrection(given)
 
 
 def flags(rows):
@@ -210,18 +209,16 @@ def test_reset_forgets_and_warms_up_again():
 def test_more_peaks_keep_the_known_rows_and_fewer_keep_the_first():
     corrector = correction(num_peaks=2)
     run(corrector, [LEFT, RIGHT], [LEFT, RIGHT])
-    corrector.configure(correction_limits(RunwayDetectorParameters(num_peaks=3)))
+    corrector.configure(RunwayDetectorParameters(num_peaks=3))
     assert flags(corrector.correct([BOTH_JUMP, RIGHT, LEFT]))[:2] == [(False, False)] * 2
-    corrector.configure(correction_limits(RunwayDetectorParameters(num_peaks=1)))
+    corrector.configure(RunwayDetectorParameters(num_peaks=1))
     assert corrector.correct([BOTH_JUMP]) == [CorrectedLine(0, LEFT, True, True)]
 
 
 def test_changed_thresholds_apply_to_lines_already_known():
     corrector = correction()
     run(corrector, [CENTRE], [CENTRE])
-    corrector.configure(
-        correction_limits(RunwayDetectorParameters(num_peaks=1, rho_error_threshold=31.5))
-    )
+    corrector.configure(RunwayDetectorParameters(num_peaks=1, rho_error_threshold=31.5))
     assert flags(corrector.correct([RHO_JUMP])) == [(False, False)]
 
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.features import Table
+from mvuav_ros.vision.approach.channels import Table
 from mvuav_ros.vision.approach.road.strip import Shapes
-from mvuav_ros.vision.approach.targets import Target
+from mvuav_ros.vision.approach.road.targets import Target
 
 _HIGHEST, _LOWEST = 0.3, 0.72
 """Shares of the image's height between which the lines may meet: the camera looks ahead."""
@@ -18,19 +18,13 @@ _BESIDE = 6
 """Px: paint is brighter than what is so far to its left and to its right."""
 _BRIGHTER = 12.0
 _LEAST_VOTES = 14
-_MOST_LINES = 24
+_MOST_LINES, _MOST = 24, 12
 _FLATTEST = 4.0
 _SAME_PLACE, _SAME_SLOPE = 6.0, 0.15
 
 
-def find_lanes(table: Table, target: Target, most: int = 12) -> Shapes:
-    """Candidates from pairs of painted lines, strongest first.
-
-    Args:
-        table: row sums of the working image's features.
-        target: which widths and offsets are plausible.
-        most: how many at most.
-    """
+def find_lanes(table: Table, target: Target) -> Shapes:
+    """Candidates from pairs of painted lines of plausible widths and offsets, strongest first."""
     height, width = table.shape[1], table.shape[2] - 1
     lines = _painted_lines(table)
     found: list[tuple[float, tuple[float, float, float, float]]] = []
@@ -48,7 +42,7 @@ def find_lanes(table: Table, target: Target, most: int = 12) -> Shapes:
             if _HIGHEST * height < row < _LOWEST * height and 0 <= column < width:
                 found.append((min(votes_left, votes_right), (column, row, left, right)))
     found.sort(key=lambda entry: -entry[0])
-    return np.array([shape for _, shape in found[:most]]).reshape(-1, 4)
+    return np.array([shape for _, shape in found[:_MOST]]).reshape(-1, 4)
 
 
 def _painted_lines(table: Table) -> list[tuple[float, float, float]]:

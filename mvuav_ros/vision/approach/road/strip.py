@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.best_run import best_run
-from mvuav_ros.vision.approach.features import CHANNELS, Table
-from mvuav_ros.vision.approach.targets import EdgeProfile
+from mvuav_ros.vision.approach.channels import Table
+from mvuav_ros.vision.approach.numeric import best_run, in_common
+from mvuav_ros.vision.approach.road.features import CHANNELS
+from mvuav_ros.vision.approach.road.targets import EdgeProfile
 
 Shapes = NDArray[np.float64]
 """(n, 4): vanishing point's x and y, and the columns by which the left and the right edge move to
@@ -91,7 +92,7 @@ def contrasts(
         size = 0.5 * (sides[0] + sides[1])
         common = sides
     else:
-        common = np.maximum(np.minimum(left, right), 0.0) + np.minimum(np.maximum(left, right), 0.0)
+        common = in_common(left, right)
         size = np.hypot(look.brightness * common[0], np.minimum(common[1], 0.0))
     return common, size * _seen(bounds)
 
@@ -106,13 +107,7 @@ def _seen(bounds: NDArray[Any]) -> NDArray[Any]:
 
 
 def score_strips(table: Table, shapes: Shapes, look: EdgeProfile) -> StripScores:
-    """Measure shapes row by row, and find where along its depth each is a strip.
-
-    Args:
-        table: row sums of the levelled working image's features.
-        shapes: (n, 4).
-        look: of the target.
-    """
+    """Measure shapes row by row, and find where along its depth each is a strip."""
     _, height, stride = table.shape
     columns = stride - 1
     rows = np.arange(max(0, int(np.ceil(shapes[:, 1].min() + _FIRST_DEPTH))), height)
@@ -130,7 +125,7 @@ def score_strips(table: Table, shapes: Shapes, look: EdgeProfile) -> StripScores
     bounds = np.stack(bounds_of(left, right, look))
     bounds += np.float32(0.5)
     np.clip(bounds, 0, columns, out=bounds)
-    sums = interpolate(table, rows, bounds)
+    sums = _interpolate(table, rows, bounds)
     common, size = contrasts(sums, bounds, look)
     # What is hidden speaks neither for nor against.
     seen = _seen(bounds)
@@ -167,17 +162,8 @@ def _balance(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     return np.clip((share - 0.03) / 0.22, 0.0, 1.0)
 
 
-def interpolate(table: Table, rows: NDArray[Any], bounds: NDArray[Any]) -> NDArray[Any]:
-    """Row sums at fractional columns.
-
-    Args:
-        table: (channels, height, columns + 1).
-        rows: (r,) whole rows.
-        bounds: (..., r) from 0 to columns.
-
-    Returns:
-        (channels, ..., r).
-    """
+def _interpolate(table: Table, rows: NDArray[Any], bounds: NDArray[Any]) -> NDArray[Any]:
+    """(channels, ..., r) row sums at r whole rows and (..., r) fractional columns."""
     channels, _, stride = table.shape
     whole = np.minimum(bounds.astype(np.int32), stride - 2)
     part = bounds - whole

@@ -4,28 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.channels import Table, row_sums
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.features import (
-    PLAIN,
-    Colours,
-    Features,
-    Table,
-    features_of,
-    row_sums,
-    white_of,
-)
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.road.features import PLAIN, Colours, Features, features_of, white_of
 from mvuav_ros.vision.approach.road.lane_markings import find_lanes
 from mvuav_ros.vision.approach.road.search import Search
 from mvuav_ros.vision.approach.road.strip import score_strips
-from mvuav_ros.vision.approach.road.track import Track
-from mvuav_ros.vision.approach.shape import HORIZON_SIGMA
-from mvuav_ros.vision.approach.targets import Target
+from mvuav_ros.vision.approach.road.targets import Target
+from mvuav_ros.vision.approach.road.track import Track, View
 
 _MOST_TRACKS = 4
 _MOST_BANK, _MOST_ROLL = math.radians(10.0), math.radians(0.5)
@@ -55,34 +47,25 @@ class Tracker:
         self.target = target
         self._look = target.look
         self._colours = PLAIN
-        self._search = Search(target, height, width)
+        self._search = Search(target.look, height, width)
         self.tracks: list[Track] = []
         self.best: Track | None = None
         self._level: Derotation | None = None
         self._horizon_row: float | None = None
         self._table: Table | None = None
-        self._count = 0
         self._frame = 0
 
     def step(
-        self,
-        image: NDArray[Any],
-        pixels: NDArray[np.uint8],
-        level: Derotation,
-        horizon_row: float | None,
+        self, frame: LevelledFrame, pixels: NDArray[np.uint8], horizon_row: float | None
     ) -> Track | None:
-        """Take in the next frame.
+        """The confirmed track in the next frame, if there is one.
 
         Args:
-            image: the frame, (height, width) or (height, width, 3), blue first.
+            frame: the next one.
             pixels: its working image.
-            level: of the frame.
             horizon_row: of the levelled working image, px, if it is seen.
-
-        Returns:
-            The confirmed track, if there is one.
         """
-        first_row = 0
+        first_row, level = 0, frame.level
         if horizon_row is not None:
             # Nothing is looked for in the sky.
             first_row = min(max(0, int(horizon_row) - _ABOVE_HORIZON), level.height - _LEAST_LAND)
@@ -91,23 +74,31 @@ class Tracker:
         self._table = table = row_sums(features, first_row, self._table)
         if horizon_row is not None:
             self._adapt(features[:, max(0, int(horizon_row) - first_row) :])
-        old = self._level
+        view = View(frame, table, horizon_row, self._look, colours)
+        self._follow(view)
+        self._frame += 1
+        certain = self.best is not None and self.best.certain
+        if self.best is None or self._frame % (_SELDOM if certain else _OFTEN) == 0:
+            self._start(view)
+        self._choose()
+        return self.best
+
+    def _follow(self, view: View) -> None:
+        """Take all tracks into the next frame, and drop those that are lost or hopeless."""
+        level, row = view.frame.level, view.horizon_row
+        old, self._level = self._level, level
         steady = old is not None and _steady(old.slope, level.slope)
         lift = 0.0
-        if horizon_row is not None and self._horizon_row is not None:
-            lift = horizon_row - self._horizon_row
-        self._horizon_row = horizon_row
+        if row is not None and self._horizon_row is not None:
+            lift = row - self._horizon_row
+        self._horizon_row = row
         for track in self.tracks:
             if old is not None:
                 track.turn(old, level)
             if abs(lift) > _LEAST_LIFT:
                 track.shape.reference += lift
-            track.step(
-                image, level, table, horizon_row, HORIZON_SIGMA, self.target, self._look, colours
-            )
-            track.weigh(self.target, steady)
-        self._level = level
-        self._frame += 1
+            track.step(view)
+            track.weigh(steady=steady)
         hopeless = _HOPELESS * self.target.start_score
         self.tracks = [
             track
@@ -116,11 +107,6 @@ class Tracker:
             and (track is self.best or track.age < _TRIAL or track.merit > hopeless)
         ]
         self._merge()
-        certain = self.best is not None and self.best.certain
-        if self.best is None or self._frame % (_SELDOM if certain else _OFTEN) == 0:
-            self._start(table, horizon_row)
-        self._choose()
-        return self.best
 
     def _adapt(self, land: Features) -> None:
         """Weigh and limit contrasts by what the land ahead looks like."""
@@ -155,32 +141,27 @@ class Tracker:
         kept: list[Track] = []
         ranked = sorted(self.tracks, key=lambda t: (t is not self.best, -t.merit * min(t.age, 10)))
         for track in ranked:
-            if not any(_same(track, other) for other in kept):
+            if not any(track.same_as(other) for other in kept):
                 kept.append(track)
         self.tracks = kept
 
-    def _start(self, table: Table, horizon_row: float | None) -> None:
+    def _start(self, view: View) -> None:
         if self._look.painted:
-            candidates = find_lanes(table, self.target)
-        elif horizon_row is not None:
-            candidates = self._search.find(table, self._look, horizon_row)
+            candidates = find_lanes(view.table, self.target)
+        elif view.horizon_row is not None:
+            candidates = self._search.find(view.table, self._look, view.horizon_row)
         else:
             return
         if not len(candidates):
             return
-        scores = score_strips(table, candidates, self._look)
+        scores = score_strips(view.table, candidates, self._look)
         for index in np.argsort(-scores.score)[:3]:
             score = float(scores.score[index])
             if score < self.target.start_score:
                 return
-            self._count += 1
-            track = Track(
-                self._count,
-                candidates[index],
-                (float(scores.far[index]), float(scores.near[index])),
-                scores.contrast[index],
-            )
-            if any(_same(track, other) for other in self.tracks):
+            strip = np.array([*candidates[index], scores.far[index], scores.near[index]])
+            track = Track(self.target, strip, scores.contrast[index])
+            if any(track.same_as(other) for other in self.tracks):
                 continue
             if len(self.tracks) >= _MOST_TRACKS:
                 worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.quality)
@@ -203,15 +184,6 @@ class Tracker:
             ):
                 best = track
         self.best = best
-
-
-def _same(one: Track, other: Track) -> bool:
-    width = min(one.width, other.width)
-    return (
-        abs(one.middle - other.middle) < 0.4 * width
-        and max(one.width, other.width) < 1.5 * width
-        and abs(one.near_row - other.near_row) < 0.5 * width + 4
-    )
 
 
 def _steady(old: float, new: float) -> bool:

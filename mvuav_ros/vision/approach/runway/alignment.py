@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.runway.search import Strips
 from mvuav_ros.vision.approach.runway.tuning import TUNING
@@ -26,51 +27,37 @@ _LEAST_SLOPE_GAP, _LEAST_DEPTH, _MOST_DEPTH = 0.1, 4.0, 60.0
 def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]]:
     """Move both edges by turns to the most evidence that they have in common.
 
-    Args:
-        image: the map.
-        strips: (n, 6); moved are their edges at 0.4 of the near end's depth and at the near end.
+    They are moved at `TUNING.first_row` of the near end's depth and at the near end.
 
     Returns:
         The strips, and which of them are still strips that can be measured.
     """
     x, y, near = strips[:, 0:1], strips[:, 1:2], strips[:, 5:6]
-    rows = np.rint(y + np.linspace(TUNING.first_row, 1.0, _SAMPLES) * near).astype(np.intp)
+    rows = _rows(y, near)
     depth = rows - y
     share = (depth / near - TUNING.first_row) / (1.0 - TUNING.first_row)
     moves = _FAR_STEPS[:, None, None] * (1 - share) + _NEAR_STEPS[:, None, None, None] * share
     moves = moves.reshape(-1, len(strips), _SAMPLES)
     edges = []
     for column, mirror in ((2, 1), (3, -1)):
-        evidence, _ = image.at(rows, x + strips[:, column : column + 1] * depth + moves)
-        signed = evidence.astype(np.int16)
-        signed[..., :3] *= mirror
-        edges.append(signed)
-    chosen = _choose(edges)
-    return _moved(strips, chosen)
+        columns = x + strips[:, column : column + 1] * depth + moves
+        edges.append(_signed(image, rows, columns, mirror))
+    return _moved(strips, _choose(edges))
 
 
 def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
-    """Strips around, within and beside one, with the most evidence first.
-
-    Args:
-        image: the map.
-        strip: (6,).
-        most: how many at most, the strip itself included.
-    """
+    """Strips around, within and beside one, it first, then those with the most evidence."""
     x, y, left, right, _, near = (float(value) for value in strip)
     width = (right - left) * near
     step = max(_LEAST_SHIFT, _SHIFT * width)
     shifts = np.arange(-_SHIFTS, _SHIFTS + 1) * step
-    rows = np.rint(y + np.linspace(TUNING.first_row, 1.0, _SAMPLES) * near).astype(np.intp)
-    edges = []
-    for slope, mirror in ((left, 1), (right, -1)):
-        slopes = slope + shifts / near
-        evidence, _ = image.at(rows, x + slopes[:, None] * (rows - y))
-        signed = evidence.astype(np.int16)
-        signed[..., :3] *= mirror
-        edges.append((slopes, signed))
-    (lefts, one), (rights, other) = edges
-    total = _common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
+    rows = _rows(y, near)
+    lefts, rights = left + shifts / near, right + shifts / near
+    one, other = (
+        _signed(image, rows, x + slopes[:, None] * (rows - y), mirror)
+        for slopes, mirror in ((lefts, 1), (rights, -1))
+    )
+    total = in_common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
     score = np.abs(total) @ _WEIGHTS
     widths = (rights[None] - lefts[:, None]) * near
     score[(widths < max(_NARROWER * width, 2.0)) | (widths > _WIDER * width)] = -1.0
@@ -84,6 +71,22 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
     return np.stack(found)
 
 
+def _rows(y: Any, near: Any) -> NDArray[np.intp]:
+    """Rows of the map in which strips are compared."""
+    share = np.linspace(TUNING.first_row, 1.0, _SAMPLES)
+    rows: NDArray[np.intp] = np.rint(y + share * near).astype(np.intp)
+    return rows
+
+
+def _signed(
+    image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any], mirror: int
+) -> NDArray[np.int16]:
+    """Evidence at places, of which a right edge has the signs turned; paint has none."""
+    signed = image.at(rows, columns)[0].astype(np.int16)
+    signed[..., :3] *= mirror
+    return signed
+
+
 def _choose(edges: list[NDArray[np.int16]]) -> list[NDArray[np.intp]]:
     """For either edge the number of the move that is best for both."""
     count = edges[0].shape[1]
@@ -94,16 +97,10 @@ def _choose(edges: list[NDArray[np.int16]]) -> list[NDArray[np.intp]]:
     for _ in range(_ROUNDS):
         for side in (0, 1):
             other = edges[1 - side][chosen[1 - side], number]
-            total = np.abs(_common(edges[side], other).sum(axis=2, dtype=np.int32))
+            total = np.abs(in_common(edges[side], other).sum(axis=2, dtype=np.int32))
             score = total @ _WEIGHTS / (_SAMPLES * UNIT) - cost
             chosen[side] = score.argmax(axis=0)
     return chosen
-
-
-def _common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-    common: NDArray[Any] = np.maximum(np.minimum(one, other), 0)
-    common += np.minimum(np.maximum(one, other), 0)
-    return common
 
 
 def _moved(strips: Strips, chosen: list[NDArray[np.intp]]) -> tuple[Strips, NDArray[np.bool_]]:

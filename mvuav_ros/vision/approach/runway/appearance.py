@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.runway.profile import (
     MOST_GAIN,
@@ -59,13 +60,7 @@ class Scene:
 def describe(
     image: EvidenceMap, strips: Strips, scene: Scene, level: int
 ) -> tuple[NDArray[np.float64], Strips]:
-    """Features of strips.
-
-    Args:
-        image: the map.
-        strips: (n, 6) on the map.
-        scene: of the map's image.
-        level: of the pyramid.
+    """Features of strips on a level's map.
 
     Returns:
         (n, features) in the order of `FEATURES`, and the strips with the ends that were found.
@@ -105,17 +100,10 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 def _sampled(
     image: EvidenceMap, of: Profile, first: Numbers, second: Numbers, depth: Numbers
 ) -> tuple[Numbers, NDArray[np.bool_]]:
-    """Evidence that pairs of edges through the vanishing points have in common; where it is known.
-
-    Args:
-        image: the map.
-        of: the strips.
-        first: (n, pairs) columns per row of the left edges.
-        second: (n, pairs) of the right edges.
-        depth: (n, rows) below the vanishing point.
+    """Evidence that pairs of edges of (n, pairs) slopes have in common at (n, rows) depths.
 
     Returns:
-        Twice (n, pairs, rows).
+        That, and where it is known: (n, pairs, rows).
     """
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
@@ -124,7 +112,7 @@ def _sampled(
     values = evidence.astype(np.float32) / UNIT
     count = first.shape[1]
     left, right = values[:, :count], values[:, count:] * _MIRROR
-    common = np.maximum(np.minimum(left, right), 0) + np.minimum(np.maximum(left, right), 0)
+    common = in_common(left, right)
     known = inside[:, :count] & inside[:, count:]
     return np.minimum(np.abs(common) @ WEIGHTS, MOST_GAIN), known
 
@@ -208,7 +196,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     after, seen_right = image.means(rows, right + 0.15 * width + 1, right + 0.8 * width + 1)
     texture = _texture(image, rows, (left + right) / 2)
     one, other = (inside - before) * seen_left / texture, (inside - after) * seen_right / texture
-    common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
+    common = in_common(one, other)
     sides = [_length(each.mean(axis=2)) for each in (one, other)]
     spread = max(scene.brightest - scene.darkest, 0.0) + 1
     beside = np.minimum(before[0].mean(axis=1), after[0].mean(axis=1))

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.channels import halved
 from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import Strip
 from mvuav_ros.vision.approach.runway.alignment import align, around
 from mvuav_ros.vision.approach.runway.appearance import FEATURES, Scene, describe
-from mvuav_ros.vision.approach.runway.evidence import EvidenceMap, gather_evidence, halved
+from mvuav_ros.vision.approach.runway.evidence import EvidenceMap, gather_evidence
 from mvuav_ros.vision.approach.runway.geometry import surrounding_box
 from mvuav_ros.vision.approach.runway.profile import profile
 from mvuav_ros.vision.approach.runway.search import Strips, distinct, fan, fan_jobs
@@ -29,30 +31,14 @@ _DEEPEST = 28.0
 """Px of a pyramid level: a near end below that is measured on the next one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    """Strips with their features.
-
-    Attributes:
-        strips: (n, 6) px on the levelled working image.
-        features: (n, features) as in `appearance.FEATURES`.
-    """
+class Candidates(NamedTuple):
+    """Strips (n, 6) on the levelled working image, and their (n, features) as in `FEATURES`."""
 
     strips: Strips
     features: NDArray[np.float64]
 
 
-NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
-
-
-def joined(parts: list[Candidates]) -> Candidates:
-    """All candidates of several lists."""
-    if not parts:
-        return NO_CANDIDATES
-    return Candidates(
-        np.concatenate([part.strips for part in parts]),
-        np.concatenate([part.features for part in parts]),
-    )
+_NONE = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
 def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -72,30 +58,30 @@ def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 class LevelledImage:
-    """A levelled working image and what is known of it, each part computed when it is asked for."""
+    """A levelled working image and what is known of it, each part computed when it is asked for.
+
+    Attributes:
+        size: height and width, px.
+        level: by which it is turned; not at all if none is given.
+    """
 
     def __init__(
         self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
     ) -> None:
-        """Begin with nothing computed.
-
-        Args:
-            pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
-            level: of the pixels, which are turned by it; None if they are level.
-            scene: what a frame just before was like, to be taken for this one's.
-        """
+        """Begin with pixels of 256 grey levels, and the scene of a frame just before, if known."""
+        height, width = self.size = pixels.shape[:2]
         self._given = pixels
-        self._level = level
+        self.level = level or Derotation(width, height, 1, 0.0)
         self._pixels: list[NDArray[Any]] = []
         self._given_scene = scene
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width, px."""
-        height, width = self._given.shape[:2]
-        return height, width
+    def at_slope(self, slope: float) -> LevelledImage:
+        """The same image, levelled by another angle, rad."""
+        if slope == self.level.slope:
+            return self
+        return LevelledImage(self._given, replace(self.level, slope=slope))
 
     @property
     def used(self) -> bool:
@@ -105,8 +91,7 @@ class LevelledImage:
     def pixels(self, level: int) -> NDArray[Any]:
         """The image of a level of the pyramid."""
         if not self._pixels:
-            given = self._given
-            self._pixels.append(given if self._level is None else self._level.turned(given))
+            self._pixels.append(self.level.turned(self._given))
         while len(self._pixels) <= level:
             self._pixels.append(halved(self._pixels[-1]))
         return self._pixels[level]
@@ -129,120 +114,97 @@ class LevelledImage:
         skyline = skyline_of(gray.astype(np.float32))
         return Scene(float(gray.shape[1]), darkest, brightest, skyline)
 
-    def scene(self, level: int) -> Scene:
-        """What the image is like, on a level of the pyramid."""
+    def scene(self, level: int, column: int = 0, row: int = 0) -> Scene:
+        """What the image is like, in the coordinates of a part of a level of the pyramid."""
         scene, factor = self.whole_scene, 2**level
-        if level == 0:
-            return scene
         skyline = (scene.skyline[::factor] + 0.5) / factor - 0.5
-        return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline)
+        skyline = skyline[min(column, skyline.size - 1) :] - row
+        return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline, column)
 
     def search(self, level: int, depth: int, row: float) -> NDArray[np.float64]:
         """Strips whose vanishing points lie on a row of a level, as `Fan.find`."""
-        if level not in self._packed:
-            self._packed[level] = self.map(level).packed()
-        left, right = self._packed[level]
         of = self.map(level)
-        return fan(depth, of.width).find(left, right, of.height, row)
+        if level not in self._packed:
+            self._packed[level] = of.packed()
+        return fan(depth, of.width).find(*self._packed[level], of.height, row)
 
     def weigh(self, found: NDArray[np.float64], level: int) -> Candidates:
-        """Align what a search of a level found, and describe it."""
+        """Align what a search of a level found, and describe what still are strips."""
         best = distinct(found, TUNING.candidates if level == 0 else TUNING.candidates // 2)
-        return self.describe(best[:, :6], level)
+        if not len(best):
+            return _NONE
+        aligned, valid = align(self.map(level), best[:, :6])
+        if not valid.any():
+            return _NONE
+        features, strips = describe(self.map(level), aligned[valid], self.scene(level), level)
+        return Candidates(_to_finest(strips, level), features)
 
-    def describe(self, strips: Strips, level: int) -> Candidates:
-        """Align strips, given on a level's image, and describe them."""
-        return describe_part(self.map(level), strips, level, self.scene(level))
-
-    def cut(
-        self, level: int, box: tuple[float, float, float, float]
-    ) -> tuple[EvidenceMap | None, tuple[int, int]]:
-        """Evidence of a part of a level's image, and the part's first column and row.
-
-        Args:
-            level: of the pyramid.
-            box: first column, first row, last column, last row, px; confined to the image.
-        """
-        pixels = self.pixels(level)
+    def part_around(self, strips: Strips) -> Part | None:
+        """The part of the image that is needed to describe strips, on the first one's level."""
+        # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
+        level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / _DEEPEST)))
+        pixels, known = self.pixels(level), _to_level(strips, level)
+        box = surrounding_box(known)
         height, width = pixels.shape[:2]
         left, top = max(0, int(box[0])), max(0, int(box[1]))
         right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
         if right - left < _LEAST_PART or bottom - top < _LEAST_PART:
-            return None, (left, top)
-        return gather_evidence(pixels[top:bottom, left:right]), (left, top)
-
-    def scene_of_part(self, level: int, column: int, row: int) -> Scene:
-        """As `scene`, in the coordinates of a part of the level's image."""
-        scene = self.scene(level)
-        skyline = scene.skyline[min(column, scene.skyline.size - 1) :] - row
-        return Scene(
-            scene.width, scene.darkest, scene.brightest, skyline, scene.first_column + column
-        )
+            return None
+        known[:, :2] -= (left, top)
+        return Part(gather_evidence(pixels[top:bottom, left:right]), known, level, (left, top))
 
 
-def describe_part(image: EvidenceMap, strips: Strips, level: int, scene: Scene) -> Candidates:
-    """Align strips, given on a map, and describe those that still are strips, at full scale."""
-    if not len(strips):
-        return NO_CANDIDATES
-    aligned, valid = align(image, strips)
-    if not valid.any():
-        return NO_CANDIDATES
-    features, measured = describe(image, aligned[valid], scene, level)
-    return Candidates(to_finest(measured, level), features)
+class Part(NamedTuple):
+    """A part of an image.
+
+    Attributes:
+        map: its evidence.
+        strips: (n, 6) on the map.
+        level: of the pyramid.
+        place: its first column and row on the level's image, px.
+    """
+
+    map: EvidenceMap
+    strips: Strips
+    level: int
+    place: tuple[int, int]
 
 
 def describe_around(
-    working: LevelledImage, strip: NDArray[np.float64], expected: Strips, most: int
+    working: LevelledImage, strip: Strip, expected: Strips, most: int
 ) -> tuple[Strips, NDArray[np.float64], NDArray[np.bool_]] | None:
-    """Align and describe strips on the part of an image around one of them.
-
-    Args:
-        working: the image.
-        strip: (6,) around which others are tried as well.
-        expected: (n, 6) strips.
-        most: of the others.
+    """Align and describe expected strips, and at most so many others around one of them.
 
     Returns:
         (m, 6) the strips as they are in the image, the expected ones first, (m, features), and
         (m,) which of them are strips; None where none is in the image.
     """
-    pyramid = _level_of(strip)
-    known = to_level(np.concatenate([strip[None], expected]), pyramid)
-    part, place = working.cut(pyramid, surrounding_box(known))
+    part = working.part_around(np.concatenate([strip[None], expected]))
     if part is None:
         return None
-    known[:, :2] -= place
-    strips = np.concatenate([known[1:], around(part, known[0], most)])
-    measured, valid = align(part, strips)
+    strips = np.concatenate([part.strips[1:], around(part.map, part.strips[0], most)])
+    measured, valid = align(part.map, strips)
     if not valid.any():
         return None
     measured[~valid] = strips[~valid]
     features = np.zeros((len(strips), len(FEATURES)))
-    scene = working.scene_of_part(pyramid, *place)
-    features[valid], measured[valid] = describe(part, measured[valid], scene, pyramid)
-    measured = to_finest(measured, pyramid)
-    measured[:, :2] += np.array(place) * 2**pyramid
+    scene = working.scene(part.level, *part.place)
+    features[valid], measured[valid] = describe(part.map, measured[valid], scene, part.level)
+    measured = _to_finest(measured, part.level)
+    measured[:, :2] += np.array(part.place) * 2**part.level
     return measured, features, valid
 
 
-def ends_of(working: LevelledImage, strip: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def ends_of(working: LevelledImage, strip: Strip) -> NDArray[np.float64] | None:
     """(2,) rows from a strip's vanishing point to its far and its near end, if it is in sight."""
-    pyramid = _level_of(strip)
-    known = to_level(strip[None], pyramid)
-    part, place = working.cut(pyramid, surrounding_box(known))
+    part = working.part_around(strip[None])
     if part is None:
         return None
-    known[:, :2] -= place
-    ends: NDArray[np.float64] = to_finest(profile(part, known).strips, pyramid)[0, 4:6]
+    ends: NDArray[np.float64] = profile(part.map, part.strips).strips[0, 4:6] * 2**part.level
     return ends
 
 
-def _level_of(strip: NDArray[np.float64]) -> int:
-    """Of the pyramid, on which a strip's near end is neither too deep nor too shallow."""
-    return max(0, math.ceil(math.log2(max(float(strip[5]), 1.0) / _DEEPEST)))
-
-
-def to_finest(strips: Strips, level: int) -> Strips:
+def _to_finest(strips: Strips, level: int) -> Strips:
     """Strips of a level's image on the finest one."""
     factor = 2**level
     finest = strips.copy()
@@ -251,7 +213,7 @@ def to_finest(strips: Strips, level: int) -> Strips:
     return finest
 
 
-def to_level(strips: Strips, level: int) -> Strips:
+def _to_level(strips: Strips, level: int) -> Strips:
     """Strips of the finest image on a level's one."""
     factor = 2**level
     coarse = strips.copy()
@@ -261,20 +223,15 @@ def to_level(strips: Strips, level: int) -> Strips:
 
 
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
-    """All runways whose edges may meet between two rows.
-
-    Args:
-        image: levelled.
-        first: row, px of the working image.
-        last: likewise.
-    """
-    parts = []
+    """All runways whose edges may meet between two rows of a levelled image, px."""
+    parts = [_NONE]
     for level in range(LEVELS):
         factor = 2**level
         found = [
             image.search(level, depth, row)
-            for depth, row in fan_jobs(first / factor, last / factor, level)
+            for depth, rows in fan_jobs(first / factor, last / factor, level)
+            for row in rows
         ]
         if found:
             parts.append(image.weigh(np.concatenate(found), level))
-    return joined(parts)
+    return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))

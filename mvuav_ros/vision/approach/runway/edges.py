@@ -7,9 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints, EdgeSamples, sample_edges
-from mvuav_ros.vision.approach.runway.evidence import opponent_channels
+from mvuav_ros.vision.approach.channels import opponent_channels
+from mvuav_ros.vision.approach.edges import (
+    Edges,
+    EdgeSamples,
+    LevelledFrame,
+    Strip,
+    sample_edges,
+)
+from mvuav_ros.vision.approach.numeric import in_common
 
 _LEAST_CONTRAST = 1.5
 """Grey levels: less contrast of the surface gives no direction."""
@@ -27,9 +33,14 @@ _REGION = 5
 
 
 class EdgeLook:
-    """What the step across a runway's edges is like, learnt from frame to frame."""
+    """What the step across a runway's edges is like, learnt from frame to frame.
+
+    Attributes:
+        paint_lead: by how much paint is more evident than steps, in textures.
+    """
 
     def __init__(self) -> None:
+        self.paint_lead = 0.0
         self._contrast = np.zeros(3)
         self._paint = 0.0
         self._known = False
@@ -44,31 +55,16 @@ class EdgeLook:
         """Their colours alone tell them apart: the edge is the pavement's, not a line's."""
         return float(np.linalg.norm(self._contrast[1:])) > _COLOUR_CONTRAST
 
-    def find(
-        self,
-        image: NDArray[Any],
-        level: Derotation,
-        shape: NDArray[np.float64],
-        span: tuple[float, float],
-        paint_lead: float,
-        *,
-        wide: bool = False,
-    ) -> tuple[EdgePoints, EdgePoints]:
-        """Measure both edges, and learn what they look like.
+    def find(self, frame: LevelledFrame, strip: Strip, *, wide: bool) -> Edges:
+        """Measure both edges of a strip, and learn what they look like.
 
-        Args:
-            image: the frame, (height, width) or (height, width, 3), blue first.
-            level: of the frame.
-            shape: (4,) vanishing point and slopes, px of the levelled working image.
-            span: rows from the vanishing point to the far and to the near end.
-            paint_lead: by how much paint is more evident than steps, in textures.
-            wide: the runway's edges may be farther from the shape's than its lines are apart.
+        Those of a wide one may be farther from the strip's than its lines are apart.
         """
-        samples = sample_edges(image, level, shape, span)
+        samples = sample_edges(frame, strip)
         channels = opponent_channels(samples.pixels)
         steps = np.stack([samples.steps(channel) for channel in channels])
         self._learn(steps, samples, channels, wide)
-        if paint_lead > _PAINT_BEFORE_STEPS:
+        if self.paint_lead > _PAINT_BEFORE_STEPS:
             ridge = _ridges(samples, channels[0])
             size = max(self._paint, _LEAST_CONTRAST)
             lines = np.clip(ridge, 0.0, size)
@@ -103,7 +99,7 @@ class EdgeLook:
             left = average[:, 0, size[0].argmax()]
             right = average[:, 1, size[1].argmax()]
         # The contrast is what the two edges agree in.
-        common = np.maximum(np.minimum(left, right), 0) + np.minimum(np.maximum(left, right), 0)
+        common = in_common(left, right)
         contrast = np.zeros(3)
         contrast[: common.size] = common
         paint = float(_ridges(samples, channels[0]).mean(axis=1)[:, near].max())
@@ -129,6 +125,4 @@ def _ridges(samples: EdgeSamples, brightness: NDArray[Any]) -> NDArray[Any]:
     """(2, count, places - base) how much brighter a place is than both sides, grey levels."""
     half = samples.base // 2
     sides = np.maximum(brightness[:, : -2 * half], brightness[:, 2 * half :])
-    ridge = np.maximum(brightness[:, half:-half] - sides, 0.0)
-    ridge = ridge.reshape(2, samples.rows.size, -1)
-    return np.where(samples.inside[:, :, half : samples.inside.shape[2] - half], ridge, 0.0)
+    return samples.by_side(np.maximum(brightness[:, half:-half] - sides, 0.0))

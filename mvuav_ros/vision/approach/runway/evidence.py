@@ -13,38 +13,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.channels import Table, opponent_channels, row_sums, shrunk
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 
 UNIT = 16
 """Of the evidence maps: so many are one local texture."""
 COARSE = 4
 """Evidence units of the search are so many times coarser: sums of eight fit into a byte."""
-MOST_COARSE = 15
+_MOST_COARSE = 15
 CHANNELS = 4
 """Of the maps: brightness, blue against yellow, red against green, paint."""
 
-_OPPONENT = np.array([(0.114, 0.587, 0.299), (1.0, -0.5, -0.5), (0.0, -1.0, 1.0)], np.float32)
-_WORKING_WIDTH = 320
 _BRIGHT_16_BITS = 230.0
 """Grey level to which the brightest pixels of a 16-bit image are raised: cameras of 10 to 14 bits
 use the lower part of the range."""
 
 
 def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
-    """Make a frame about 320 px wide, with 256 grey levels.
-
-    Args:
-        image: (height, width) or (height, width, 3), uint8 or uint16, not empty.
-
-    Returns:
-        uint8, or float32 for 16 bits; and px of the frame per px of the result.
-    """
-    height, width = image.shape[:2]
-    factor = max(1, min(round(width / _WORKING_WIDTH), height))
-    if factor > 1:
-        size = (width // factor, height // factor)
-        whole = image[: size[1] * factor, : size[0] * factor]
-        image = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+    """A frame as `shrunk` gives it, uint8 or, for 16 bits, float32 of 256 grey levels."""
+    image, factor = shrunk(image)
     if image.dtype == np.uint16:
         levels = image.astype(np.float32)
         brightest = float(np.percentile(levels[::4, ::4], 99))
@@ -52,34 +39,17 @@ def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
     return image, factor
 
 
-def opponent_channels(pixels: NDArray[Any]) -> list[NDArray[np.float32]]:
-    """Brightness alone of a grey image, else also blue against yellow and red against green.
-
-    Those of 16 bits are grey levels of 8 bits as well.
-    """
-    levels = pixels.astype(np.float32)
-    if pixels.dtype == np.uint16:
-        levels /= 256.0
-    if pixels.ndim == 2:
-        return [levels]
-    return [
-        np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, _OPPONENT))
-    ]
-
-
 @dataclass(frozen=True, eq=False)
 class EvidenceMap:
     """A levelled image, or a part of it, as evidence.
 
     Attributes:
-        channels: (1 or 3, height, width) opponent channels, grey levels.
-        sums: (1 or 3, height, width + 1) of the columns before each place.
+        sums: of the 1 or 3 opponent channels, grey levels.
         evidence: (height, width, 4) int8 in `UNIT`: steps to the right, and paint.
         texture: (height, width) of brightness, grey levels.
     """
 
-    channels: list[NDArray[np.float32]]
-    sums: NDArray[np.float32]
+    sums: Table
     evidence: NDArray[np.int8]
     texture: NDArray[np.float32]
 
@@ -95,7 +65,7 @@ class EvidenceMap:
 
     def packed(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """All four channels of a pixel in one number, coarse: as left and as right edges."""
-        coarse = np.clip(self.evidence // COARSE, -MOST_COARSE, MOST_COARSE).astype(np.int8)
+        coarse = np.clip(self.evidence // COARSE, -_MOST_COARSE, _MOST_COARSE).astype(np.int8)
         mirrored = coarse.copy()
         mirrored[..., :3] *= -1
         left, right = (
@@ -126,11 +96,7 @@ class EvidenceMap:
 
 
 def gather_evidence(pixels: NDArray[Any]) -> EvidenceMap:
-    """Make the maps of a levelled image.
-
-    Args:
-        pixels: (height, width) or (height, width, 3), blue first, 256 grey levels.
-    """
+    """Make the maps of a levelled image of 256 grey levels, or colours."""
     channels = opponent_channels(pixels)
     height, width = channels[0].shape
     evidence = np.zeros((height, width, CHANNELS), np.int8)
@@ -140,13 +106,8 @@ def gather_evidence(pixels: NDArray[Any]) -> EvidenceMap:
     change = np.zeros((height, width), np.float32)
     np.abs(channels[0][:, 1:] - channels[0][:, :-1], out=change[:, :-1])
     evidence[..., 3] = _quantised(_paint(channels[0], change))
-    sums = np.zeros((len(channels), height, width + 1), np.float32)
-    for channel, total in zip(channels, sums, strict=True):
-        # Several times as fast as adding up one row after the other.
-        area = np.asarray(cv2.integral(channel, sdepth=cv2.CV_64F))
-        np.subtract(area[1:], area[:-1], out=total, casting='same_kind')
     texture = cv2.blur(np.minimum(change, 20.0), (31, 9))
-    return EvidenceMap(channels, sums, evidence, np.asarray(texture, np.float32))
+    return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32))
 
 
 def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:
@@ -177,11 +138,3 @@ def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDAr
     usual = cv2.blur(np.minimum(change, limit), TUNING.texture_window)
     found = cv2.dilate(ridge / (1.5 * usual + 1.5), np.ones((1, 3), np.uint8))
     return np.asarray(found, np.float32)
-
-
-def halved(pixels: NDArray[Any]) -> NDArray[Any]:
-    """The next level of the pyramid."""
-    height, width = pixels.shape[:2]
-    size = (width // 2, height // 2)
-    whole = pixels[: 2 * size[1], : 2 * size[0]]
-    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.edges import EdgePoints, Edges, Strip
 from mvuav_ros.vision.approach.runway.search import Strips
 
 _SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
@@ -65,25 +65,21 @@ def apart(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.array(kept, np.intp)
 
 
-def overlapping(strip: NDArray[np.float64], strips: Strips) -> NDArray[np.bool_]:
-    """Which strips share half of the narrower one, and meet at about the same place."""
+def overlap(strip: Strip, other: Strip) -> bool:
+    """Whether two strips share half of the narrower one, and meet at about the same place."""
     row = np.array([strip[1] + strip[5]])
-    own, others = columns_at(strip[None], row)[0, :, 0], columns_at(strips, row)[:, :, 0]
-    width, widths = own[1] - own[0], np.maximum(others[:, 1] - others[:, 0], 1e-6)
-    shared = np.minimum(others[:, 1], own[1]) - np.maximum(others[:, 0], own[0])
-    apart = np.abs(strips[:, 1] - strip[1])
-    result: NDArray[np.bool_] = (
-        (shared > 0.5 * np.minimum(width, widths))
-        & (apart < 0.6 * strip[5])
-        & (widths < 3 * width)
-        & (widths > width / 3)
+    (left, right), (first, last) = columns_at(np.stack([strip, other]), row)[:, :, 0]
+    width, its = right - left, max(last - first, 1e-6)
+    return bool(
+        min(last, right) - max(first, left) > 0.5 * min(width, its)
+        and abs(other[1] - strip[1]) < 0.6 * strip[5]
+        and width / 3 < its < 3 * width
     )
-    return result
 
 
 def points_along(
     mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
-) -> tuple[EdgePoints, EdgePoints]:
+) -> Edges:
     """The mean's edges as points, the fewer the less they are known."""
     share = (np.arange(_POINTS) + 0.5) / _POINTS
     at = rows[0] + share * (rows[1] - rows[0])
@@ -96,11 +92,13 @@ def points_along(
     return left, right
 
 
-def shape_through(corners: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,) vanishing point and slopes of edges through corners."""
+def strip_through(
+    corners: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Strip:
+    """The strip whose edges pass through corners at two rows."""
     left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
     depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
-    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right])
+    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right, *ends])
 
 
 def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
@@ -116,13 +114,8 @@ def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
     return bool(2 * np.count_nonzero(apart < _AGREE) > apart.size)
 
 
-def is_plausible(strip: NDArray[np.float64], size: tuple[int, int]) -> bool:
-    """Whether a strip can be a runway that is seen from the air.
-
-    Args:
-        strip: (6,) as `Strips`.
-        size: height and width of the levelled working image, px.
-    """
+def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
+    """Whether a strip can be a runway seen from the air; of an image of that height and width."""
     if not np.isfinite(strip).all():
         return False
     x, y, left, right, far, near = strip

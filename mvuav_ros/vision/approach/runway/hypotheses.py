@@ -7,7 +7,7 @@ coordinates, columns in widths from its left edge, which do not change as the ai
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,8 @@ _DOUBT = 1.5
 """Log odds by which a new strip must be better than a known one beside it."""
 _SAME, _SAME_PX = 0.06, 0.6
 """Widths, and px, between edges of strips that are the same."""
-_WIDER, _NEW = 1.0, 2.0
-"""Of the weights: widths are taken to the power of the first, as paint and rubber within a runway
-are seen more often than it; what was weighed as often as the second counts half."""
+_NEW = 2.0
+"""Weighings after which a strip counts half."""
 _HOT, _COLD = (20.0, 2.5), (40.0, 1.0)
 """Px of width, and by what log odds are divided there, as frames err alike: where the strips are as
 near to each other as the tolerance, their middle is right more often than the best. Runs 3, 5."""
@@ -41,14 +40,8 @@ Places = NDArray[np.float64]
 and at the near end, in widths of the runway there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """Strips with their share in the runway.
-
-    Attributes:
-        strips: (n, 6) as measured in the newest frame.
-        shares: (n,) which add up to 1.
-    """
+class Weighed(NamedTuple):
+    """Strips (n, 6) as measured in the newest frame, and their shares (n,), which add up to 1."""
 
     strips: Strips
     shares: NDArray[np.float64]
@@ -65,11 +58,7 @@ class Hypotheses:
         self._kept = np.empty(0, np.intp)
 
     def strips(self, frame: NDArray[np.float64]) -> Strips:
-        """Where they are expected.
-
-        Args:
-            frame: (6,) the runway's strip.
-        """
+        """Where they are expected in a frame in which the runway is the strip (6,)."""
         rows = _rows(frame)
         edges = columns_at(frame[None], rows)[0]
         columns = edges[0] + self._places * (edges[1] - edges[0])
@@ -80,27 +69,24 @@ class Hypotheses:
         self,
         measured: Strips,
         odds: NDArray[np.float64],
-        valid: NDArray[np.bool_],
         share: float,
         frame: NDArray[np.float64],
     ) -> Weighed:
-        """Take in what a frame says of each of `strips`, and of others.
+        """Take in what a frame says of `strips` and others.
 
         Args:
             measured: (m, 6) strips as they are in the frame: the expected ones first.
-            odds: (m,) log odds of each in this frame.
-            valid: (m,) which of them are strips.
+            odds: (m,) log odds of each in this frame; minus infinity of what is no strip there.
             share: how many frames this one stands for.
             frame: (6,) the runway's strip.
         """
         known = len(self._odds)
         self._count += 1.0
         memory = np.maximum(1.0 - (1.0 - _MEMORY) ** share, 1.0 / np.maximum(self._count, 1.0))
-        now = np.where(valid[:known], odds[:known], _GONE)
+        now = np.where(np.isfinite(odds[:known]), odds[:known], _GONE)
         self._odds += memory * (now - self._odds)
-        new = np.where(valid[known:], odds[known:], -np.inf)
-        all_odds = np.concatenate([self._odds, new])
-        count = np.concatenate([self._count, np.ones(len(new))])
+        all_odds = np.concatenate([self._odds, odds[known:]])
+        count = np.concatenate([self._count, np.ones(len(odds) - known)])
         width = max(float((frame[3] - frame[2]) * frame[5]), 1.0)
         columns = columns_at(measured, _rows(frame))
         rank = all_odds - _DOUBT * (count == 1.0)
@@ -109,12 +95,7 @@ class Hypotheses:
         return Weighed(measured[kept], self._shares(columns[kept]))
 
     def settle(self, measured: Strips, frame: NDArray[np.float64]) -> None:
-        """Say where the runway is in the newest frame, for the places within it.
-
-        Args:
-            measured: (n, 6) the strips that `weigh` gave.
-            frame: (6,) the runway's strip.
-        """
+        """Say where the runway is in the newest frame, for the places of `weigh`'s strips."""
         rows = _rows(frame)
         edges = columns_at(frame[None], rows)[0]
         places = (columns_at(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)
@@ -132,7 +113,8 @@ class Hypotheses:
         known = self._count / (self._count + _NEW)
         usual = float(np.average(widths, weights=known))
         temperature = float(np.interp(usual, (_HOT[0], _COLD[0]), (_HOT[1], _COLD[1])))
-        weight = np.exp((self._odds - self._odds.max()) / temperature) * widths**_WIDER * known
+        # Paint and rubber within a runway are seen more often than it: the wider counts more.
+        weight = np.exp((self._odds - self._odds.max()) / temperature) * widths * known
         shares: NDArray[np.float64] = weight / weight.sum()
         return shares
 

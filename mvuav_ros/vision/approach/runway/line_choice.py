@@ -8,7 +8,6 @@ then nobody can tell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 
@@ -31,45 +30,31 @@ class Line(NamedTuple):
         return 0.5 * (self.far + self.near)
 
 
-@dataclass(frozen=True)
-class LineChoiceParameters:
-    """Constants of the choice; lengths are shares of the runway's width.
-
-    Chosen on runs 3 and 5 and their variants.
-
-    Attributes:
-        memory: share of a new frame in how clear a line is on average.
-        same: between places of one line in two frames, and between like gaps of both sides.
-        shift: px, standard deviation by which all lines of a side seem to move from one frame to
-            the next, besides what was foreseen.
-        reach: from where an edge is expected to the lines that are looked for.
-        clear: share of the clearest line's clearness, on average, from which another one is as
-            good a side line: the markings within run 3 have 0.6 to 0.85, the shoulders' lines of
-            run 5 0.9 and more.
-        clear_doubt: of that share.
-        away_less: log odds by which a line is less likely that is a width away from where the
-            strips' mean has the edge.
-        away_from_colour: likewise where colour shows the edge.
-        shoulder_less: log odds by which the outer of two clear lines is less likely, where the
-            other side has two as well and as far apart: those are the shoulders'.
-        held: log odds by which another line must be likelier than the one held.
-        forgotten: average clearness below which a line is given up.
-    """
-
-    memory: float = 0.1
-    same: float = 0.1
-    shift: float = 1.2
-    reach: float = 0.3
-    clear: float = 0.85
-    clear_doubt: float = 0.05
-    away_less: float = 4.0
-    away_from_colour: float = 20.0
-    shoulder_less: float = 4.0
-    held: float = 0.7
-    forgotten: float = 0.05
-
-
-LINE_CHOICE = LineChoiceParameters()
+# Constants of the choice, chosen on runs 3 and 5 and their variants; lengths are shares of the
+# runway's width.
+_MEMORY = 0.1
+"""Share of a new frame in how clear a line is on average."""
+_SAME = 0.1
+"""Between places of one line in two frames, and between like gaps of both sides."""
+_SHIFT = 1.2
+"""Px, standard deviation by which all lines of a side seem to move from one frame to the next,
+besides what was foreseen."""
+_REACH = 0.3
+"""From where an edge is expected to the lines that are looked for."""
+_CLEAREST, _CLEAR_DOUBT = 0.85, 0.05
+"""Share of the clearest line's clearness, on average, from which another one is as good a side
+line, and its doubt: the markings within run 3 have 0.6 to 0.85, the shoulders' lines of run 5 0.9
+and more."""
+_AWAY_LESS, _AWAY_FROM_COLOUR = 4.0, 20.0
+"""Log odds by which a line is less likely that is a width away from where the strips' mean has the
+edge, and from where colour shows it."""
+_SHOULDER_LESS = 4.0
+"""Log odds by which the outer of two clear lines is less likely, where the other side has two as
+well and as far apart: those are the shoulders'."""
+_HELD = 0.7
+"""Log odds by which another line must be likelier than the one held."""
+_FORGOTTEN = 0.05
+"""Average clearness below which a line is given up."""
 _CLEAR = 0.01
 """From 0 to 1, from which a line is compared with the other side's."""
 
@@ -107,15 +92,10 @@ class LineChoice:
             side.move(moved)
 
     def expect(self, outwards: tuple[float, float], *, colour: bool = False) -> None:
-        """Where both edges may be, widths outside of the edges as followed.
-
-        Args:
-            outwards: by the strips' mean.
-            colour: by colour instead, which is surer.
-        """
+        """Where the strips' mean, or colour, has the edges: widths outside of those followed."""
         for side, mean in zip(self._sides, outwards, strict=True):
             side.mean += 0.5 * (mean - side.mean)
-            side.away_less = LINE_CHOICE.away_from_colour if colour else LINE_CHOICE.away_less
+            side.away_less = _AWAY_FROM_COLOUR if colour else _AWAY_LESS
 
     def choose(
         self,
@@ -133,7 +113,7 @@ class LineChoice:
             width: the latter, px.
         """
         for side, found, offset in zip(self._sides, lines, offsets, strict=True):
-            side.take_in(found, offset, scale, LINE_CHOICE.shift / width)
+            side.take_in(found, offset, scale, _SHIFT / width)
         left, right = self._sides
         self.shoulders = min(left.weigh(right), right.weigh(left))
         numbers = left.chosen(), right.chosen()
@@ -150,7 +130,7 @@ class _Side:
     def __init__(self) -> None:
         self.known: list[_Known] = []
         self.mean = 0.0
-        self.away_less = LINE_CHOICE.away_less
+        self.away_less = _AWAY_LESS
         self._held: _Known | None = None
         self._frames = 0
 
@@ -164,17 +144,17 @@ class _Side:
         clearest = max(1e-6, *(line.clearness for line in lines))
         shares = [line.clearness / clearest for line in lines]
         self._frames += 1
-        memory = max(LINE_CHOICE.memory, 1.0 / self._frames)
+        memory = max(_MEMORY, 1.0 / self._frames)
         left = dict(enumerate(places))
         shift = self._shift(places, shares, sigma)
         for line in sorted(self.known, key=lambda line: -line.clearness):
             line.place += shift
             line.number = None
-            if abs(line.place - offset) > LINE_CHOICE.reach * scale:
+            if abs(line.place - offset) > _REACH * scale:
                 continue
             near = min(left, key=lambda number: abs(left[number] - line.place), default=None)
             seen = 0.0
-            if near is not None and abs(left[near] - line.place) < LINE_CHOICE.same:
+            if near is not None and abs(left[near] - line.place) < _SAME:
                 line.place += 0.3 * (left.pop(near) - line.place)
                 line.number, seen = near, shares[near]
             line.clearness += memory * (seen - line.clearness)
@@ -183,36 +163,36 @@ class _Side:
             line.clearness, line.number = memory * shares[number], number
             self.known.append(line)
         most = max(line.clearness for line in self.known)
-        self.known = [line for line in self.known if line.clearness >= LINE_CHOICE.forgotten * most]
+        self.known = [line for line in self.known if line.clearness >= _FORGOTTEN * most]
         for line in self.known:
-            behind = LINE_CHOICE.clear - line.clearness / max(most, 1e-6)
-            line.clear = 1.0 / (1.0 + math.exp(behind / LINE_CHOICE.clear_doubt))
+            behind = _CLEAREST - line.clearness / max(most, 1e-6)
+            line.clear = 1.0 / (1.0 + math.exp(behind / _CLEAR_DOUBT))
 
     def weigh(self, other: _Side) -> float:
         """How likely each line is the runway's; from 0 to 1 whether there are shoulders' lines."""
-        gaps = other._gaps()
+        gaps, its_gaps = self._gaps(), other._gaps()
         most = 0.0
         for line in self.known:
             shoulder = max(
                 (
-                    min(share, its)
-                    for gap, share in self._gaps(line)
-                    for other_gap, its in gaps
-                    if abs(gap - other_gap) < LINE_CHOICE.same
+                    min(share, its_share)
+                    for outer, gap, share in gaps
+                    for _, its_gap, its_share in its_gaps
+                    if outer is line and abs(gap - its_gap) < _SAME
                 ),
                 default=0.0,
             )
             most = max(most, shoulder)
             line.log_odds = math.log(line.clear + 1e-9)
             line.log_odds -= self.away_less * abs(line.place - self.mean)
-            line.log_odds -= LINE_CHOICE.shoulder_less * shoulder
+            line.log_odds -= _SHOULDER_LESS * shoulder
         return most
 
     def chosen(self) -> int | None:
         """The number of the runway's line in the newest frame."""
         best = max(self.known, key=lambda line: line.log_odds)
         held = self._held if self._held in self.known else None
-        if held is None or best.log_odds > held.log_odds + LINE_CHOICE.held:
+        if held is None or best.log_odds > held.log_odds + _HELD:
             held = best
         self._held = held
         return held.number
@@ -227,16 +207,14 @@ class _Side:
             if abs(line.place - held.place) > apart
         )
 
-    def _gaps(self, outer: _Known | None = None) -> list[tuple[float, float]]:
-        """From any clear line to another one outside, or to one; and whether both are clear."""
+    def _gaps(self) -> list[tuple[_Known, float, float]]:
+        """Of clear lines outside of others: which, how far outside, and whether both are clear."""
         clear = [line for line in self.known if line.clear > _CLEAR]
-        if outer is not None and outer.clear <= _CLEAR:
-            return []
         return [
-            (line.place - inner.place, min(line.clear, inner.clear))
-            for line in (clear if outer is None else [outer])
+            (outer, outer.place - inner.place, min(outer.clear, inner.clear))
+            for outer in clear
             for inner in clear
-            if line.place - inner.place > LINE_CHOICE.same
+            if outer.place - inner.place > _SAME
         ]
 
     def _shift(self, places: list[float], shares: list[float], sigma: float) -> float:
@@ -255,7 +233,7 @@ class _Side:
                     fit += known.clearness * max(
                         0.0,
                         *(
-                            share * (1.0 - abs(other - known.place - shift) / LINE_CHOICE.same)
+                            share * (1.0 - abs(other - known.place - shift) / _SAME)
                             for other, share in seen
                         ),
                     )

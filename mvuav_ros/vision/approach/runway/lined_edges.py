@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints
+from mvuav_ros.vision.approach.edges import Edges, LevelledFrame, Strip
 from mvuav_ros.vision.approach.runway.line_choice import Line, LineChoice
 from mvuav_ros.vision.approach.runway.side_lines import edges_by_lines
 
@@ -17,7 +13,7 @@ _MIDDLE = 0.7
 
 
 class LinedEdges:
-    """The side lines of one runway that is followed; strips are (6,) as `search.Strips`.
+    """The side lines of one runway that is followed; strips are (6,).
 
     Attributes:
         shoulders: from 0 to 1, whether shoulders have lines too, on both sides and as far apart.
@@ -25,25 +21,22 @@ class LinedEdges:
     """
 
     def __init__(self) -> None:
-        self.other, self.shoulders = 0.0, 0.0
-        self._choice = LineChoice()
+        self.forget()
 
     def forget(self) -> None:
         """Begin anew: the lines were not looked for in a frame."""
-        self._choice = LineChoice()
         self.other, self.shoulders = 0.0, 0.0
+        self._choice = LineChoice()
 
-    def move(self, before: NDArray[np.float64], after: NDArray[np.float64]) -> None:
-        """The runway's edges are now elsewhere, (4,) as `Shape.as_array`, than the strip's."""
+    def move(self, before: Strip, after: Strip) -> None:
+        """The runway's edges have moved."""
         self._choice.move(_outwards(before, after))
 
-    def expect(self, strip: NDArray[np.float64], shape: NDArray[np.float64]) -> None:
-        """The edges may be where a shape, (4,), has them."""
-        self._choice.expect(_outwards(strip, shape))
+    def expect(self, strip: Strip, other: Strip) -> None:
+        """The edges may be where another strip has them."""
+        self._choice.expect(_outwards(strip, other))
 
-    def expect_colour(
-        self, strip: NDArray[np.float64], points: tuple[EdgePoints, EdgePoints]
-    ) -> None:
+    def expect_colour(self, strip: Strip, points: Edges) -> None:
         """The edges are where colour has shown them."""
         away = []
         for edge, slope in zip(points, strip[2:4], strict=True):
@@ -53,47 +46,35 @@ class LinedEdges:
         self._choice.expect((-away[0], away[1]), colour=True)
 
     def find(
-        self,
-        image: NDArray[Any],
-        level: Derotation,
-        strip: NDArray[np.float64],
-        shape: NDArray[np.float64],
-        span: tuple[float, float],
-        tolerance: float,
-    ) -> tuple[EdgePoints, EdgePoints] | None:
-        """Both edges in the next frame, if it shows the runway's lines.
+        self, frame: LevelledFrame, strip: Strip, about: Strip, tolerance: float
+    ) -> Edges | None:
+        """Both edges in the next frame, if it shows the lines of the runway followed as ``strip``.
 
-        Args:
-            image: the frame, (height, width) or (height, width, 3), blue first.
-            level: of the frame.
-            strip: the runway as it is followed.
-            shape: (4,) vanishing point and slopes about which lines are looked for, px of the
-                levelled working image.
-            span: rows from its vanishing point to the far and to the near end.
-            tolerance: px at the near end by which an edge may be wrong.
+        They are looked for ``about`` another strip; at the near end an edge may be wrong by
+        ``tolerance``, px.
         """
-        offsets = _outwards(strip, shape)
+        offsets = _outwards(strip, about)
         depth = _MIDDLE * float(strip[5])
-        expected = float(shape[3] - shape[2]) * float(strip[1] + depth - shape[1])
+        expected = float(about[3] - about[2]) * float(strip[1] + depth - about[1])
         scale = expected / (float(strip[3] - strip[2]) * depth)
         width = float((strip[3] - strip[2]) * strip[5])
 
         def choose(lines: tuple[list[Line], list[Line]]) -> tuple[Line, Line] | None:
             return self._choice.choose(lines, offsets, scale, width)
 
-        found = edges_by_lines(image, level, shape, span, choose)
+        found = edges_by_lines(frame, about, choose)
         self.other = self._choice.other(tolerance / width) if found else 0.0
         self.shoulders = self._choice.shoulders
         return found
 
 
-def _outwards(strip: NDArray[np.float64], shape: NDArray[np.float64]) -> tuple[float, float]:
-    """How far a shape's left and right edge lie outside of a strip's, in its widths."""
+def _outwards(strip: Strip, other: Strip) -> tuple[float, float]:
+    """How far the other's left and right edge lie outside of a strip's, in its widths."""
     depth = _MIDDLE * float(strip[5])
     row = float(strip[1]) + depth
     width = float(strip[3] - strip[2]) * depth
     left, right = (
-        float(shape[0] + shape[side] * (row - shape[1]) - strip[0] - strip[side] * depth)
+        float(other[0] + other[side] * (row - other[1]) - strip[0] - strip[side] * depth)
         for side in (2, 3)
     )
     return -left / width, right / width

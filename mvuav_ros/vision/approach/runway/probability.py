@@ -75,17 +75,16 @@ class Report(NamedTuple):
 
     def of_the_runway(self) -> NDArray[np.float64]:
         """(7,) what speaks for its being the runway."""
-        return np.array(
-            [
-                min(max(self.log_odds, -6.0), _STEADY),
-                min(max(self.log_odds - _STEADY, 0.0), 6.0),
-                min(self.moved / _LONG, 1.0),
-                float(self.attitude),
-                math.log1p(min(self.rivals, 20.0)),
-                self.distinct,
-                self.shoulder_lines,
-            ]
+        values = (
+            min(max(self.log_odds, -6.0), _STEADY),
+            min(max(self.log_odds - _STEADY, 0.0), 6.0),
+            min(self.moved / _LONG, 1.0),
+            float(self.attitude),
+            math.log1p(min(self.rivals, 20.0)),
+            self.distinct,
+            self.shoulder_lines,
         )
+        return np.array(values)
 
     def of_the_place(self) -> NDArray[np.float64]:
         """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
@@ -113,10 +112,9 @@ class ConfidenceWeights:
             >>> round(weights.confidence(Report(1.0, 0.5, 30, True, 0.0, 0.0)), 6)
             0.5
         """
-        one = _logistic(self.runway, report.of_the_runway()) * _logistic(
-            self.place, report.of_the_place()
-        )
-        return one / (1.0 + report.other_edges)
+        is_runway = _logistic(self.runway, report.of_the_runway())
+        in_place = _logistic(self.place, report.of_the_place())
+        return is_runway * in_place / (1.0 + report.other_edges)
 
 
 def _logistic(weights: NDArray[np.float64], values: NDArray[np.float64]) -> float:
@@ -129,10 +127,8 @@ def evidence_weights() -> EvidenceWeights:
     data = _fitted()
     if tuple(data['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
-    mean, deviation, knots, slopes = (
-        np.array(data[name], np.float64) for name in ('mean', 'deviation', 'knots', 'slopes')
-    )
-    return EvidenceWeights(mean, deviation, knots, slopes, float(data['offset']))
+    arrays = {name: np.array(data[name]) for name in ('mean', 'deviation', 'knots', 'slopes')}
+    return EvidenceWeights(**arrays, offset=data['offset'])
 
 
 @cache

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.best_run import best_run
+from mvuav_ros.vision.approach.numeric import best_run, in_common
 from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.runway.search import Strips
 from mvuav_ros.vision.approach.runway.tuning import TUNING
@@ -65,25 +65,20 @@ class Profile:
 
 
 def profile(image: EvidenceMap, strips: Strips) -> Profile:
-    """Measure strips row by row and find their ends.
+    """Measure strips row by row, on the level where near ends are 10 to 40 px deep, and find ends.
 
-    Args:
-        image: the map of the level on which the near ends are 10 to 40 px deep.
-        strips: (n, 6); their near ends say which rows the strips are known by.
+    Their near ends say which rows the strips are known by.
     """
     x, y, left_slope, right_slope, _, expected = strips.T
     rows = np.rint(y[:, None] + np.arange(1, ROWS + 1)).astype(np.intp)
     depth = rows - y[:, None]
-    left, right = (
-        x[:, None] + left_slope[:, None] * depth,
-        x[:, None] + right_slope[:, None] * depth,
-    )
+    left, right = (x[:, None] + slope[:, None] * depth for slope in (left_slope, right_slope))
     lefts, in_left = image.at(rows, left)
     rights, in_right = image.at(rows, right)
     visible = in_left & in_right
     one, other = lefts.astype(np.float32) / UNIT, rights.astype(np.float32) / UNIT
     other[..., :3] *= -1
-    common = np.maximum(np.minimum(one, other), 0) + np.minimum(np.maximum(one, other), 0)
+    common = in_common(one, other)
     known = (depth > TUNING.first_row * expected[:, None]) & (depth <= expected[:, None])
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
     parts = common * sign

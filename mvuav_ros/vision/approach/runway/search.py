@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.runway.evidence import CHANNELS, COARSE, UNIT
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 
@@ -18,7 +19,7 @@ per row below it, and rows from it to the far and to the near end; px on the lev
 
 _WEIGHTS = np.array(TUNING.weights, np.float32)
 _ROUGH_WEIGHTS = np.rint(5 * _WEIGHTS).astype(np.int16)
-_LEAST_SCORE = 0.5
+_LEAST_SCORE, _MOST = 0.5, 4
 _FIRST, _SECOND = np.triu_indices(TUNING.edges_kept, 1)
 
 
@@ -26,12 +27,7 @@ class Fan:
     """All edges through one vanishing point that reach down to about one depth."""
 
     def __init__(self, depth: int, width: int) -> None:
-        """Lay out where to look.
-
-        Args:
-            depth: of the near end below the vanishing point, px.
-            width: of the levelled images, px.
-        """
+        """Lay out where to look; depth of the near end and width of the images are in px."""
         self.depth = depth
         rows = np.geomspace(TUNING.first_row * depth, depth, TUNING.samples)
         self.rows = np.unique(np.rint(rows)).astype(int)
@@ -54,7 +50,6 @@ class Fan:
         right: NDArray[np.int32],
         height: int,
         row: float,
-        most: int = 4,
     ) -> NDArray[np.float64]:
         """The best strips whose vanishing points lie on a row.
 
@@ -63,7 +58,6 @@ class Fan:
             right: likewise of right edges.
             height: of the map, px.
             row: of the vanishing points.
-            most: how many at most.
 
         Returns:
             (m, 7): as `Strips`, and the score: evidence per row, in textures.
@@ -85,7 +79,7 @@ class Fan:
         possible &= np.abs(middle) <= TUNING.farthest_aside * np.maximum(width, 0.15)
         possible &= inside[:, _FIRST] & inside[:, _SECOND]
         score[~possible] = 0.0
-        return self._best(score, first, second, top, most)
+        return self._best(score, first, second, top)
 
     def _strongest(self, edges: NDArray[np.int32]) -> NDArray[np.intp]:
         total = _added(edges)
@@ -98,22 +92,17 @@ class Fan:
 
     def _pair(self, lefts: NDArray[np.int32], rights: NDArray[np.int32]) -> NDArray[np.float32]:
         """What both edges have in common, with the same sign in every row."""
-        one, other = lefts.view(np.int8), rights.view(np.int8)
-        common = np.minimum(one, other)
-        np.maximum(common, 0, out=common)
-        negative = np.maximum(one, other)
-        np.minimum(negative, 0, out=negative)
-        common += negative
+        common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
         return (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
 
     def _best(
-        self, score: NDArray[Any], first: NDArray[Any], second: NDArray[Any], top: int, most: int
+        self, score: NDArray[Any], first: NDArray[Any], second: NDArray[Any], top: int
     ) -> NDArray[np.float64]:
         found = []
         middles = self.points[:, None] + 0.5 * (first + second) * self.depth
         reach = np.maximum(2.0, 0.35 * (second - first) * self.depth)
-        for _ in range(most):
+        for _ in range(_MOST):
             point, pair = divmod(int(score.argmax()), score.shape[1])
             value = float(score[point, pair])
             if value <= _LEAST_SCORE:
@@ -139,27 +128,18 @@ def fan(depth: int, width: int) -> Fan:
     return Fan(depth, width)
 
 
-def fan_jobs(first: float, last: float, level: int) -> Iterable[tuple[int, float]]:
-    """Depths and rows of vanishing points to search on a level of the pyramid.
+def fan_jobs(first: float, last: float, level: int) -> Iterator[tuple[int, list[float]]]:
+    """Depths, and rows between two of the image, of vanishing points to search on a level.
 
-    Args:
-        first: row of the level's image.
-        last: likewise.
-        level: 0 is the finest; on the others only depths that the finer one lacks.
+    Level 0 is the finest; on the others only depths that the finer one lacks are searched.
     """
     for depth in TUNING.depths if level == 0 else TUNING.depths[2:]:
         step = 0.4 * depth
-        for row in np.arange(first, last + 0.5 * step, step):
-            yield depth, float(row)
+        yield depth, np.arange(first, last + 0.5 * step, step).tolist()
 
 
 def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """The best of strips that are nearly the same.
-
-    Args:
-        found: (n, 7) as `Fan.find` returns it.
-        most: how many at most.
-    """
+    """The best of strips (n, 7), as `Fan.find` returns them, that are nearly the same."""
     found = found[np.argsort(-found[:, 6], kind='stable')]
     x, y, left, right, _, depth, _ = found.T
     width, middle, end = (right - left) * depth, x + 0.5 * (left + right) * depth, y + depth

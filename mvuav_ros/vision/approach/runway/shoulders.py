@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import pixels_at, rows_of
-from mvuav_ros.vision.approach.runway.evidence import opponent_channels
+from mvuav_ros.vision.approach.channels import opponent_channels
+from mvuav_ros.vision.approach.edges import LevelledFrame, Strip, rows_of
 
 _ROWS, _FIRST_ROW = 32, 0.3
 """Sampled, from this share of the way between the far and the near end on: farther away a shoulder
@@ -29,31 +28,20 @@ _LEAST_CLEARNESS = 0.0064
 """Of the mean brightness: by how much it must stand out from what is between. Run 3."""
 
 
-def shows_shoulders(
-    image: NDArray[Any],
-    level: Derotation,
-    shape: NDArray[np.float64],
-    span: tuple[float, float],
-) -> bool | None:
-    """Whether another edge runs along the runway's on both sides, outside of it.
+def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
+    """Whether another edge runs along a strip's on both sides, outside of it.
 
     It must do so for more than half of the runway's length, with something even in between.
-
-    Args:
-        image: the frame, (height, width) or (height, width, 3), blue first.
-        level: of the frame.
-        shape: (4,) vanishing point and slopes, px of the levelled working image.
-        span: rows from the vanishing point to the far and to the near end.
 
     Returns:
         None if too little beside the runway is on the frame.
     """
-    rows, edges, outwards = rows_of(shape, span, np.linspace(_FIRST_ROW, 1.0, _ROWS))
+    rows, edges, outwards = rows_of(strip, np.linspace(_FIRST_ROW, 1.0, _ROWS))
     across = np.arange(-_INSIDE, _BEYOND, _STEP)
     columns = edges[:, :, None] + outwards[:, :, None] * across
-    on_rows = np.broadcast_to(rows[:, None], columns.shape)
-    pixels, on_x, on_y = pixels_at(image, level, columns, on_rows)
-    on_frame = (on_x >= 0) & (on_x < image.shape[1]) & (on_y >= 0) & (on_y < image.shape[0])
+    pixels, on_x, on_y = frame.at(columns, rows[:, None])
+    height, width = frame.image.shape[:2]
+    on_frame = (on_x >= 0) & (on_x < width) & (on_y >= 0) & (on_y < height)
     seen = on_frame.all(axis=(0, 2))
     if 2 * np.count_nonzero(seen) < _ROWS:
         return None

@@ -16,59 +16,41 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.edges import EdgePoints, pixels_at, rows_of
-from mvuav_ros.vision.approach.runway.evidence import opponent_channels
+from mvuav_ros.vision.approach.channels import opponent_channels
+from mvuav_ros.vision.approach.edges import EdgePoints, Edges, LevelledFrame, Strip, rows_of
 from mvuav_ros.vision.approach.runway.line_choice import Line
 
-
-@dataclass(frozen=True)
-class SideLineParameters:
-    """Constants of the search for side lines; lengths are shares of the runway's width in a row.
-
-    Chosen on runs 3 and 5.
-
-    Attributes:
-        step: between samples across an edge.
-        reach: sampled on both sides of where an edge is expected.
-        farthest: between a line's middle and the expected edge.
-        halves: half widths of lines.
-        rows: sampled between the far and the near end.
-        most_turned: between a line's places at the far and at the near end.
-        turned_less: by how much one counts less for each width that it moves from end to end.
-        fine: px between samples across a line that has been found, at most.
-        around: how far from its found middle a line's brightest place may be.
-        beyond: how far beyond a line's middle in which its sides are looked for.
-        apart: between lines that are not one.
-        noise: grey levels of ridges that are taken to be everywhere.
-        widest: px of the near end from which the markings at the threshold are told apart, lines
-            along the edges themselves, so that the pavement's steps are measured instead.
-        least_clearness: of the fainter line, in usual ridges of the place.
-    """
-
-    step: float = 0.02
-    reach: float = 0.5
-    farthest: float = 0.32
-    most_turned: float = 0.24
-    halves: tuple[float, ...] = (0.06, 0.1)
-    rows: int = 24
-    turned_less: float = 1.67
-    fine: float = 0.6
-    around: float = 0.06
-    beyond: float = 0.16
-    apart: float = 0.12
-    noise: float = 0.5
-    widest: float = 90.0
-    least_clearness: float = 1.2
-
-
-SIDE_LINES = SideLineParameters()
+# Chosen on runs 3 and 5; lengths are shares of the runway's width in a row.
+_STEP, _REACH = 0.02, 0.5
+"""Between samples across an edge, and how far they reach on both sides of where it is expected."""
+_FARTHEST = 0.32
+"""Between a line's middle and the expected edge."""
+_HALF_WIDTHS = (0.06, 0.1)
+"""Of lines."""
+_ROWS = 24
+"""Sampled between the far and the near end."""
+_MOST_TURNED, _TURNED_LESS = 0.24, 1.67
+"""Between a line's places at the far and at the near end, at most, and by how much one counts less
+for each width that it moves from end to end."""
+_FINE = 0.6
+"""Px between samples across a line that has been found, at most."""
+_AROUND, _BEYOND = 0.06, 0.16
+"""How far from its found middle a line's brightest place may be, and its sides are looked for."""
+_APART = 0.12
+"""Between lines that are not one."""
+_NOISE = 0.5
+"""Grey levels of ridges that are taken to be everywhere."""
+_WIDEST = 90.0
+"""Px of the near end from which the markings at the threshold are told apart, lines along the edges
+themselves, so that the pavement's steps are measured instead."""
+_LEAST_CLEARNESS = 1.2
+"""Of the fainter line, in usual ridges of the place."""
 Numbers = NDArray[np.floating[Any]]
-_ALONG = (np.arange(SIDE_LINES.rows) + 0.5) / SIDE_LINES.rows
+_ALONG = (np.arange(_ROWS) + 0.5) / _ROWS
 """Where the rows are between the far and the near end."""
-_HALVES = slice(None, SIDE_LINES.rows // 2), slice(SIDE_LINES.rows // 2, None)
-_PLACES = round(SIDE_LINES.reach / SIDE_LINES.step)
-_ACROSS = np.arange(-_PLACES, _PLACES + 1) * SIDE_LINES.step
+_HALVES = slice(None, _ROWS // 2), slice(_ROWS // 2, None)
+_PLACES = round(_REACH / _STEP)
+_ACROSS = np.arange(-_PLACES, _PLACES + 1) * _STEP
 """Where the samples are, from inside to outside, widths from the expected edge."""
 _DEEP = 2.0
 """Grey levels below a line that are dark."""
@@ -77,40 +59,29 @@ _CLIPPED = 4.0
 
 
 def edges_by_lines(
-    image: NDArray[Any],
-    level: Derotation,
-    shape: NDArray[np.float64],
-    span: tuple[float, float],
+    frame: LevelledFrame,
+    strip: Strip,
     choose: Callable[[tuple[list[Line], list[Line]]], tuple[Line, Line] | None],
-) -> tuple[EdgePoints, EdgePoints] | None:
-    """Measure both edges of a narrow runway by the outer sides of the lines along them.
+) -> Edges | None:
+    """Measure both edges of a narrow runway by the outer sides of the lines along a strip's.
 
-    Args:
-        image: the frame, (height, width) or (height, width, 3), blue first.
-        level: of the frame.
-        shape: (4,) vanishing point and slopes, px of the levelled working image.
-        span: rows from the vanishing point to the far and to the near end.
-        choose: which of the lines along the left and along the right edge are the runway's, if
-            any.
-
-    Returns:
-        Points of the left and of the right edge; None if the lines are not clear, or the runway is
-        wider than `SideLineParameters.widest`.
+    ``choose`` says which of those along the left and along the right edge are the runway's. None
+    if the lines are not clear, or the runway is too wide.
     """
-    if float(shape[3] - shape[2]) * span[1] >= SIDE_LINES.widest:
+    if float(strip[3] - strip[2]) * strip[5] >= _WIDEST:
         return None
-    rows, expected, outwards = rows_of(shape, span, _ALONG)
+    rows, expected, outwards = rows_of(strip, _ALONG)
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
-    brightness = _brightness(image, level, columns, rows)
+    brightness = _brightness(frame, columns, rows)
     lines = choose((_distinct(brightness[0]), _distinct(brightness[1])))
-    if lines is None or min(line.clearness for line in lines) <= SIDE_LINES.least_clearness:
+    if lines is None or min(line.clearness for line in lines) <= _LEAST_CLEARNESS:
         return None
     middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
-    step = min(SIDE_LINES.step, SIDE_LINES.fine / float(outwards[1, -1]))
-    inside, beyond = round(SIDE_LINES.around / step), round(SIDE_LINES.beyond / step)
+    step = min(_STEP, _FINE / float(outwards[1, -1]))
+    inside, beyond = round(_AROUND / step), round(_BEYOND / step)
     beside = np.arange(-inside, beyond + 1) * step
     across = middle[:, :, None] + outwards[:, :, None] * beside
-    profiles = _brightness(image, level, across, rows)
+    profiles = _brightness(frame, across, rows)
     edges = []
     for side in (0, 1):
         # Blur is the same number of px everywhere, and so a larger share of the far end's width.
@@ -131,7 +102,7 @@ class _LineFan:
         reach: samples between a line's middle and what is beside it.
         ends: (n, 2) middle at the far and at the near end, widths of the runway.
         at: (rows, n) samples through which they go.
-        worth: (n,) by what the clearness of those that run askew is multiplied.
+        worth: (n,) factor of the clearness: those that run askew count less.
     """
 
     reach: int
@@ -142,35 +113,34 @@ class _LineFan:
 
 @lru_cache
 def _line_fan(half: float) -> _LineFan:
-    reach = round(half / SIDE_LINES.step)
+    reach = round(half / _STEP)
     middles = _ACROSS[reach:-reach]
-    near_edge = np.nonzero(np.abs(middles) <= SIDE_LINES.farthest)[0]
+    near_edge = np.nonzero(np.abs(middles) <= _FARTHEST)[0]
     far, near = (each.ravel() for each in np.meshgrid(near_edge, near_edge, indexing='ij'))
     turned = np.abs(middles[far] - middles[near])
-    straight = turned <= SIDE_LINES.most_turned
+    straight = turned <= _MOST_TURNED
     far, near, turned = far[straight], near[straight], turned[straight]
-    rows = np.arange(SIDE_LINES.rows)[:, None]
-    at = np.rint(far + (near - far) * (rows / (SIDE_LINES.rows - 1))).astype(np.intp)
+    rows = np.arange(_ROWS)[:, None]
+    at = np.rint(far + (near - far) * (rows / (_ROWS - 1))).astype(np.intp)
     ends = np.stack([middles[far], middles[near]], axis=1)
-    worth = 1.0 - SIDE_LINES.turned_less * turned
+    worth = 1.0 - _TURNED_LESS * turned
     return _LineFan(reach, ends, at + rows * middles.size, worth)
 
 
 def _brightness(
-    image: NDArray[Any], level: Derotation, columns: NDArray[Any], rows: NDArray[Any]
+    frame: LevelledFrame, columns: NDArray[Any], rows: NDArray[Any]
 ) -> NDArray[np.float32]:
     """(2, rows, places) grey levels of the frame at places of the levelled working image."""
-    on_rows = np.broadcast_to(rows[:, None], columns.shape)
-    pixels, _, _ = pixels_at(image, level, columns, on_rows)
+    pixels, _, _ = frame.at(columns, rows[:, None])
     return opponent_channels(pixels)[0].reshape(columns.shape)
 
 
 def _distinct(brightness: NDArray[np.float32]) -> list[Line]:
     """The clearest lines that are apart from one another, of any width."""
-    lines = [line for half in SIDE_LINES.halves for line in _lines(brightness, half)]
+    lines = [line for half in _HALF_WIDTHS for line in _lines(brightness, half)]
     kept: list[Line] = []
     for line in sorted(lines, key=lambda line: -line.clearness):
-        if all(abs(line.middle - other.middle) > SIDE_LINES.apart for other in kept):
+        if all(abs(line.middle - other.middle) > _APART for other in kept):
             kept.append(line)
     return kept
 
@@ -184,8 +154,8 @@ def _lines(brightness: NDArray[np.float32], half: float) -> list[Line]:
     ridge = np.maximum(smooth[:, reach:-reach] - sides, 0.0)
     ridge = np.minimum(ridge, _CLIPPED * cv2.mean(ridge)[0] + 1.0)
     votes = ridge.ravel().take(fan.at).sum(axis=0)
-    usual = cv2.mean(ridge)[0] + SIDE_LINES.noise
-    clear = votes * fan.worth / (usual * SIDE_LINES.rows)
+    usual = cv2.mean(ridge)[0] + _NOISE
+    clear = votes * fan.worth / (usual * _ROWS)
     centre = fan.ends.mean(axis=1)
     found = []
     for _ in range(3):
@@ -197,12 +167,7 @@ def _lines(brightness: NDArray[np.float32], half: float) -> list[Line]:
 
 
 def _outer_side(profile: NDArray[np.float32], within: int) -> float:
-    """Where a line has become half as bright as it is, towards outside.
-
-    Args:
-        profile: brightness from inside to outside.
-        within: the first samples, in which it is brightest.
-    """
+    """Where a line, brightest within the first samples, has become half as bright outwards."""
     peak = int(profile[:within].argmax())
     beyond = profile[peak:]
     # The first minimum after the peak: there may be another line farther outside.

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
+from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.appearance import Scene
 from mvuav_ros.vision.approach.runway.candidates import (
@@ -19,6 +19,7 @@ from mvuav_ros.vision.approach.runway.candidates import (
     LevelledImage,
     find_candidates,
 )
+from mvuav_ros.vision.approach.runway.edge_track import View
 from mvuav_ros.vision.approach.runway.probability import (
     Report,
     confidence_weights,
@@ -26,7 +27,6 @@ from mvuav_ros.vision.approach.runway.probability import (
 )
 from mvuav_ros.vision.approach.runway.search import fan_jobs
 from mvuav_ros.vision.approach.runway.track import RunwayTrack
-from mvuav_ros.vision.approach.runway.view import View
 
 _MOST_TRACKS = 3
 _CHUNK = 8
@@ -46,15 +46,8 @@ _MOST_TAKEN, _FAR_BELOW = 24, 6.0
 """Candidates of one search that are followed, and how far below the best their log odds may be."""
 
 
-@dataclass(frozen=True)
-class SearchRange:
-    """Where vanishing points are looked for.
-
-    Attributes:
-        slope: rad, by which the image is levelled for the search.
-        first: row of the levelled working image.
-        last: likewise.
-    """
+class SearchRange(NamedTuple):
+    """Rows between which vanishing points lie on the working image levelled by a slope, rad."""
 
     slope: float
     first: float
@@ -76,32 +69,28 @@ class RunwayTracker:
 
     def step(
         self,
-        image: NDArray[Any],
+        frame: LevelledFrame,
         pixels: NDArray[Any],
-        level: Derotation,
         ranges: list[SearchRange],
         horizon: tuple[float, float] | None,
         *,
         attitude: bool = False,
     ) -> RunwayTrack | None:
-        """Take in the next frame.
+        """The likeliest track in the next frame, if there is one.
 
         Args:
-            image: the frame, (height, width) or (height, width, 3), blue first.
+            frame: the next one.
             pixels: its working image.
-            level: of the frame.
-            ranges: hypotheses of where the horizon is; the first has the level's slope.
+            ranges: hypotheses of where the horizon is; the first has the frame's slope.
             horizon: row of the vanishing point and its standard deviation, if known, px.
             attitude: whether that comes from an attitude sensor.
-
-        Returns:
-            The likeliest track, if there is one.
         """
         if self._frame % _SCENE_FRAMES == 0:
             self._scene = None
         self._registration.take(pixels)
+        level = frame.level
         working = LevelledImage(pixels, level, self._scene)
-        view = View(image, pixels, working, level, horizon, self._registration)
+        view = View(frame, working, horizon, self._registration)
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
@@ -113,11 +102,8 @@ class RunwayTracker:
         ]
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
-        if self._frame == 0:
-            # The likeliest range at once, the others by turns.
-            self._start(self._everywhere(view, ranges[0]), view)
-        elif self._frame % (_SELDOM if certain else _OFTEN) == 0:
-            self._start(self._share(view, ranges), view)
+        if self._frame % (_SELDOM if certain else _OFTEN) == 0:
+            self._start(self._search(view, ranges), view)
         self._frame += 1
         if working.used:
             self._scene = working.whole_scene
@@ -152,30 +138,27 @@ class RunwayTracker:
         report = self.report
         return 0.0 if report is None else confidence_weights().confidence(report)
 
-    def _everywhere(self, view: View, where: SearchRange) -> Candidates:
-        searched, turned = self._levelled(view, where)
-        return _turned(find_candidates(searched, where.first, where.last), turned, view.level)
-
-    def _share(self, view: View, ranges: list[SearchRange]) -> Candidates:
-        """The next few rows of vanishing points, on one level and at one depth."""
-        chunks = [
-            (where, pyramid, depth, rows)
-            for where in ranges
-            for pyramid in range(LEVELS)
-            for depth, rows in _chunks(where, pyramid)
-        ]
-        where, pyramid, depth, rows = chunks[self._job % len(chunks)]
-        self._job += 1
-        searched, turned = self._levelled(view, where)
-        found = np.concatenate([searched.search(pyramid, depth, row) for row in rows])
-        return _turned(searched.weigh(found, pyramid), turned, view.level)
-
-    def _levelled(self, view: View, where: SearchRange) -> tuple[LevelledImage, Derotation]:
-        level = view.level
-        if where.slope == level.slope:
-            return view.working, level
-        other = Derotation(level.width, level.height, level.factor, where.slope)
-        return LevelledImage(view.pixels, other), other
+    def _search(self, view: View, ranges: list[SearchRange]) -> Candidates:
+        """The likeliest range at once; after that the next few rows on one level at one depth."""
+        if self._frame == 0:
+            where = ranges[0]
+            image = view.working.at_slope(where.slope)
+            found = find_candidates(image, where.first, where.last)
+        else:
+            chunks = [
+                (where, level, depth, rows[start : start + _CHUNK])
+                for where in ranges
+                for level in range(LEVELS)
+                for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level)
+                for start in range(0, len(rows), _CHUNK)
+            ]
+            where, level, depth, rows = chunks[self._job % len(chunks)]
+            self._job += 1
+            image = view.working.at_slope(where.slope)
+            strips = np.concatenate([image.search(level, depth, row) for row in rows])
+            found = image.weigh(strips, level)
+        turned = turn_strips(found.strips, image.level, view.working.level)
+        return found._replace(strips=turned)
 
     def _start(self, found: Candidates, view: View) -> None:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
@@ -225,22 +208,3 @@ class RunwayTracker:
         for track in self.tracks:
             if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
                 self.best = track
-
-
-def _chunks(where: SearchRange, level: int) -> list[tuple[int, list[float]]]:
-    factor = 2**level
-    by_depth: dict[int, list[float]] = {}
-    for depth, row in fan_jobs(where.first / factor, where.last / factor, level):
-        by_depth.setdefault(depth, []).append(row)
-    return [
-        (depth, rows[first : first + _CHUNK])
-        for depth, rows in by_depth.items()
-        for first in range(0, len(rows), _CHUNK)
-    ]
-
-
-def _turned(found: Candidates, old: Derotation, new: Derotation) -> Candidates:
-    """Candidates of one derotation described on another one."""
-    if old.slope == new.slope:
-        return found
-    return Candidates(turn_strips(found.strips, old, new), found.features)

@@ -6,14 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
-from mvuav_ros.vision.approach.edges import find_edges
-from mvuav_ros.vision.approach.features import Colours, features_of, row_sums, shrink, white_of
+from mvuav_ros.vision.approach.channels import row_sums
+from mvuav_ros.vision.approach.derotation import Derotation, line_through, turn_edge
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.road.features import Colours, features_of, shrink, white_of
 from mvuav_ros.vision.approach.road.strip import score_strips
-from mvuav_ros.vision.approach.targets import RUNWAY
+from mvuav_ros.vision.approach.road.targets import EdgeProfile
+from mvuav_ros.vision.approach.road.track import find_edges
 
 SHAPE = np.array([158.0, 70.0, -0.45, 0.35])
 FAR, NEAR = 8.0, 90.0
+LOOK = EdgeProfile()
+CONTRAST = np.array([15.0, -60.0])
 
 
 def strip(shape=SHAPE, far=FAR, near=NEAR, size=(320, 240), factor=1) -> np.ndarray:
@@ -54,8 +58,9 @@ def test_levelled_pixels_lie_where_the_points_do():
 def test_an_edge_stays_on_the_ground_when_the_level_turns():
     old, new = Derotation(320, 240, 1, 0.05), Derotation(320, 240, 1, -0.12)
     p, slope = turn_edge(140.0, -0.4, 180.0, old, new)
-    before = old.line_on_frame(140.0, 180.0, -0.4)
-    after = new.line_on_frame(p, 180.0, slope).facing(before.theta)
+    before = line_through(*old.to_frame(140.0, 180.0), *old.to_frame(139.6, 181.0))
+    after = line_through(*new.to_frame(p, 180.0), *new.to_frame(p + slope, 181.0))
+    after = after.facing(before.theta)
     assert after.rho == pytest.approx(before.rho, abs=1e-6)
     assert after.theta == pytest.approx(before.theta, abs=1e-9)
 
@@ -65,19 +70,19 @@ def test_an_edge_stays_on_the_ground_when_the_level_turns():
 def test_frames_of_every_format_become_three_channels_of_eight_bits(channels, dtype):
     scale = 257 if dtype == np.uint16 else 1
     image = np.full((480, 640, channels), 77 * scale, dtype).squeeze()
-    working = shrink(image)
-    assert working.pixels.shape == (240, 320, 3)
-    assert working.pixels.dtype == np.uint8
-    assert working.factor == 2
-    assert (working.pixels == 77).all()
+    pixels, factor = shrink(image)
+    assert pixels.shape == (240, 320, 3)
+    assert pixels.dtype == np.uint8
+    assert factor == 2
+    assert (pixels == 77).all()
 
 
 def test_the_true_shape_scores_and_others_do_not():
-    table = row_sums(features_of(strip()), 0)
+    table = row_sums(features_of(strip()))
     shapes = np.array(
         [SHAPE, SHAPE + np.array((60, 0, 0, 0)), SHAPE * (1, 1, 2.5, 2.5), SHAPE * (1, 1, 0.3, 0.3)]
     )
-    scores = score_strips(table, shapes, RUNWAY.look)
+    scores = score_strips(table, shapes, LOOK)
     assert scores.score[0] > 4
     assert scores.score[0] > 3 * scores.score[1:].max()
     assert scores.far[0] == pytest.approx(FAR, abs=2)
@@ -90,7 +95,7 @@ def test_the_true_shape_scores_and_others_do_not():
 
 def test_no_strip_no_score():
     even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
-    scores = score_strips(row_sums(features_of(even), 0), SHAPE[None], RUNWAY.look)
+    scores = score_strips(row_sums(features_of(even)), SHAPE[None], LOOK)
     assert scores.score[0] == 0
 
 
@@ -99,9 +104,8 @@ def test_edges_are_found_to_a_fraction_of_a_pixel_from_two_pixels_away(factor):
     image = strip(factor=factor)
     level = Derotation(320, 240, factor, 0.0)
     guess = SHAPE + np.array((1.5, 0, 0.01, -0.015))
-    left, right = find_edges(
-        image, level, guess, (FAR + 2, NEAR - 2), np.array([15.0, -60.0]), RUNWAY.look
-    )
+    guess = np.array([*guess, FAR + 2, NEAR - 2])
+    left, right = find_edges(LevelledFrame(image, level), guess, CONTRAST, LOOK.brightness)
     for points, slope in ((left, SHAPE[2]), (right, SHAPE[3])):
         used = points.weights > 0
         assert used.mean() > 0.9
@@ -112,8 +116,9 @@ def test_edges_are_found_to_a_fraction_of_a_pixel_from_two_pixels_away(factor):
 
 def test_an_even_image_supports_no_edge():
     even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
-    level = Derotation(320, 240, 1, 0.0)
-    for points in find_edges(even, level, SHAPE, (FAR, NEAR), np.array([15.0, -60.0]), RUNWAY.look):
+    frame = LevelledFrame(even, Derotation(320, 240, 1, 0.0))
+    expected = np.array([*SHAPE, FAR, NEAR])
+    for points in find_edges(frame, expected, CONTRAST, LOOK.brightness):
         # But for the rounding of a smoothed image.
         assert points.support < 1e-6
         assert (points.weights == 0).all()

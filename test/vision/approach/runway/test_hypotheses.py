@@ -15,8 +15,7 @@ def weighed(hypotheses, frame, odds, strips=STRIPS):
     """Take in a frame in which exactly the known strips are seen, or the given ones at first."""
     expected = hypotheses.strips(frame)
     measured = expected if len(expected) else strips
-    valid = np.ones(len(measured), bool)
-    found = hypotheses.weigh(measured, np.array(odds, float), valid, 1.0, frame)
+    found = hypotheses.weigh(measured, np.array(odds, float), 1.0, frame)
     hypotheses.settle(found.strips, frame)
     return found
 
@@ -53,7 +52,7 @@ def test_a_strip_that_is_gone_loses():
         measured = hypotheses.strips(RUNWAY)
         gone = np.abs(measured[:, 2] - RUNWAY[2]) < 0.01
         odds = np.where(gone, -np.inf, 3.5)
-        found = hypotheses.weigh(measured, odds, ~gone, 1.0, RUNWAY)
+        found = hypotheses.weigh(measured, odds, 1.0, RUNWAY)
         hypotheses.settle(found.strips, RUNWAY)
         first = found.strips[0]
     assert np.allclose(first[2:4], SHOULDERS[2:4], atol=1e-6)

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.runway.shoulders import shows_shoulders
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 X, Y, SLOPE, SPAN = 160.0, 60.0, 0.4, (10.0, 120.0)
-SHAPE = np.array([X, Y, -SLOPE, SLOPE])
+STRIP = np.array([X, Y, -SLOPE, SLOPE, *SPAN])
 LAND, PAVEMENT, LINE = 150, 180, 230
 
 
@@ -27,30 +28,34 @@ def runway(left=1.0, right=1.0, land=LAND, shift=0.0):
     return cv2.resize(image, (320, 240), interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
+def shoulders(image, strip=STRIP):
+    return shows_shoulders(LevelledFrame(image, LEVEL), strip)
+
+
 @pytest.mark.parametrize('land', [LAND, 200])
 def test_shoulders_on_both_sides_are_seen_by_day_and_in_grey(land):
     image = runway(1.2, 1.3, land)
-    assert shows_shoulders(image, LEVEL, SHAPE, SPAN)
-    assert shows_shoulders(cv2.merge([image] * 3), LEVEL, SHAPE, SPAN)
-    assert shows_shoulders(image.astype(np.uint16) * 256, LEVEL, SHAPE, SPAN)
+    assert shoulders(image)
+    assert shoulders(cv2.merge([image] * 3))
+    assert shoulders(image.astype(np.uint16) * 256)
 
 
 def test_shoulders_are_seen_however_short_the_exposure_was():
     dark = cv2.convertScaleAbs(runway(1.2, 1.3), alpha=0.25)
-    assert shows_shoulders(dark, LEVEL, SHAPE, SPAN)
+    assert shoulders(dark)
 
 
 @pytest.mark.parametrize('sides', [(1.0, 1.0), (1.2, 1.0), (1.0, 1.2)])
 def test_none_where_land_begins_at_an_edge(sides):
-    assert shows_shoulders(runway(*sides), LEVEL, SHAPE, SPAN) is False
+    assert shoulders(runway(*sides)) is False
 
 
 def test_noise_is_no_shoulder():
     noise = np.random.default_rng(1).normal(0, 6, (240, 320))
     image = np.clip(runway() + noise, 0, 255).astype(np.uint8)
-    assert shows_shoulders(image, LEVEL, SHAPE, SPAN) is False
+    assert shoulders(image) is False
 
 
 def test_nothing_is_known_where_the_frame_ends_beside_the_runway():
-    aside = np.array([X + 140.0, Y, -SLOPE, SLOPE])
-    assert shows_shoulders(runway(1.2, 1.2, shift=140.0), LEVEL, aside, SPAN) is None
+    aside = STRIP + np.array([140.0, 0, 0, 0, 0, 0])
+    assert shoulders(runway(1.2, 1.2, shift=140.0), aside) is None

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.runway.line_choice import LineChoice
 from mvuav_ros.vision.approach.runway.side_lines import edges_by_lines
 
@@ -36,8 +37,8 @@ def runway(*lines, rubber=RUBBER, fine=8):
 
 def offsets(image, expected=1.0, slope=SLOPE):
     """How far outside the true edges the points lie on average, px; None without points."""
-    shape = np.array([X, Y, -slope * expected, slope * expected])
-    found = edges_by_lines(image, LEVEL, shape, SPAN, LineChoice().choose)
+    strip = np.array([X, Y, -slope * expected, slope * expected, *SPAN])
+    found = edges_by_lines(LevelledFrame(image, LEVEL), strip, LineChoice().choose)
     if found is None:
         return None
     left, right = found

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.candidates import LevelledImage
+from mvuav_ros.vision.approach.runway.edge_track import View
 from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
 from mvuav_ros.vision.approach.runway.track import RunwayTrack
-from mvuav_ros.vision.approach.runway.view import View
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 STRIP = np.array([160.0, 60.0, -0.25, 0.25, 20.0, 60.0])
@@ -35,11 +36,12 @@ def view():
     image = np.clip(np.rint(drawn), 0, 255).astype(np.uint8)
     registration = Registration()
     registration.take(image)
-    return View(image, image, LevelledImage(image, LEVEL), LEVEL, (STRIP[1], 2.0), registration)
+    frame = LevelledFrame(image, LEVEL)
+    return View(frame, LevelledImage(image, LEVEL), (STRIP[1], 2.0), registration)
 
 
 def near_edges(track):
-    x, y, left, right = track.shape.as_array()
+    x, y, left, right = track.strip()[:4]
     return [x + slope * (NEAR_ROW - y) for slope in (left, right)]
 
 

@@ -1,4 +1,4 @@
-"""What is looked for: the shape models of runway, road and pipeline."""
+"""What is looked for: the shape models of a road's lane and of a pipeline."""
 
 from __future__ import annotations
 
@@ -40,84 +40,53 @@ class Target:
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
 
     Attributes:
-        look: what tells it from the land.
-        ratios: widths over height that the search tries.
-        offsets: camera's way from the strip's middle, in widths, that the search tries.
+        look: what tells it from the land. Painted lines are looked for everywhere: the camera is
+            taken to be level, its horizon where they meet. Other strips are looked for below the
+            horizon.
         usual_widths: width over height below and above which a shape is less and less likely.
         widest: greatest width over height of a shape that is followed.
-        usual_offset: offset, in widths, above which a shape is less and less likely.
+        usual_offset: of the camera from the strip's middle, in widths, above which a shape is less
+            and less likely.
         offset_spread: standard deviation of offsets beyond.
         farthest_aside: most offset of a shape that is followed.
-        has_ends: whether it begins and ends within sight.
-        uses_horizon: whether it is looked for below the visible horizon alone; otherwise the
-            camera is taken to be level and its horizon is where the edges meet.
         least_support: of the edges, 0 to 1, below which a shape counts as not seen.
         start_score: merit above which a frame speaks for a shape.
         keep_score: quality below which a shape is no longer believed.
     """
 
     look: EdgeProfile
-    ratios: tuple[float, ...]
-    offsets: tuple[float, ...]
     usual_widths: tuple[float, float]
     widest: float
     usual_offset: float
     offset_spread: float
     farthest_aside: float
-    has_ends: bool
-    uses_horizon: bool
     least_support: float
     start_score: float
     keep_score: float
 
 
-_ASIDE = (-1.2, -0.7, -0.3, 0.0, 0.3, 0.7, 1.2)
-
-RUNWAY = Target(
-    look=EdgeProfile(),
-    ratios=(0.25, 0.4, 0.65, 1.0, 1.6),
-    offsets=_ASIDE,
-    usual_widths=(0.2, 1.2),
-    widest=8.0,
-    usual_offset=0.5,
-    offset_spread=0.8,
-    farthest_aside=2.0,
-    has_ends=True,
-    uses_horizon=True,
-    least_support=0.15,
-    start_score=1.0,
-    keep_score=0.8,
-)
 ROAD = Target(
     look=EdgeProfile(
         gap=-0.008, least_gap=-9.0, inset=0.05, inside=0.45, flank=0.03, floor=5.0, painted=True
     ),
-    ratios=(1.6, 2.1, 2.7, 3.5),
-    offsets=(-0.3, -0.15, 0.0, 0.15, 0.3),
     usual_widths=(1.6, 4.0),
     widest=9.0,
     usual_offset=0.25,
     offset_spread=0.1,
     farthest_aside=0.5,
-    has_ends=False,
-    uses_horizon=False,
     least_support=0.3,
     start_score=0.5,
     keep_score=0.3,
 )
 PIPELINE = Target(
     look=EdgeProfile(),
-    ratios=(0.1, 0.2, 0.4),
-    offsets=(-3.0, -1.5, *_ASIDE, 1.5, 3.0),
     usual_widths=(0.03, 0.6),
     widest=2.0,
     usual_offset=2.0,
     offset_spread=2.0,
     farthest_aside=6.0,
-    has_ends=False,
-    uses_horizon=True,
     least_support=0.15,
     start_score=1.0,
     keep_score=0.8,
 )
-TARGETS = {'runway': RUNWAY, 'road': ROAD, 'pipeline': PIPELINE}
+TARGETS = {'road': ROAD, 'pipeline': PIPELINE}

@@ -1,9 +1,9 @@
-"""The run against all runs."""
+"""The best run against all runs."""
 
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.best_run import best_run
+from mvuav_ros.vision.approach.numeric import best_run
 
 
 @pytest.mark.parametrize('slack', [0.0, 1e-9])

@@ -1,4 +1,4 @@
-"""The stretch of rows in which evidence lasts."""
+"""Small computations that several steps of the approach share."""
 
 from __future__ import annotations
 
@@ -36,3 +36,27 @@ def best_run(
     at_lowest = (total <= least) & (columns <= last[:, None])
     first = total.shape[1] - 1 - at_lowest[:, ::-1].argmax(axis=1)
     return rise[number, last], np.minimum(first, gain.shape[1] - 1), last
+
+
+def in_common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+    """What both sides agree in: the smaller of two values of one sign, else 0.
+
+    Examples:
+        >>> in_common(np.array([3.0, -3.0, 3.0]), np.array([5.0, -2.0, -1.0]))
+        array([ 3., -2.,  0.])
+    """
+    common: NDArray[Any] = np.minimum(one, other)
+    np.maximum(common, 0, out=common)
+    negative = np.maximum(one, other)
+    np.minimum(negative, 0, out=negative)
+    common += negative
+    return common
+
+
+def vertex(values: NDArray[Any], index: int) -> float:
+    """Where the parabola through a maximum and its neighbours has its vertex, from the maximum."""
+    if not 0 < index < values.size - 1:
+        return 0.0
+    before, at, after = (float(value) for value in values[index - 1 : index + 2])
+    bend = before - 2 * at + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0
