@@ -211,7 +211,7 @@ class ReplayAhead:
 
     def _next_of(self, node: int) -> list[int]:
         """The frames that a node can have now; none as long as there may soon be more."""
-        numbers = []
+        numbers: list[int] = []
         for number in range(self._next[node], self._count):
             entry = self._window.get(number)
             if entry is not None and entry.direct is None:
@@ -237,7 +237,7 @@ class ReplayAhead:
             assert isinstance(done, Done)
             if done.error is not None:
                 raise done.error
-            for number, result in done.result:
+            for number, result in done.result or ():
                 self._take(key.data, self._window[number], result)
 
     def _take(self, index: int, entry: _Entry, result: Any) -> None:
