@@ -6,6 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from mvuav_ros.offline.evaluation.numbers import rms
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 DISTANCE_LIMIT = 5.0
@@ -52,3 +55,12 @@ def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[L
         if all(pair.found != m.found and pair.true != m.true for m in matched):
             matched.append(pair)
     return matched
+
+
+def line_numbers(matches: Sequence[LineMatch], visible: int) -> tuple[float, float, float]:
+    """Percent of the frames that show a line in which it was found; RMS of its error, px and °."""
+    return (
+        100.0 * len(matches) / visible if visible else math.nan,
+        rms(np.array([match.distance for match in matches])),
+        math.degrees(rms(np.array([match.dtheta for match in matches]))),
+    )

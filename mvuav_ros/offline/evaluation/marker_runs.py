@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
-from mvuav_ros.parameters.declaration import ParameterSet, Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
@@ -79,11 +78,6 @@ class FlownMarkers:
     def roll_error(self, name: str) -> Array:
         """Measured minus true roll, (n,) rad."""
         return angle_difference(self.runs[name].roll, self.roll)
-
-
-def supported(kind: type[ParameterSet], values: Mapping[str, Value]) -> dict[str, Value]:
-    """The values of parameters that there are, so that tables follow the nodes' parameters."""
-    return {name: value for name, value in values.items() if name in kind.names()}
 
 
 def fly_markers(task: MarkerTask) -> FlownMarkers:
