@@ -85,28 +85,16 @@ def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     true = np.array([_places(truth[stamp]) for stamp in stamps])
     state = np.array([results[stamp]['state'] for stamp in stamps])
     seen = np.array([truth[stamp]['state'] for stamp in stamps]) == MarkerState.DETECTED
-    offset = found - true
-    return MarkerErrors(
-        _names(run, found.shape[1]),
-        _seconds(stamps),
-        offset,
-        state,
-        seen,
-        _wrong_names(found, true, state),
-    )
-
-
-def _names(run: EvaluationRun, count: int) -> tuple[str, ...]:
-    names = (run.names.get(label, f'marker {label}') for label in range(count))
-    return tuple(name.replace('_', ' ') for name in names)
+    labels = range(found.shape[1])
+    names = (run.names.get(label, f'marker {label}').replace('_', ' ') for label in labels)
+    wrong = _wrong_names(found, true, state)
+    return MarkerErrors(tuple(names), _seconds(stamps), found - true, state, seen, wrong)
 
 
 def _wrong_names(found: Array, true: Array, state: Array) -> Array:
-    own = np.hypot(*np.moveaxis(found - true, -1, 0))
-    apart = found[:, :, None] - true[:, None]
-    nearest = np.nanmin(
-        np.where(np.isnan(apart[..., 0]), np.inf, np.hypot(*np.moveaxis(apart, -1, 0))), axis=2
-    )
+    apart = np.hypot(*np.moveaxis(found[:, :, None] - true[:, None], -1, 0))
+    own = np.diagonal(apart, axis1=1, axis2=2)
+    nearest = np.where(np.isnan(apart), np.inf, apart).min(axis=2)
     return np.asarray((state == MarkerState.DETECTED) & ~(own <= NEAR) & (nearest <= NEAR))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar, TypeVarTuple, Unpack
@@ -54,10 +53,6 @@ class Stopwatch:
     def total_s(self, stage: str) -> float:
         """Sum over the frames, s."""
         return sum(self._times[stage].values())
-
-    def median_ms(self, stage: str) -> float:
-        """Median over the frames, ms."""
-        return statistics.median(self._times[stage].values()) * 1e3
 
 
 def least_ms(passes: Sequence[Sequence[float]]) -> Array:
