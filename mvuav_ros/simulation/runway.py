@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.simulation.exposure import apply_gain, motion_blur
 from mvuav_ros.simulation.flight import Flight, SimulatedFrame, Stream
-from mvuav_ros.simulation.ground import GroundPainter
-from mvuav_ros.simulation.ground_textures import load_ground
-from mvuav_ros.simulation.panorama import Panorama
+from mvuav_ros.simulation.ground import GroundPainter, load_ground
 from mvuav_ros.simulation.runway_path import RunwayPath
 from mvuav_ros.simulation.runway_truth import (
     CameraPose,
@@ -22,6 +20,7 @@ from mvuav_ros.simulation.runway_truth import (
     vanishing_point,
 )
 from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.simulation.sky import Panorama
 from mvuav_ros.vision.image import Image
 
 
@@ -75,13 +74,9 @@ class RunwayFlight(Flight[RunwayTruth]):
 
     @cached_property
     def _painter(self) -> GroundPainter:
-        ground = load_ground(
-            self.settings.runway_width,
-            self.settings.runway_length,
-            self.settings.detail,
-            self.settings.seed,
-        )
-        return GroundPainter(ground, self.camera, self.settings.visibility)
+        s = self.settings
+        ground = load_ground(s.runway_width, s.runway_length, s.detail, s.seed)
+        return GroundPainter(ground, self.camera, s.visibility)
 
     @cached_property
     def _panorama(self) -> Panorama:

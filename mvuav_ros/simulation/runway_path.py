@@ -38,12 +38,7 @@ class RunwayPath:
         )
 
     def pose(self, time: float, shaken: Matrix | None = None) -> CameraPose:
-        """Where the camera is at a time (s).
-
-        Args:
-            time: s.
-            shaken: shaken from steady optical frame; None for a camera that does not shake.
-        """
+        """Where the camera is at a time (s); ``shaken`` from its steady optical frame if it is."""
         settings = self._settings
         position = np.array((self._x(time), self._y(time), self._z(time)))
         drift = (self._y(time + _STEP) - self._y(time - _STEP)) / (2 * _STEP)

@@ -129,6 +129,15 @@ def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
     return normal_form(np.linalg.inv(camera.matrix).T @ up)
 
 
+def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
+    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
+    forward = pose.rotation[:, 2].copy()
+    forward[2] = 0.0
+    up = pose.rotation.T @ np.array((0.0, 0.0, 1.0))
+    point = camera.project((pose.rotation.T @ forward)[None])[0]
+    return float(point[0]), float(point[1]), math.atan2(up[0], -up[1])
+
+
 def _project_line(
     camera: PinholeCamera, pose: CameraPose, role: LineRole, ends: Matrix
 ) -> LineTruth:
