@@ -17,6 +17,13 @@ LARGEST_RADIUS = 6.4
 """px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
 TINT = (0.90, 0.97, 1.0)
 """Blue, green and red of the glow, which shows it only where it is not saturated."""
+SOFTNESS = 1.2
+"""Sigma of a disc's edge, px."""
+PEAK, GLOW = 850.0, 55.0
+"""Grey levels of a disc, well above 255, as of a light that overexposes the camera, and of the
+bloom at its centre."""
+GLOW_LENGTH = 5.0
+"""Distance over which the bloom falls to 1/e, px."""
 _STEPS_PER_PIXEL = 16
 DRIFT = 6.0
 """Greatest way of a reflection from its middle, px."""
@@ -34,27 +41,19 @@ class LightProfile:
 
     Attributes:
         radius: of the disc at half its peak, px.
-        softness: sigma of the disc's edge, px.
-        peak: grey levels; well above 255, as of a light that overexposes the camera.
-        glow: grey levels of the bloom at the centre.
-        glow_length: distance over which the bloom falls to 1/e, px.
     """
 
     radius: float
-    softness: float = 1.2
-    peak: float = 850.0
-    glow: float = 55.0
-    glow_length: float = 5.0
 
     @property
     def reach(self) -> int:
         """Beyond this distance the light adds nothing, px."""
-        return int(self.radius + 4.5 * self.glow_length)
+        return int(self.radius + 4.5 * GLOW_LENGTH)
 
     @property
     def core(self) -> float:
         """Radius that is saturated against a dark background, px."""
-        return self.radius + 1.5 * self.softness
+        return self.radius + 1.5 * SOFTNESS
 
     def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Grey levels at distances in px."""
@@ -71,9 +70,9 @@ class LightProfile:
 def _levels(profile: LightProfile) -> NDArray[np.float32]:
     """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px; the same lights are drawn often."""
     r = np.arange(profile.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
-    edge = (r - profile.radius) / (math.sqrt(2.0) * profile.softness)
-    disc = 0.5 * profile.peak * np.array([math.erfc(x) for x in edge.tolist()])
-    glow = profile.glow * np.exp(-r / profile.glow_length)
+    edge = (r - profile.radius) / (math.sqrt(2.0) * SOFTNESS)
+    disc = 0.5 * PEAK * np.array([math.erfc(x) for x in edge.tolist()])
+    glow = GLOW * np.exp(-r / GLOW_LENGTH)
     # Down to zero at the window's edge, or its corners would show and pull the centroid.
     taper = np.clip(1.0 - (r / profile.reach) ** 2, 0.0, None) ** 2
     return read_only(((disc + glow) * taper).astype(np.float32))

@@ -13,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from mvuav_ros.offline.report import model
+
 mpl.use('Agg')
 
 INK, SOFT, GRID = '#1c2430', '#5b6675', '#d5dbe3'
@@ -66,6 +68,10 @@ class Canvas:
     def __init__(self, figure: Figure) -> None:
         self.figure = figure
         self.png = b''
+
+    def as_figure(self, key: str, title: str, alt: str, *notes: str) -> model.Figure:
+        """What was drawn, for a report; ``alt`` says what it shows."""
+        return model.Figure(key, title, self.png, alt, notes)
 
 
 @contextmanager

@@ -258,10 +258,9 @@ def roll_figure(cells: Sequence[RollCell]) -> Figure:
         axes.set_xticks(places, known.CONDITIONS)
         label(axes, '', '', 'RMS of roll [°]')
         legend_below(canvas.figure, axes, columns=3)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_11',
         'Figure 5.11: RMS of roll for the vibrations',
-        canvas.png,
         'RMS of roll about its mean for four conditions and three roll angles',
-        ('The numbers of Table 5.5, logarithmic; bars: 95 % confidence.',),
+        'The numbers of Table 5.5, logarithmic; bars: 95 % confidence.',
     )

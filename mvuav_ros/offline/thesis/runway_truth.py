@@ -120,14 +120,11 @@ def scene_figure(key: str, title: str, flight: FlownRunway) -> Figure:
             axes.set_ylim(height - 0.5, -0.5)
             axes.grid(visible=False)
             label(axes, f'{image.time:.1f} s', 'x [px]', '' if number else 'y [px], down')
-    return Figure(
+    return canvas.as_figure(
         key,
         title,
-        canvas.png,
         f'{title}: three frames with lines',
-        (
-            f'With {THESIS_YAML}. Solid green: lines believed; dashed: held by the rho/theta '
-            'correction, in the colour of their flags. Dotted blue on white: the true edges and '
-            'centreline. Brackets: the rows searched.',
-        ),
+        f'With {THESIS_YAML}. Solid green: lines believed; dashed: held by the rho/theta '
+        'correction, in the colour of their flags. Dotted blue on white: the true edges and '
+        'centreline. Brackets: the rows searched.',
     )

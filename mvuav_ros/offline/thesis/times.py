@@ -200,12 +200,11 @@ def method_figure(trials: Mapping[int, Mapping[str, Array]]) -> Figure:
                     1e3 * printed, color=THESIS, ls=dashes, lw=1.0, label=f'{program}, thesis'
                 )
             plain_log(axes)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_1',
         'Figure 5.1: time per frame by method, all trials',
-        canvas.png,
         'time of each frame for each method in four trials, logarithmic',
-        ("Red: the thesis's averages.",),
+        "Red: the thesis's averages.",
     )
 
 
@@ -221,12 +220,11 @@ def transient_figure(times: Mapping[str, Array]) -> Figure:
         axes.set_xticks(frames)
         label(axes, '', 'frame', 'time per frame [ms]')
         legend_below(canvas.figure, axes, columns=5)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_2',
         'Figure 5.2: the transient at the start, trial 4',
-        canvas.png,
         'time of the first ten frames by method',
-        ('The first three frames are searched whole: an acceleration needs three positions.',),
+        'The first three frames are searched whole: an acceleration needs three positions.',
     )
 
 
@@ -243,15 +241,12 @@ def loss_figure(times: Mapping[str, Array], loss: Loss) -> Figure:
         label(upper, '', '', 'lights found')
         label(lower, '', 'time [s]', 'time per frame [ms]')
         legend_below(canvas.figure, upper, columns=5)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_3',
         'Figure 5.3: time per frame of the loss variant and the others',
-        canvas.png,
         'lights found and time per frame while lights are out',
-        (
-            'One light is out from 2 s, two from 2.5 to 3 s, all from 6 to 6.6 s. Detection with '
-            'names needs all five; any number of markers takes what is there, without names.',
-        ),
+        'One light is out from 2 s, two from 2.5 to 3 s, all from 6 to 6.6 s. Detection with '
+        'names needs all five; any number of markers takes what is there, without names.',
     )
 
 

@@ -58,12 +58,11 @@ def _paths(trials: Sequence[Trial]) -> Figure:
             axes.set_aspect('equal')
             axes.set_xlim(0, flight.settings.width)
             axes.set_ylim(flight.settings.height, 0)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_4',
         'Figure 5.4: estimated against actual position, all trials',
-        canvas.png,
         'paths of five markers in four trials with start and end',
-        ('Full estimation (program of Appendix C). Axes are the whole frame.',),
+        'Full estimation (program of Appendix C). Axes are the whole frame.',
     )
 
 
@@ -86,12 +85,11 @@ def _coordinates(trials: Sequence[Trial]) -> Figure:
                 title = '' if row else trial.title
                 label(axes, title, 'frame' if row else '', '' if column else f'{axis} [px]')
         legend_below(canvas.figure, panels[0, 0])
-    return Figure(
+    return canvas.as_figure(
         'figure_5_5',
         'Figure 5.5: estimated against actual coordinates of the left wing',
-        canvas.png,
         'x and y of the left wing over the frames of trials 3 and 2',
-        ("The thesis's caption says trial 3, its text trial 2: both are drawn.",),
+        "The thesis's caption says trial 3, its text trial 2: both are drawn.",
     )
 
 
@@ -110,12 +108,11 @@ def _turn(trial: Trial) -> Figure:
         axes.set_aspect('equal', adjustable='datalim')
         label(axes, '', 'x [px]', 'y [px], down')
         legend_below(canvas.figure, axes)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_6',
         'Figure 5.6: estimated against actual position of the left wing where it turns, trial 1',
-        canvas.png,
         'the path of the left wing around the frame in which it turns',
-        (f'Frames {shown.start + 1} to {shown.stop}, around the slowest one.',),
+        f'Frames {shown.start + 1} to {shown.stop}, around the slowest one.',
     )
 
 
@@ -140,12 +137,11 @@ def _errors(trials: Sequence[Trial]) -> Figure:
             seen = distances[np.isfinite(distances)]
             said.append(f'trial {trial.number}: {inside_text(seen)}')
         panels[0].set_ylim(bottom=0)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_7',
         'Figure 5.7: error of the estimated positions, absolute distance',
-        canvas.png,
         'distance between estimated and actual places over the frames of four trials',
-        (f'Full estimation (program of Appendix C). Below 2 px: {"; ".join(said)}.',),
+        f'Full estimation (program of Appendix C). Below 2 px: {"; ".join(said)}.',
     )
 
 
@@ -158,12 +154,11 @@ def _rolls(trials: Sequence[Trial]) -> Figure:
             measured = np.degrees(flight.runs[PROGRAM].roll)
             axes.plot(frames, measured, color=COLORS[5], lw=1.2, label='measured')
     missing = sum(int(np.isnan(t.first.runs[PROGRAM].roll).sum()) for t in trials)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_8',
         'Figure 5.8: roll measured from the wings, all trials',
-        canvas.png,
         'roll over the frames of four trials',
-        (f'Frames without a roll: {missing}. Truth is the roll between the projected wings.',),
+        f'Frames without a roll: {missing}. Truth is the roll between the projected wings.',
     )
 
 
@@ -204,12 +199,11 @@ def _bars(trials: Sequence[Trial]) -> Figure:
             axes.axhline(known.PREDICTION_RMS_PX, color=THESIS, ls='--', lw=1.2, label='1 px')
             axes.grid(axis='x', visible=False)
             axes.set_xticks(range(len(known.MARKERS)), _SHORT_NAMES)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_9',
         'Figure 5.9: RMS of prediction, comparison of methods, all trials',
-        canvas.png,
         'bars of the numbers of Table 5.3',
-        ('The numbers of Table 5.3; pale: the thesis.',),
+        'The numbers of Table 5.3; pale: the thesis.',
     )
 
 
@@ -233,15 +227,12 @@ def _error_bars(trials: Sequence[Trial]) -> Figure:
             axes.grid(axis='x', visible=False)
             axes.set_xticks(places, _SHORT_NAMES)
         panels[0].set_ylim(bottom=0)
-    return Figure(
+    return canvas.as_figure(
         'figure_appendix_c',
         'Appendix C: mean and standard deviation of the error by marker',
-        canvas.png,
         'bars of the mean error of each marker with its standard deviation',
-        (
-            "The program's two bar charts in one, for full estimation. The thesis's three whole "
-            'frames, whose estimate is their place, are left out.',
-        ),
+        "The program's two bar charts in one, for full estimation. The thesis's three whole "
+        'frames, whose estimate is their place, are left out.',
     )
 
 

@@ -169,15 +169,12 @@ def spectrum_figure(measured: Sequence[Measured]) -> Figure:
             axes.plot(condition.listed_hz, tops, 'v', color=COLORS[6], ms=5, label='Table 5.4')
         panels[0].set_ylim(bottom=_FLOOR)
         panels[0].set_xlim(0, _SHOWN_HZ)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_10',
         'Figure 5.10: power spectral density of the vibrations',
-        canvas.png,
         'spectral density of pitch, yaw and roll for four conditions',
-        (
-            "Welch's method on the camera's attitude. The thesis shows accelerations on three "
-            'axes of an inertial sensor.',
-        ),
+        "Welch's method on the camera's attitude. The thesis shows accelerations on three "
+        'axes of an inertial sensor.',
     )
 
 
