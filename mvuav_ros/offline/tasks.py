@@ -19,10 +19,8 @@ def each(
 ) -> Iterator[Done[ResultT]]:
     """Do the work on every task; one that fails does not stop the others.
 
-    Args:
-        work: a function of a module, so that another process finds it.
-        tasks: its arguments.
-        jobs: processes; with 1 all is done in this one.
+    The work is a function of a module, so that other processes find it; with one job all is done
+    in this one.
 
     Yields:
         Tasks as they end, in any order.
@@ -50,11 +48,7 @@ def all_of(
 ) -> list[ResultT]:
     """As `each`, but all results in the tasks' order; the first failure ends it.
 
-    Args:
-        work: a function of a module.
-        tasks: its arguments.
-        jobs: processes.
-        advance: called whenever a task has ended.
+    ``advance`` is called whenever a task has ended.
     """
     results: dict[int, ResultT] = {}
     for done in each(work, tasks, jobs):

@@ -96,11 +96,7 @@ class NamedPoints:
         self._points[topic.removeprefix(ONE_MARKER)][stamp_ns_of(message.header)] = place
 
     def names(self, markers: Mapping[int, Rows]) -> dict[int, str]:
-        """The names that are certain, by label.
-
-        Args:
-            markers: rows of ``~/markers`` by stamp, ns.
-        """
+        """The names that are certain, by label, from rows of ``~/markers`` by stamp (ns)."""
         found: dict[int, str] = {}
         for name, points in self._points.items():
             for stamp in points.keys() & markers.keys():
@@ -177,10 +173,8 @@ def replay(
 ) -> EvaluationRun:
     """Run nodes over an input; its truth comes from the bag or from the synthetic flight.
 
-    Args:
-        text: a bag, a video, images, or a synthetic flight.
-        parameters: of each node to run, by its name.
-        topic: image topic of a bag that has several.
+    The input is a bag (``topic`` names its images if it has several), a video, images, or a
+    synthetic flight; the parameters are of each node to run, by its name.
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.

@@ -35,12 +35,7 @@ class LineMatch(NamedTuple):
 def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
     """Pair lines that are close at the true line's point and in direction, the closest first.
 
-    Args:
-        found: by the detector; lines with NaN match nothing.
-        true: of the runway, each with its point.
-
-    Returns:
-        Pairs in which each line occurs once at most.
+    Lines with NaN match nothing; each line occurs in one pair at most.
     """
     pairs = []
     for number, line in enumerate(found):

@@ -44,11 +44,7 @@ def name_and_unit(column: str) -> tuple[str, str]:
 
 
 def metric_groups(runs: Iterable[Iterable[Metric]]) -> dict[str, list[str]]:
-    """Columns by group, without those that have no number at all.
-
-    Args:
-        runs: the metrics of each.
-    """
+    """Columns by group, without those that have no number at all."""
     groups: dict[str, list[str]] = {}
     for metrics in runs:
         for metric in metrics:
