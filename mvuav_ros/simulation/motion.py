@@ -131,9 +131,7 @@ def _erratic(_duration: float, rng: np.random.Generator) -> Motion:
     tilt = [(0.10, 0.13), (0.05, 0.31), (0.02, 0.71)]
     x, y, z = (random_wave(rng, hand) for _ in range(3))
     roll, pitch, yaw = (random_wave(rng, tilt) for _ in range(3))
-    return lambda t: Placement(
-        roll.at(t), 0.5 * pitch.at(t), 0.5 * yaw.at(t), x.at(t), y.at(t), z.at(t)
-    )
+    return lambda t: Placement(roll(t), 0.5 * pitch(t), 0.5 * yaw(t), x(t), y(t), z(t))
 
 
 def _docking(duration: float, rng: np.random.Generator) -> Motion:
@@ -144,8 +142,8 @@ def _docking(duration: float, rng: np.random.Generator) -> Motion:
     def move(t: float) -> Placement:
         part = min(1.0, t / ((1.0 - SETTLED) * duration))
         closeness = math.sin(0.5 * math.pi * part)
-        attitude = (roll.at(t), 0.4 * pitch.at(t), 0.4 * yaw.at(t))
-        return Placement(*attitude, 0.0, y.at(t), z.at(t), closeness)
+        attitude = (roll(t), 0.4 * pitch(t), 0.4 * yaw(t))
+        return Placement(*attitude, 0.0, y(t), z(t), closeness)
 
     return move
 

@@ -78,7 +78,7 @@ class Shake:
 
     def angles(self, time: float) -> tuple[float, float, float]:
         """Pitch, yaw and roll of the shaken camera at a time (s), rad."""
-        pitch, yaw, roll = (wave.at(time) for wave in self._waves)
+        pitch, yaw, roll = (wave(time) for wave in self._waves)
         return pitch, yaw, roll
 
     def rotation(self, time: float) -> Matrix:

@@ -10,7 +10,6 @@ import numpy as np
 import mvuav_ros
 from mvuav_ros.offline.evaluation.comparison import (
     NEAR,
-    LineErrors,
     MarkerErrors,
     RollErrors,
     line_errors,
@@ -18,7 +17,7 @@ from mvuav_ros.offline.evaluation.comparison import (
     roll_errors,
 )
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
-from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT, line_numbers
+from mvuav_ros.offline.evaluation.line_errors import ALONG, DISTANCE_LIMIT, THETA_LIMIT, LineErrors
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
 from mvuav_ros.offline.report.model import Cell, Figure, Report, Section, Table
@@ -146,8 +145,8 @@ def _line_table(errors: LineErrors) -> Table:
         f'Runway lines in {errors.frames} frames',
         'line | visible [frames] | found [%] .1 | distance, RMS [px] .2 | direction, RMS [°] .2',
         [
-            (name, visible, *line_numbers(errors.of(index), visible))
-            for index, (name, visible) in enumerate(zip(errors.names, errors.visible, strict=True))
+            (role.name.lower().replace('_', ' '), errors.visible[index], *errors.numbers(index))
+            for index, role in enumerate(ALONG)
         ],
         f'{errors.found} lines were reported. One is found when it passes within '
         f'{DISTANCE_LIMIT:g} px of the middle of the true segment and within '

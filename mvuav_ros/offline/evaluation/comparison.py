@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
-from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.line_errors import ALONG, LineErrors, TrueLine
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -56,21 +56,6 @@ class RollErrors:
         return angle_difference(self.measured, self.true)
 
 
-@dataclass(frozen=True)
-class LineErrors:
-    """Matches of each frame; ``visible`` counts the frames that show each true line."""
-
-    frames: int
-    found: int
-    visible: tuple[int, ...]
-    matches: tuple[LineMatch, ...]
-    names: tuple[str, ...]
-
-    def of(self, true: int) -> list[LineMatch]:
-        """The matches of one true line."""
-        return [match for match in self.matches if match.true == true]
-
-
 def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     """Markers against truth; None where one of them is missing, or the markers have no names."""
     results, truth = run.results.markers, run.truth.markers
@@ -111,36 +96,27 @@ def roll_errors(run: EvaluationRun) -> RollErrors | None:
     )
 
 
-TRUE_LINES = ('left edge', 'right edge', 'centreline')
-"""Of ``/truth/lines``, the rows that run along the runway."""
-
-
 def line_errors(run: EvaluationRun) -> LineErrors | None:
     """Lines against truth; None where one of them is missing."""
     results, truth = run.results.lines, run.truth.lines
     stamps = sorted(results.keys() & truth.keys())
     if not stamps:
         return None
-    matches: list[LineMatch] = []
-    visible = [0] * len(TRUE_LINES)
-    found = 0
+    errors = LineErrors()
     for stamp in stamps:
-        true = _true_lines(truth[stamp])
-        for index, line in enumerate(true):
-            visible[index] += math.isfinite(line.line.rho)
         lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
-        found += sum(math.isfinite(line.rho) for line in lines)
-        matches += match_lines(lines, true)
-    return LineErrors(len(stamps), found, tuple(visible), tuple(matches), TRUE_LINES)
+        errors.add(lines, _true_lines(truth[stamp]))
+    return errors
 
 
 def _true_lines(rows: Rows) -> list[TrueLine]:
+    """The first rows of ``/truth/lines``, which are those of `ALONG`."""
     return [
         TrueLine(
             NormalForm(float(row['rho']), float(row['theta'])),
             (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
         )
-        for row in rows[: len(TRUE_LINES)]
+        for row in rows[: len(ALONG)]
     ]
 
 

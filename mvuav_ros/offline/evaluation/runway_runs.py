@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.line_errors import ALONG, LineErrors, LineMatch, TrueLine
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.runway_truth import LineTruth
@@ -20,11 +20,8 @@ from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.overlay import draw_overlay
-from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
+from mvuav_ros.vision.runway.results import RunwayResult
 from mvuav_ros.vision.runway.statistics import RunwaySummary
-
-ALONG = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE, LineRole.CENTRELINE)
-"""The lines that a runway's detector looks for; a runway's ends run across."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +43,10 @@ class LineImage(NamedTuple):
 
 
 @dataclass(eq=False)
-class RunwayRun:
+class RunwayRun(LineErrors):
     """One detector's results on a flight.
 
     Attributes:
-        visible: frames in which each of `ALONG` was on the frame at the row.
-        matches: every pair of a found and a true line.
-        found: lines found in all frames.
         right: by frame, whether both edges were found where they are, each in its own row of the
             result (mode approach tells them apart); None where an edge was not on the frame.
         wrong: by frame, whether a row said that it holds an edge and held none.
@@ -60,31 +54,20 @@ class RunwayRun:
         summary: the detector's own statistics.
     """
 
-    visible: list[int] = field(default_factory=lambda: [0] * len(ALONG))
-    matches: list[LineMatch] = field(default_factory=list)
-    found: int = 0
     right: list[bool | None] = field(default_factory=list)
     wrong: list[bool] = field(default_factory=list)
     images: list[LineImage] = field(default_factory=list)
     summary: RunwaySummary = field(init=False)
 
-    def of(self, true: int) -> list[LineMatch]:
-        """The matches of one true line (its index in `ALONG`)."""
-        return [match for match in self.matches if match.true == true]
-
-    def add(self, lines: Sequence[RunwayLine], true: Sequence[TrueLine]) -> None:
-        """Hold a frame's lines against `ALONG`, whose numbers are NaN where the frame has none."""
-        in_view = [math.isfinite(line.line.rho) for line in true]
-        self.visible = [n + seen for n, seen in zip(self.visible, in_view, strict=True)]
-        self.found += sum(line.found for line in lines)
-        matches = match_lines([NormalForm(line.rho, line.theta) for line in lines], true)
-        self.matches += matches
-        # The first two rows, the edges in mode approach, against the true edges.
+    def add(self, found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
+        """Hold the first two rows, the edges in mode approach, against the true edges as well."""
+        matches = super().add(found, true)
         own = [any((m.found, m.true) == (edge, edge) for m in matches) for edge in (0, 1)]
-        said = [math.isfinite(line.rho) for line in lines[:2]]
-        judged = in_view[0] and in_view[1]
+        said = [math.isfinite(line.rho) for line in found[:2]]
+        judged = all(math.isfinite(line.line.rho) for line in true[:2])
         self.right.append(all(own) if judged else None)
         self.wrong.append(judged and any(s and not o for s, o in zip(said, own, strict=False)))
+        return matches
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +93,7 @@ def fly_runway(task: RunwayTask) -> FlownRunway:
         true = [_at_row(line, task.row) for line in lines]
         for name, detector in detectors.items():
             result = detector.process(image, frame.stamp_ns)
-            runs[name].add(result.lines, true)
+            runs[name].add([NormalForm(line.rho, line.theta) for line in result.lines], true)
             if index in task.images:
                 segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
                 shown = draw_overlay(result) if isinstance(result, RunwayResult) else image

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import TypeVar, TypeVarTuple, Unpack
+from typing import TypeVar, TypeVarTuple
 
 import numpy as np
 
@@ -24,11 +24,7 @@ class Stopwatch:
         self._times: dict[str, dict[int, float]] = {}
 
     def time(
-        self,
-        stage: str,
-        frame: int,
-        work: Callable[[Unpack[Given]], ResultT],
-        *given: *Given,
+        self, stage: str, frame: int, work: Callable[[*Given], ResultT], *given: *Given
     ) -> ResultT:
         """Call the work with what is given and note how long it took."""
         start = time.perf_counter()

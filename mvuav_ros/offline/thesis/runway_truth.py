@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from mvuav_ros.offline.evaluation.line_errors import line_numbers
-from mvuav_ros.offline.evaluation.runway_runs import ALONG, FlownRunway
+from mvuav_ros.offline.evaluation.line_errors import ALONG
+from mvuav_ros.offline.evaluation.runway_runs import FlownRunway
 from mvuav_ros.offline.report.comparison import SHIPPED
 from mvuav_ros.offline.report.model import Claim, Figure, Table
 from mvuav_ros.offline.report.style import drawing, label
@@ -60,7 +60,7 @@ def found_table(scenes: Mapping[str, FlownRunway]) -> Table:
                 scene,
                 name,
                 words(role.name.lower()),
-                *line_numbers(flight.runs[name].of(number), flight.runs[name].visible[number]),
+                *flight.runs[name].numbers(number),
             )
             for scene, flight in scenes.items()
             for name in (THESIS_YAML, SHIPPED, APPROACH)
