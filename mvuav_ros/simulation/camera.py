@@ -57,9 +57,8 @@ class PinholeCamera:
     @cached_property
     def matrix(self) -> Matrix:
         """K, (3, 3), px."""
-        return read_only(
-            np.array([(self.fx, 0.0, self.cx), (0.0, self.fy, self.cy), (0.0, 0.0, 1.0)])
-        )
+        rows = [(self.fx, 0.0, self.cx), (0.0, self.fy, self.cy), (0.0, 0.0, 1.0)]
+        return read_only(np.array(rows))
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where points (n, 3), m, in the optical frame are seen.

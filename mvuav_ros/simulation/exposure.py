@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -36,21 +37,15 @@ class SensorNoise:
         cv2.subtract(image, self._down[part].reshape(image.shape), dst=image)
 
 
-class GainSteps:
-    """An automatic gain that jumps from one value to the next."""
-
-    def __init__(self, amplitude: float, duration: float, rng: np.random.Generator) -> None:
-        self._starts = [0.0]
-        self._gains = [1.0]
-        if amplitude == 0.0:
-            return
-        while self._starts[-1] < duration:
-            self._starts.append(self._starts[-1] + float(rng.uniform(0.4, 1.6)) * STEP_SECONDS)
-            self._gains.append(1.0 + amplitude * float(rng.uniform(-1.0, 1.0)))
-
-    def at(self, time: float) -> float:
-        """The gain at a time (s)."""
-        return self._gains[int(np.searchsorted(self._starts, time, side='right')) - 1]
+def gain_steps(
+    amplitude: float, duration: float, rng: np.random.Generator
+) -> Callable[[float], float]:
+    """An automatic gain that jumps from one value to the next, by the time (s)."""
+    starts, gains = [0.0], [1.0]
+    while amplitude and starts[-1] < duration:
+        starts.append(starts[-1] + float(rng.uniform(0.4, 1.6)) * STEP_SECONDS)
+        gains.append(1.0 + amplitude * float(rng.uniform(-1.0, 1.0)))
+    return lambda time: gains[int(np.searchsorted(starts, time, side='right')) - 1]
 
 
 def hot_pixels(

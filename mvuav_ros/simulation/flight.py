@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.exposure import GainSteps, SensorNoise, defocus, hot_pixels
+from mvuav_ros.simulation.exposure import SensorNoise, defocus, gain_steps, hot_pixels
 from mvuav_ros.simulation.settings import FlightSettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.vision.image import Image
@@ -66,7 +66,7 @@ class Flight(ABC, Generic[TruthT]):
         self._shake = Shake(
             VIBRATIONS[settings.shake], settings.shake_gain, self._rng(Stream.SHAKE)
         )
-        self._gain = GainSteps(settings.gain_steps, self.duration, self._rng(Stream.GAIN))
+        self._gain = gain_steps(settings.gain_steps, self.duration, self._rng(Stream.GAIN))
         draws = self._rng(Stream.DROPS).random(settings.frames)
         self._kept: NDArray[np.intp] = np.flatnonzero(draws >= settings.drop_probability)
 

@@ -109,10 +109,7 @@ def _lit(normals: Array, middle: Array, lighting: Lighting) -> Array:
 
 
 def _fill(
-    part: Pixels,
-    pixels: Array,
-    levels: Sequence[Sequence[float]],
-    order: NDArray[np.intp],
+    part: Pixels, pixels: Array, levels: Sequence[Sequence[float]], order: NDArray[np.intp]
 ) -> tuple[Pixels, Pixels]:
     """The faces on black, and their cover, 0 to 255."""
     # A pixel's centre lies half a fine pixel right of the first fine pixel's.

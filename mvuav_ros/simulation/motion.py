@@ -59,11 +59,7 @@ class TankerMotion:
     """The body's pose as a function of time, for a camera that does not shake."""
 
     def __init__(
-        self,
-        settings: TankerSettings,
-        rig: MarkerRig,
-        duration: float,
-        rng: np.random.Generator,
+        self, settings: TankerSettings, rig: MarkerRig, duration: float, rng: np.random.Generator
     ) -> None:
         random = _RANDOM_MOTIONS.get(settings.motion)
         self._move = random(duration, rng) if random else _MOTIONS[settings.motion]

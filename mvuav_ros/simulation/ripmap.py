@@ -58,12 +58,7 @@ class Ripmap:
     """
 
     def __init__(
-        self,
-        texture: Pixels,
-        origin: tuple[float, float],
-        step: tuple[float, float],
-        *,
-        wrap: bool,
+        self, texture: Pixels, origin: tuple[float, float], step: tuple[float, float], *, wrap: bool
     ) -> None:
         """Reduce a texture (ny, nx, channels); columns go along x, rows along y.
 

@@ -111,7 +111,7 @@ class RunwayFlight(Flight[RunwayTruth]):
             vanishing_point(self.camera, pose),
             horizon(self.camera, pose),
             pose,
-            self._gain.at(time),
+            self._gain(time),
             self.camera,
         )
 

@@ -119,8 +119,8 @@ def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
 
 def vanishing_point(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
     """Where lines along the runway meet, px."""
-    point = camera.project(pose.rotation.T[:, :1].T)[0]
-    return float(point[0]), float(point[1])
+    ((x, y),) = camera.project(pose.rotation[:1]).tolist()
+    return x, y
 
 
 def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
@@ -131,11 +131,10 @@ def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
 
 def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
     """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
-    forward = pose.rotation[:, 2].copy()
-    forward[2] = 0.0
-    up = pose.rotation.T @ np.array((0.0, 0.0, 1.0))
-    point = camera.project((pose.rotation.T @ forward)[None])[0]
-    return float(point[0]), float(point[1]), math.atan2(up[0], -up[1])
+    forward = pose.rotation[:, 2] * (1.0, 1.0, 0.0)
+    up = pose.rotation[2]
+    ((x, y),) = camera.project((pose.rotation.T @ forward)[None]).tolist()
+    return x, y, math.atan2(up[0], -up[1])
 
 
 def _project_line(

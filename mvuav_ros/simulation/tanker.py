@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, tanker_mesh
-from mvuav_ros.simulation.backgrounds import Background
 from mvuav_ros.simulation.boom import Boom, place_boom
 from mvuav_ros.simulation.exposure import apply_gain, motion_blur
 from mvuav_ros.simulation.flight import Flight, SimulatedFrame, Stream
@@ -26,6 +25,7 @@ from mvuav_ros.simulation.schedule import (
     refuse_unknown,
 )
 from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.sky import Background
 from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, true_roll
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
@@ -93,7 +93,7 @@ class TankerFlight(Flight[TankerTruth]):
             pose.rotation,
             pose.translation,
             float(np.linalg.norm(dock)),
-            self._gain.at(time),
+            self._gain(time),
             self.camera,
         )
 
@@ -185,12 +185,7 @@ class TankerFlight(Flight[TankerTruth]):
         return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
 
     def _shows(
-        self,
-        name: str,
-        place: NDArray[np.float64],
-        radius: float,
-        boom: Boom | None,
-        time: float,
+        self, name: str, place: NDArray[np.float64], radius: float, boom: Boom | None, time: float
     ) -> bool:
         if affected(self._failures, name, time) or not np.all(np.isfinite(place)):
             return False

@@ -88,13 +88,7 @@ def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
 
 @contextmanager
 def quartet(
-    titles: Sequence[str],
-    height: float,
-    x: str,
-    y: str,
-    *,
-    sharey: bool = True,
-    columns: int = 6,
+    titles: Sequence[str], height: float, x: str, y: str, *, sharey: bool = True, columns: int = 6
 ) -> Iterator[tuple[Canvas, list[Axes]]]:
     """Two rows of two panels with their titles, axis labels outside, and one legend below."""
     with drawing(9.6, height) as canvas:

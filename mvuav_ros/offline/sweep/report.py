@@ -134,11 +134,7 @@ def _subplots(
 
 
 def _draw(
-    axes: Axes,
-    results: Sequence[RunResult],
-    group: str,
-    names: Sequence[str],
-    ticks: Sequence[str],
+    axes: Axes, results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
 ) -> None:
     numbers = [result.run.number for result in results]
     for index, name in enumerate(names):
@@ -154,9 +150,7 @@ def _draw(
 
 
 def _grouped(
-    results: Sequence[RunResult],
-    groups: Mapping[str, Sequence[str]],
-    axes: Sequence[SweepAxis],
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], axes: Sequence[SweepAxis]
 ) -> tuple[Figure, ...]:
     """Bars over the values of the parameters, one colour for each input."""
     sources = list(dict.fromkeys(result.run.source for result in results))

@@ -56,12 +56,7 @@ def found_table(scenes: Mapping[str, FlownRunway]) -> Table:
         'scene | by | line | found [% of frames] .1 | distance, RMS [px] .2 '
         '| direction, RMS [°] .2',
         [
-            (
-                scene,
-                name,
-                words(role.name.lower()),
-                *flight.runs[name].numbers(number),
-            )
+            (scene, name, words(role.name.lower()), *flight.runs[name].numbers(number))
             for scene, flight in scenes.items()
             for name in (THESIS_YAML, SHIPPED, APPROACH)
             for number, role in enumerate(ALONG)
