@@ -127,11 +127,13 @@ def _measure_windows(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
 ) -> list[Cluster]:
     """Predict, cut, threshold and take the moments of five windows."""
-    windows = _windows(motions, time, image, parameters)
-    lights = [measure_window(image, window, parameters) for window in windows]
-    # Of an undisturbed flight: every light is in its window.
-    assert None not in lights
-    return [light for light in lights if light is not None]
+    lights = []
+    for window in _windows(motions, time, image, parameters):
+        light = measure_window(image, window, parameters)
+        # Of an undisturbed flight: every light is in its window.
+        assert light is not None
+        lights.append(light)
+    return lights
 
 
 def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
