@@ -210,13 +210,17 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
     if text.startswith(PREFIX):
         yield from _flown(text, run.truth)
         return
-    path = Path(text).expanduser()
-    if path.exists() and looks_like_bag(path):
+    if path := _bag(text):
         stored = read_bag(path)
         run.truth, run.errors = stored.truth, stored.errors
     with closing(open_source(text, topic=topic, cameras=False)) as source:
         yield from source.frames()
         run.errors = list(dict.fromkeys([*run.errors, *source.errors]))
+
+
+def _bag(text: str) -> Path | None:
+    path = Path(text).expanduser()
+    return path if path.exists() and looks_like_bag(path) else None
 
 
 def _flown(text: str, truth: Observations) -> Iterator[Frame]:
@@ -238,8 +242,7 @@ def nodes_for(text: str) -> list[str]:
     if text.startswith(PREFIX):
         tanker = text.removeprefix(PREFIX).startswith('tanker')
         return ['marker_tracker'] if tanker else ['runway_detector']
-    path = Path(text).expanduser()
-    if not (path.exists() and looks_like_bag(path)):
+    if not (path := _bag(text)):
         return list(PROCESSORS)
     with open_recording(path) as recording:
         kinds = {TRUTH_TOPICS[t.name] for t in recording.topics if t.name in TRUTH_TOPICS}

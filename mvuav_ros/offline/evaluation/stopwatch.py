@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TypeVar, TypeVarTuple
-
-import numpy as np
-
-from mvuav_ros.offline.evaluation.numbers import Array
 
 ResultT = TypeVar('ResultT')
 Given = TypeVarTuple('Given')
@@ -49,8 +45,3 @@ class Stopwatch:
     def total_s(self, stage: str) -> float:
         """Sum over the frames, s."""
         return sum(self._times[stage].values())
-
-
-def least_ms(passes: Sequence[Sequence[float]]) -> Array:
-    """The least time of each frame, ms, from the seconds of several passes."""
-    return np.asarray(np.min(np.array(passes), axis=0) * 1e3)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.evaluation.stopwatch import least_ms
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Claim, Figure, Section, Table
 from mvuav_ros.offline.report.style import (
@@ -119,7 +118,7 @@ def time_program(parameters: MarkerTrackerParameters, frames: Frames, passes: in
             results.append(program.process(image, stamp_ns))
             taken.append(time.perf_counter() - start)
         seconds.append(taken)
-    return Timed(least_ms(seconds), tuple(results))
+    return Timed(np.min(seconds, axis=0) * 1e3, tuple(results))
 
 
 def average_s(timed: Mapping[int, Mapping[str, Timed]], name: str) -> float:
