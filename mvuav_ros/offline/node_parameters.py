@@ -19,11 +19,7 @@ NodeParameters = dict[str, dict[str, Value]]
 
 
 def node_names(text: str | None, otherwise: Sequence[str] = PROCESSING_NODES) -> list[str]:
-    """The nodes that a user names, separated by commas.
-
-    Args:
-        text: None where the option was left out.
-        otherwise: the nodes of such a command.
+    """The nodes that a user names, separated by commas; ``otherwise`` if the option is left out.
 
     Raises:
         ParameterError: there is no such node, or none is named.
@@ -42,12 +38,7 @@ def node_names(text: str | None, otherwise: Sequence[str] = PROCESSING_NODES) ->
 def resolve_parameters(
     nodes: Sequence[str], path: Path | None = None, assignments: Iterable[str] = ()
 ) -> NodeParameters:
-    """The values that a parameter file and then single assignments give to nodes.
-
-    Args:
-        nodes: their names.
-        path: a ROS 2 parameter file.
-        assignments: each written ``node:name:=value``.
+    """The values that a ROS 2 parameter file, then ``node:name:=value``, give to nodes.
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,

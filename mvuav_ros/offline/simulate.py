@@ -35,13 +35,9 @@ _POINTS, _LINES = PointLayout(POINT), PointLayout(LINE)
 def simulated_messages(
     frame: SimulatedFrame[Any], camera: CameraModel, frame_id: str, seed: int = 0
 ) -> Iterator[Message]:
-    """All messages of one frame.
+    """All messages of one frame; the seed is the flight's, for its attitude sensor's errors.
 
-    Args:
-        frame: of a flight.
-        camera: its calibration.
-        frame_id: of the camera, which is the body as well.
-        seed: of the flight, for the errors of its attitude sensor.
+    The frame of the camera is that of the body as well.
     """
     header = make_header(frame.stamp_ns, frame_id)
     info = encode_camera_info(camera, header)

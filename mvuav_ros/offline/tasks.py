@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from mvuav_ros.offline.processes import Done, Report, attempted, run_in_processes
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
@@ -19,10 +18,8 @@ def each(
 ) -> Iterator[Done[ResultT]]:
     """Do the work on every task; one that fails does not stop the others.
 
-    Args:
-        work: a function of a module, so that another process finds it.
-        tasks: its arguments.
-        jobs: processes; with 1 all is done in this one.
+    The work is a function of a module, so that other processes find it; with one job all is done
+    in this one.
 
     Yields:
         Tasks as they end, in any order.
@@ -34,7 +31,9 @@ def each(
         yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
         return
     with stop_on_signals() as stop:
-        done = run_in_processes(_Plain(work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0)
+        done = run_in_processes(
+            partial(_plain, work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0
+        )
         for message in done:
             if isinstance(message, Done):
                 yield message
@@ -50,11 +49,7 @@ def all_of(
 ) -> list[ResultT]:
     """As `each`, but all results in the tasks' order; the first failure ends it.
 
-    Args:
-        work: a function of a module.
-        tasks: its arguments.
-        jobs: processes.
-        advance: called whenever a task has ended.
+    ``advance`` is called whenever a task has ended.
     """
     results: dict[int, ResultT] = {}
     for done in each(work, tasks, jobs):
@@ -66,11 +61,8 @@ def all_of(
     return [results[number] for number in range(len(tasks))]
 
 
-@dataclass(frozen=True)
-class _Plain:
+def _plain(
+    function: Callable[[TaskT], ResultT], task: TaskT, _told: Report, _stop: Stop
+) -> ResultT:
     """Work that neither tells anything nor looks at the stop."""
-
-    function: Callable[[Any], Any]
-
-    def __call__(self, task: Any, _report: Report, _stop: Stop) -> Any:
-        return self.function(task)
+    return function(task)

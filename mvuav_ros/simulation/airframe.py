@@ -28,12 +28,7 @@ _FUSELAGE = (
     (-36.0, 0.8, 1.9),
     (-38.0, 0.3, 2.2),
 )
-_UPPER_DECK = (
-    (30.0, 0.6, 2.0),
-    (26.5, 2.3, 2.3),
-    (14.0, 2.3, 2.3),
-    (4.0, 0.5, 2.4),
-)
+_UPPER_DECK = ((30.0, 0.6, 2.0), (26.5, 2.3, 2.3), (14.0, 2.3, 2.3), (4.0, 0.5, 2.4))
 """Stations from nose to tail: x, radius, z of the axis."""
 
 
@@ -77,69 +72,49 @@ def _faces() -> Iterator[Face]:
     yield from _turned(_FUSELAGE, 16, 0.95)
     yield from _turned(_UPPER_DECK, 12, 0.95)
     for side in (1.0, -1.0):
-        yield from _wing(_WING, 0.85, side)
-        yield from _wing(_STABILIZER, 0.85, side)
+        for sections in (_WING, _STABILIZER):
+            outlines = [[(x, side * y, z) for x, y, z in _outline(s)] for s in sections]
+            yield from _closed(outlines, 0.85)
         for x, y, z in _ENGINES:
             yield from _engine(x, side * y, z)
-    yield from _fin()
+    # The fin is a wing stood on end: its thickness lies along y.
+    fin = []
+    for section in _FIN:
+        (leading, _, z), (top, *_), (trailing, *_), _ = _outline(section)
+        half = 0.5 * section.thickness
+        fin.append([(leading, 0.0, z), (top, half, z), (trailing, 0.0, z), (top, -half, z)])
+    yield from _closed(fin, 0.9)
 
 
 def _turned(stations: Sequence[Point], sides: int, albedo: float) -> Iterator[Face]:
     """A body of revolution about an axis along x that may bend."""
-    rings = [
-        [
-            (
-                x,
-                radius * math.cos(2 * math.pi * k / sides),
-                z + radius * math.sin(2 * math.pi * k / sides),
-            )
-            for k in range(sides)
-        ]
-        for x, radius, z in stations
-    ]
+    angles = [2 * math.pi * k / sides for k in range(sides)]
+    yield from _skin(
+        [[(x, r * math.cos(a), z + r * math.sin(a)) for a in angles] for x, r, z in stations],
+        albedo,
+    )
+
+
+def _skin(rings: Sequence[Sequence[Point]], albedo: float) -> Iterator[Face]:
+    """Faces from each ring of points to the next."""
     for front, back in pairwise(rings):
-        for k in range(sides):
-            following = (k + 1) % sides
+        for k in range(len(front)):
+            following = (k + 1) % len(front)
             yield (front[k], front[following], back[following], back[k]), albedo
+
+
+def _closed(outlines: Sequence[Sequence[Point]], albedo: float) -> Iterator[Face]:
+    """A wing of outlines from the root to the tip, which is closed."""
+    yield from _skin(outlines, albedo)
+    yield outlines[-1], albedo
 
 
 def _outline(section: Section) -> tuple[Point, Point, Point, Point]:
     """Leading edge, top, trailing edge and bottom."""
     x, chord, y, z, thickness = section
     thickest = x - 0.35 * chord
-    return (
-        (x, y, z),
-        (thickest, y, z + 0.6 * thickness),
-        (x - chord, y, z),
-        (thickest, y, z - 0.4 * thickness),
-    )
-
-
-def _between(sections: Sequence[Sequence[Point]], albedo: float) -> Iterator[Face]:
-    for inner, outer in pairwise(sections):
-        for k in range(4):
-            following = (k + 1) % 4
-            yield (inner[k], inner[following], outer[following], outer[k]), albedo
-    a, b, c, d = sections[-1]
-    yield (a, b, c, d), albedo
-
-
-def _wing(sections: Sequence[Section], albedo: float, side: float) -> Iterator[Face]:
-    outlines = [[(x, side * y, z) for x, y, z in _outline(section)] for section in sections]
-    yield from _between(outlines, albedo)
-
-
-def _fin() -> Iterator[Face]:
-    """A wing stood on end: its thickness lies along y."""
-    outlines = []
-    for section in _FIN:
-        leading, top, trailing, _ = _outline(section)
-        half = 0.5 * section.thickness
-        z = section.z
-        outlines.append(
-            [(leading[0], 0.0, z), (top[0], half, z), (trailing[0], 0.0, z), (top[0], -half, z)]
-        )
-    yield from _between(outlines, 0.9)
+    top, bottom = z + 0.6 * thickness, z - 0.4 * thickness
+    return (x, y, z), (thickest, y, top), (x - chord, y, z), (thickest, y, bottom)
 
 
 def _engine(x: float, y: float, z: float) -> Iterator[Face]:
@@ -147,22 +122,7 @@ def _engine(x: float, y: float, z: float) -> Iterator[Face]:
     for corners, albedo in _turned(stations, 10, 0.75):
         yield [(cx, cy + y, cz) for cx, cy, cz in corners], albedo
     # The nozzle from behind, and the pylon up to the wing.
-    size = 0.55
-    yield (
-        (
-            (x - 2.62, y - size, z - size),
-            (x - 2.62, y + size, z - size),
-            (x - 2.62, y + size, z + size),
-            (x - 2.62, y - size, z + size),
-        ),
-        0.35,
-    )
-    yield (
-        (
-            (x + 1.5, y, z + 1.2),
-            (x - 2.0, y, z + 1.0),
-            (x - 5.5, y, z + 2.1),
-            (x - 1.0, y, z + 2.1),
-        ),
-        0.7,
-    )
+    nozzle = ((-0.55, -0.55), (0.55, -0.55), (0.55, 0.55), (-0.55, 0.55))
+    yield [(x - 2.62, y + across, z + up) for across, up in nozzle], 0.35
+    pylon = ((1.5, 1.2), (-2.0, 1.0), (-5.5, 2.1), (-1.0, 2.1))
+    yield [(x + ahead, y, z + up) for ahead, up in pylon], 0.7

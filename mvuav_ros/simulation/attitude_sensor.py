@@ -16,13 +16,7 @@ _STREAM = 1004
 
 
 def measured_attitude(pose: CameraPose, seed: int, stamp_ns: int) -> tuple[float, ...]:
-    """What the sensor says at a frame, as a quaternion x, y, z, w in a level world.
-
-    Args:
-        pose: the truth.
-        seed: of the flight.
-        stamp_ns: of the frame.
-    """
+    """What the sensor of a flight says of a true pose: a quaternion x, y, z, w in a level world."""
     bias = np.random.default_rng((seed, _STREAM)).normal(0.0, math.radians(BIAS_DEG), 2)
     noise = np.random.default_rng((seed, _STREAM, stamp_ns)).normal(0.0, math.radians(NOISE_DEG), 2)
     roll, pitch = pose.roll + bias[0] + noise[0], pose.pitch + bias[1] + noise[1]

@@ -23,13 +23,7 @@ _SHIFT = 4
 
 @dataclass(frozen=True)
 class Boom:
-    """A straight bar in the image: from the pivot to the tip, px.
-
-    Attributes:
-        pivot: (2,).
-        tip: (2,).
-        half_width: px.
-    """
+    """A straight bar in the image, from the pivot (2,) to the tip (2,), px."""
 
     pivot: NDArray[np.float64]
     tip: NDArray[np.float64]
@@ -56,14 +50,8 @@ class Boom:
         side = np.array((-along[1], along[0])) * (self.half_width / length)
         gray = image.ndim == 2
         for width, factor in ((1.0, 1.0), (0.45, 1.7)):
-            corners = np.array(
-                [
-                    self.pivot - width * side,
-                    self.pivot + width * side,
-                    self.tip + width * side,
-                    self.tip - width * side,
-                ]
-            )
+            out = width * side
+            corners = np.array([self.pivot - out, self.pivot + out, self.tip + out, self.tip - out])
             limit = 2.0**24
             places = np.rint(np.clip(corners * 2**_SHIFT, -limit, limit)).astype(np.int32)
             shade = SHADE * factor
@@ -79,23 +67,15 @@ def place_boom(
     time: float,
     half_width: float,
 ) -> Boom:
-    """Where the boom is.
+    """Where the boom is at a time (s).
 
-    Between two entries it rests, pointing down; before an entry it turns towards the light,
-    then extends, so that it covers the light during the whole of the interval.
-
-    Args:
-        pivot: (2,), px.
-        down: (2,), direction of rest in the image.
-        lights: where each light is seen, (2,) px.
-        schedule: entries that do not overlap.
-        time: s.
-        half_width: px.
+    Between two entries, which do not overlap, it rests, pointing ``down``; before an entry it
+    turns towards the light, then extends, so that it covers the light during the whole of the
+    interval. Places and lengths are px in the image.
     """
-    farthest = max(float(np.hypot(*(place - pivot))) for place in lights.values())
-    nearest = min(float(np.hypot(*(place - pivot))) for place in lights.values())
+    lengths = [float(np.hypot(*(place - pivot))) for place in lights.values()]
     rest_angle = math.atan2(down[1], down[0])
-    rest_length = min(REST * farthest, 0.6 * nearest)
+    rest_length = min(REST * max(lengths), 0.6 * min(lengths))
     angle, length = rest_angle, rest_length
     for interval in schedule:
         outside = max(interval.start - time, time - interval.end, 0.0)

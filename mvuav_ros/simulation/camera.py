@@ -44,11 +44,7 @@ class PinholeCamera:
     ) -> PinholeCamera:
         """Square pixels, the axis in the middle of the image.
 
-        Args:
-            width: px.
-            height: px.
-            fov_deg: horizontal field of view without distortion, from edge to edge of the frame.
-            distortion: k1, k2, p1, p2, k3.
+        The field of view is the horizontal one without distortion, from edge to edge of the frame.
 
         Raises:
             CameraError: the distortion folds the image onto itself.
@@ -61,15 +57,11 @@ class PinholeCamera:
     @cached_property
     def matrix(self) -> Matrix:
         """K, (3, 3), px."""
-        return read_only(
-            np.array([(self.fx, 0.0, self.cx), (0.0, self.fy, self.cy), (0.0, 0.0, 1.0)])
-        )
+        rows = [(self.fx, 0.0, self.cx), (0.0, self.fy, self.cy), (0.0, 0.0, 1.0)]
+        return read_only(np.array(rows))
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where points are seen.
-
-        Args:
-            points: (n, 3), m, in the optical frame.
+        """Where points (n, 3), m, in the optical frame are seen.
 
         Returns:
             (n, 2), px; NaN for points that are not in front of the camera.

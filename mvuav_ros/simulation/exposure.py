@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -21,61 +22,38 @@ class SensorNoise:
     Drawing a million normal numbers would take longer than the image itself.
     """
 
-    def __init__(self, shape: tuple[int, ...], sigma: float, rng: np.random.Generator) -> None:
-        self._size = math.prod(shape)
-        self._shape = shape
-        self._on = sigma > 0.0
-        if not self._on:
-            return
-        normal = rng.standard_normal(self._size + _POOL_EXTRA, np.float32)
+    def __init__(self, size: int, sigma: float, rng: np.random.Generator) -> None:
+        normal = rng.standard_normal(size + _POOL_EXTRA, np.float32)
         noise = np.clip(np.rint(sigma * normal), -255, 255).astype(np.int16)
         self._up: NDArray[np.uint8] = np.maximum(noise, 0).astype(np.uint8)
         self._down: NDArray[np.uint8] = np.maximum(-noise, 0).astype(np.uint8)
 
     def add(self, image: Pixels, rng: np.random.Generator) -> None:
-        """Add noise to a contiguous 8-bit image of the shape given, in place."""
-        if not self._on:
-            return
+        """Add noise to a contiguous 8-bit image of the size given, in place."""
         start = int(rng.integers(_POOL_EXTRA))
-        part = slice(start, start + self._size)
+        part = slice(start, start + image.size)
         # Two saturating additions of bytes are ten times as fast as one of mixed types.
-        cv2.add(image, self._up[part].reshape(self._shape), dst=image)
-        cv2.subtract(image, self._down[part].reshape(self._shape), dst=image)
+        cv2.add(image, self._up[part].reshape(image.shape), dst=image)
+        cv2.subtract(image, self._down[part].reshape(image.shape), dst=image)
 
 
-class GainSteps:
-    """An automatic gain that jumps from one value to the next."""
-
-    def __init__(self, amplitude: float, duration: float, rng: np.random.Generator) -> None:
-        self._starts = [0.0]
-        self._gains = [1.0]
-        if amplitude == 0.0:
-            return
-        while self._starts[-1] < duration:
-            self._starts.append(self._starts[-1] + float(rng.uniform(0.4, 1.6)) * STEP_SECONDS)
-            self._gains.append(1.0 + amplitude * float(rng.uniform(-1.0, 1.0)))
-
-    def at(self, time: float) -> float:
-        """The gain at a time (s)."""
-        return self._gains[int(np.searchsorted(self._starts, time, side='right')) - 1]
+def gain_steps(
+    amplitude: float, duration: float, rng: np.random.Generator
+) -> Callable[[float], float]:
+    """An automatic gain that jumps from one value to the next, by the time (s)."""
+    starts, gains = [0.0], [1.0]
+    while amplitude and starts[-1] < duration:
+        starts.append(starts[-1] + float(rng.uniform(0.4, 1.6)) * STEP_SECONDS)
+        gains.append(1.0 + amplitude * float(rng.uniform(-1.0, 1.0)))
+    return lambda time: gains[int(np.searchsorted(starts, time, side='right')) - 1]
 
 
-class HotPixels:
-    """Pixels that are always white."""
-
-    def __init__(self, width: int, height: int, count: int, rng: np.random.Generator) -> None:
-        count = min(count, width * height)
-        chosen = rng.choice(width * height, count, replace=False)
-        self._rows, self._columns = np.divmod(chosen, width)
-
-    @property
-    def places(self) -> NDArray[np.intp]:
-        """(n, 2), px: x and y."""
-        return np.column_stack((self._columns, self._rows))
-
-    def add(self, image: Pixels) -> None:
-        """Set them, in place."""
-        image[self._rows, self._columns] = 255
+def hot_pixels(
+    width: int, height: int, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of pixels that are always white."""
+    chosen = rng.choice(width * height, min(count, width * height), replace=False)
+    return np.divmod(chosen, width)
 
 
 def apply_gain(image: Pixels, gain: float) -> Pixels:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.exposure import GainSteps, HotPixels, SensorNoise, defocus
+from mvuav_ros.simulation.exposure import SensorNoise, defocus, gain_steps, hot_pixels
 from mvuav_ros.simulation.settings import FlightSettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.vision.image import Image
@@ -62,11 +62,11 @@ class Flight(ABC, Generic[TruthT]):
     def __init__(self, settings: FlightSettings, camera: PinholeCamera) -> None:
         self.camera = camera
         self._basics = settings
-        self._sensor_noise: SensorNoise | None = None
+        self._noise: SensorNoise | None = None
         self._shake = Shake(
             VIBRATIONS[settings.shake], settings.shake_gain, self._rng(Stream.SHAKE)
         )
-        self._gain = GainSteps(settings.gain_steps, self.duration, self._rng(Stream.GAIN))
+        self._gain = gain_steps(settings.gain_steps, self.duration, self._rng(Stream.GAIN))
         draws = self._rng(Stream.DROPS).random(settings.frames)
         self._kept: NDArray[np.intp] = np.flatnonzero(draws >= settings.drop_probability)
 
@@ -122,23 +122,21 @@ class Flight(ABC, Generic[TruthT]):
 
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
         """An image with the lens's blur and the sensor's faults; may be the same array."""
-        pixels = defocus(pixels, self._basics.blur)
-        # By the time shown, so that a camera that hangs repeats its image bit for bit.
-        self._noise(pixels.shape).add(pixels, self._rng(Stream.NOISE, round(time * 1e6)))
-        self._hot_pixels.add(pixels)
+        settings = self._basics
+        pixels = defocus(pixels, settings.blur)
+        if settings.noise > 0.0:
+            if self._noise is None:
+                rng = self._rng(Stream.NOISE_POOL)
+                self._noise = SensorNoise(pixels.size, settings.noise, rng)
+            # By the time shown, so that a camera that hangs repeats its image bit for bit.
+            self._noise.add(pixels, self._rng(Stream.NOISE, round(time * 1e6)))
+        pixels[self._hot_pixels] = 255
         return pixels
 
-    def _noise(self, shape: tuple[int, ...]) -> SensorNoise:
-        if self._sensor_noise is None:
-            self._sensor_noise = SensorNoise(
-                shape, self._basics.noise, self._rng(Stream.NOISE_POOL)
-            )
-        return self._sensor_noise
-
     @cached_property
-    def _hot_pixels(self) -> HotPixels:
+    def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         size = self.camera.width, self.camera.height
-        return HotPixels(*size, self._basics.hot_pixels, self._rng(Stream.HOT_PIXELS))
+        return hot_pixels(*size, self._basics.hot_pixels, self._rng(Stream.HOT_PIXELS))
 
     def _rng(self, stream: Stream, *index: int) -> np.random.Generator:
         return np.random.default_rng((self._basics.seed, stream, *index))

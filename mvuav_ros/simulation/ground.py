@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.simulation import terrain
 from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.ground_textures import Ground
+from mvuav_ros.simulation.ripmap import Ripmap
+from mvuav_ros.simulation.runway_surface import Surface
 from mvuav_ros.simulation.runway_truth import CameraPose
 from mvuav_ros.simulation.sky import HORIZON
-from mvuav_ros.vision.frames import Matrix
+from mvuav_ros.simulation.texture import tileable_noise, to_bytes
+from mvuav_ros.vision.frames import Matrix, read_only
 from mvuav_ros.vision.point_operations import Pixels
 
 FARTHEST = 60_000.0
@@ -27,7 +30,41 @@ _HAZE_SHIFT = 18
 _GRAIN_REACH = 4.0
 """Grass grain is drawn where a pixel covers less than this along the view, m."""
 
+_GRAIN_STEP, _GRAIN_SIZE = 0.25, 512
+
 Floats = NDArray[np.float32]
+
+
+class Ground(NamedTuple):
+    """Textures of the ground."""
+
+    land: Ripmap
+    runway: Ripmap
+    grain: Ripmap | None
+    corners: NDArray[np.float64]
+    """(4, 3), m: the rectangle that the runway's texture covers."""
+
+
+@lru_cache(maxsize=2)
+def load_ground(width: float, length: float, detail: float, seed: int) -> Ground:
+    """Draw the textures (half a second), or take them from the last flights."""
+    land = terrain.draw_terrain(length, detail, seed)
+    surface = Surface(land, width, length, detail, seed)
+    grain = None
+    if detail > 0.0:
+        rng = np.random.default_rng((seed, 1003))
+        noise = tileable_noise(_GRAIN_SIZE, 14.0, rng)
+        grass = to_bytes(128.0 * (1.0 + 0.08 * detail * noise))
+        step = (_GRAIN_STEP, _GRAIN_STEP)
+        grain = Ripmap(cv2.merge([grass] * 3), (0.0, 0.0), step, wrap=True)
+    x0, y0 = surface.origin
+    x1, y1 = x0 + surface.size[0], y0 + surface.size[1]
+    return Ground(
+        Ripmap(land, terrain.ORIGIN, (terrain.STEP, terrain.STEP), wrap=True),
+        Ripmap(surface.texture, surface.origin, surface.step, wrap=False),
+        grain,
+        read_only(np.array([(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)])),
+    )
 
 
 class GroundPainter:
@@ -44,12 +81,7 @@ class GroundPainter:
         self._bins = np.empty(size, np.int32)
 
     def paint(self, image: Pixels, pose: CameraPose) -> None:
-        """Paint the ground over an image of the sky, in place.
-
-        Args:
-            image: (height, width, 3) uint8.
-            pose: of the camera, above the ground.
-        """
+        """Paint the ground over an image of the sky, (height, width, 3) uint8, in place."""
         rays = pose.rotation @ np.linalg.inv(self._camera.matrix)
         height = float(pose.position[2])
         # How far a ray of unit depth falls; depth is height / fall.
@@ -57,12 +89,10 @@ class GroundPainter:
         least = np.float32(height / FARTHEST)
         table = _FootprintTable(height, self._camera.fx, self._visibility)
         strip = self._strip_mask(pose)
-        for first, last in _bands(self._camera.height):
-            corner_falls = [
-                fall_x * u + fall_y * v + fall_1
-                for u in (0.0, self._camera.width - 1.0)
-                for v in (float(first), last - 1.0)
-            ]
+        for first in range(0, self._camera.height, _BAND_ROWS):
+            last = min(first + _BAND_ROWS, self._camera.height)
+            across, down = (0.0, self._camera.width - 1.0), (float(first), last - 1.0)
+            corner_falls = [fall_x * u + fall_y * v + fall_1 for u in across for v in down]
             if max(corner_falls) <= least:
                 continue
             shape = (last - first, self._camera.width)
@@ -185,18 +215,8 @@ def _bins(shift: int) -> tuple[int, NDArray[np.float64]]:
     return first, np.sqrt(edges[:-1] * edges[1:])
 
 
-def _bands(height: int) -> Iterator[tuple[int, int]]:
-    for first in range(0, height, _BAND_ROWS):
-        yield first, min(first + _BAND_ROWS, height)
-
-
 def _cut(corners: NDArray[np.float64], inside: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The part of a flat polygon on one side of a plane.
-
-    Args:
-        corners: (n, 3).
-        inside: (n,), how far each corner is on the side that is kept.
-    """
+    """The part of a flat polygon (n, 3) on one side of a plane, by how far inside corners are."""
     kept: list[NDArray[np.float64]] = []
     for here, following, a, b in zip(
         corners, np.roll(corners, -1, axis=0), inside, np.roll(inside, -1), strict=True
@@ -208,18 +228,5 @@ def _cut(corners: NDArray[np.float64], inside: NDArray[np.float64]) -> NDArray[n
     return np.array(kept).reshape(-1, 3)
 
 
-def _haze_table() -> Pixels:
-    clear = np.arange(256, dtype=np.float64)[:, None]
-    return np.rint(HORIZON * (255.0 - clear) / 255.0).astype(np.uint8)[None]
-
-
-_HAZE = _haze_table()
-
-
-def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
-    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
-    forward = pose.rotation[:, 2].copy()
-    forward[2] = 0.0
-    up = pose.rotation.T @ np.array((0.0, 0.0, 1.0))
-    point = camera.project((pose.rotation.T @ forward)[None])[0]
-    return float(point[0]), float(point[1]), math.atan2(up[0], -up[1])
+_HAZE: Pixels = np.rint(HORIZON * (255.0 - np.arange(256)[:, None]) / 255.0).astype(np.uint8)[None]
+"""What haze adds to a pixel, by how clear the air before it is, 0 to 255."""

@@ -162,7 +162,7 @@ class LightFlight:
             swing = [random_wave(self._rng, [(6.0, 0.2), (2.0, 0.7)]) for _ in range(2)]
 
             def at(frame: int, place: Array = place, swing: list[Wave] = swing) -> Array:
-                return place + [wave.at(frame / FPS) for wave in swing]
+                return place + [wave(frame / FPS) for wave in swing]
 
             self._others.append((range(self.scene.frames), at))
 
@@ -220,9 +220,9 @@ def _motion(
         time = frame / FPS
         done = min(frame / (0.9 * scene.frames), 1.0)
         now = distance + (scene.near - distance) * done**2 * (3 - 2 * done) * bool(scene.near)
-        roll, pitch, yaw = (wave.at(time) for wave in angles)
-        offset = [now / distance * wave.at(time) for wave in moves]
-        shaken = np.asarray(cv2.Rodrigues(np.array([wave.at(time) for wave in shakes]))[0])
+        roll, pitch, yaw = (wave(time) for wave in angles)
+        offset = [now / distance * wave(time) for wave in moves]
+        shaken = np.asarray(cv2.Rodrigues(np.array([wave(time) for wave in shakes]))[0])
         rotation = shaken @ OPTICAL_FROM_BODY @ from_rpy(roll + first_roll, pitch, yaw)
         translation = shaken @ OPTICAL_FROM_BODY @ (np.array((now, 0.0, 0.0)) + offset)
         return rotation, translation * rig.reach

@@ -1,4 +1,4 @@
-"""Lights at sub-pixel places: saturated discs with a glow."""
+"""Lights at sub-pixel places: saturated discs with a glow; reflections that look like them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -16,7 +17,19 @@ LARGEST_RADIUS = 6.4
 """px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
 TINT = (0.90, 0.97, 1.0)
 """Blue, green and red of the glow, which shows it only where it is not saturated."""
+SOFTNESS = 1.2
+"""Sigma of a disc's edge, px."""
+PEAK, GLOW = 850.0, 55.0
+"""Grey levels of a disc, well above 255, as of a light that overexposes the camera, and of the
+bloom at its centre."""
+GLOW_LENGTH = 5.0
+"""Distance over which the bloom falls to 1/e, px."""
 _STEPS_PER_PIXEL = 16
+DRIFT = 6.0
+"""Greatest way of a reflection from its middle, px."""
+CLEAR = 45.0
+"""Distance that it keeps from every marker's path and other reflections where there is room, px."""
+_TRIES = 60
 
 
 @dataclass(frozen=True)
@@ -28,27 +41,19 @@ class LightProfile:
 
     Attributes:
         radius: of the disc at half its peak, px.
-        softness: sigma of the disc's edge, px.
-        peak: grey levels; well above 255, as of a light that overexposes the camera.
-        glow: grey levels of the bloom at the centre.
-        glow_length: distance over which the bloom falls to 1/e, px.
     """
 
     radius: float
-    softness: float = 1.2
-    peak: float = 850.0
-    glow: float = 55.0
-    glow_length: float = 5.0
 
     @property
     def reach(self) -> int:
         """Beyond this distance the light adds nothing, px."""
-        return int(self.radius + 4.5 * self.glow_length)
+        return int(self.radius + 4.5 * GLOW_LENGTH)
 
     @property
     def core(self) -> float:
         """Radius that is saturated against a dark background, px."""
-        return self.radius + 1.5 * self.softness
+        return self.radius + 1.5 * SOFTNESS
 
     def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Grey levels at distances in px."""
@@ -65,9 +70,9 @@ class LightProfile:
 def _levels(profile: LightProfile) -> NDArray[np.float32]:
     """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px; the same lights are drawn often."""
     r = np.arange(profile.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
-    edge = (r - profile.radius) / (math.sqrt(2.0) * profile.softness)
-    disc = 0.5 * profile.peak * np.array([math.erfc(x) for x in edge.tolist()])
-    glow = profile.glow * np.exp(-r / profile.glow_length)
+    edge = (r - profile.radius) / (math.sqrt(2.0) * SOFTNESS)
+    disc = 0.5 * PEAK * np.array([math.erfc(x) for x in edge.tolist()])
+    glow = GLOW * np.exp(-r / GLOW_LENGTH)
     # Down to zero at the window's edge, or its corners would show and pull the centroid.
     taper = np.clip(1.0 - (r / profile.reach) ** 2, 0.0, None) ** 2
     return read_only(((disc + glow) * taper).astype(np.float32))
@@ -92,13 +97,11 @@ def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
         lights: may reach over the borders.
         gain: multiplies the light before it saturates.
     """
-    windows = [_Window.around(image, light) for light in lights]
+    windows = [window for light in lights if (window := _Window.around(image, light))]
     for window in windows:
-        if window is not None:
-            window.even_out()
+        window.even_out()
     for window in windows:
-        if window is not None:
-            window.add(gain)
+        window.add(gain)
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,8 @@ class _Window:
         reach = light.profile.reach + 1
         low = np.floor(light.path.min(axis=0)).astype(int) - reach
         high = np.ceil(light.path.max(axis=0)).astype(int) + reach + 1
-        x0, y0 = max(int(low[0]), 0), max(int(low[1]), 0)
-        x1, y1 = min(int(high[0]), image.shape[1]), min(int(high[1]), image.shape[0])
+        x0, y0 = np.maximum(low, 0).tolist()
+        x1, y1 = np.minimum(high, image.shape[1::-1]).tolist()
         if x1 <= x0 or y1 <= y0:
             return None
         columns = np.arange(x0, x1, dtype=np.float32)
@@ -152,3 +155,35 @@ class _Window:
         # pixels cannot tell where within them the light lies.
         dark = np.exp(light * (-1.0 / 255.0))
         self.part[...] = np.rint(255.0 - (255.0 - self.part) * dark).astype(np.uint8)
+
+
+class Glares:
+    """Reflections that look like markers and drift slowly, clear of the markers' paths."""
+
+    def __init__(
+        self,
+        count: int,
+        camera: PinholeCamera,
+        paths: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> None:
+        taken = paths[np.isfinite(paths).all(axis=1)]
+        chosen: list[NDArray[np.float64]] = []
+        low, high = np.array((20.0, 20.0)), np.array((camera.width, camera.height)) - 20.0
+        for _ in range(count):
+            best, best_room = low, -1.0
+            for place in rng.uniform(low, high, (_TRIES, 2)):
+                room = float(np.hypot(*(taken - place).T).min()) if len(taken) else math.inf
+                if room > best_room:
+                    best, best_room = place, room
+                if room >= CLEAR:
+                    break
+            chosen.append(best)
+            taken = np.vstack((taken, best))
+        self._middles = np.array(chosen).reshape(-1, 2)
+        self._phases = rng.uniform(0.0, 2 * math.pi, (count, 2))
+
+    def places(self, time: float) -> NDArray[np.float64]:
+        """(n, 2), px, at a time (s)."""
+        turn = 2 * math.pi * time / np.array((7.0, 9.0))
+        return np.asarray(self._middles + DRIFT * np.sin(turn + self._phases), np.float64)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mvuav_ros.simulation.shake import VIBRATIONS
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -20,23 +22,12 @@ RADIUS = 300.0
 _PLACES = np.array([(-150.0, 0.0), (-60.0, -20.0), (0.0, -60.0), (60.0, -20.0), (150.0, 0.0)])
 _CENTRE = (320.0, 240.0)
 _REFERENCE_FPS = 15.0
-_VIBRATIONS = {
-    1: (11.06, (22.12, 33.11, 66.58)),
-    2: (14.21, (28.42, 64.01)),
-    3: (16.63, (8.31, 24.98, 33.22, 41.78, 49.88, 58.26, 66.54)),
-}
-"""Hz: the thesis's Table 5.4, which a camera sees folded below half of its rate."""
 
 
 def marker_path(kind: str, fps: float, frames: int, seed: int, noise: float) -> tuple[Array, Array]:
-    """Measured places of five markers.
+    """Measured places of five markers that move as one of `MOTIONS`.
 
-    Args:
-        kind: of motion, one of `MOTIONS`.
-        fps: frames/s.
-        frames: how many.
-        seed: of the motion and of the noise.
-        noise: of a place, px per axis (1 sigma).
+    The noise is of a place, px per axis (1 sigma).
 
     Returns:
         Times (frames,), s, and places (frames, 5, 2), px.
@@ -83,15 +74,18 @@ def _erratic(
     return _three(path)
 
 
+def _waves(time: Array, terms: Sequence[tuple[float, float]], phases: Array) -> Array:
+    """A sum of sines of (amplitude, Hz)."""
+    pairs = zip(terms, phases, strict=True)
+    waves = [a * np.sin(2 * math.pi * f * time + p) for (a, f), p in pairs]
+    return np.asarray(np.sum(waves, axis=0))
+
+
 def _smooth(rng: Rng, frames: int, fps: float) -> tuple[Array, Array, Array]:
     time = np.arange(frames) / fps
 
     def wave(*terms: tuple[float, float]) -> Array:
-        phases = rng.uniform(0.0, 2 * math.pi, len(terms))
-        waves = [
-            a * np.sin(2 * math.pi * f * time + p) for (a, f), p in zip(terms, phases, strict=True)
-        ]
-        return np.asarray(np.sum(waves, axis=0))
+        return _waves(time, terms, rng.uniform(0.0, 2 * math.pi, len(terms)))
 
     x, y = wave((70.0, 0.09), (25.0, 0.2)), wave((45.0, 0.13), (20.0, 0.23))
     return x, y, RADIUS * wave((0.1, 0.13), (0.05, 0.31))
@@ -104,19 +98,19 @@ def _jitter(rng: Rng, frames: int, fps: float, size: float) -> tuple[Array, Arra
 
 
 def _shaken(rng: Rng, frames: int, fps: float, number: int) -> tuple[Array, Array, Array]:
-    """Smooth motion before a camera that one of the thesis's vibrations shakes by 1.5 px."""
+    """Smooth motion before a camera that one of the thesis's vibrations shakes by 1.5 px.
+
+    The camera sees their frequencies folded below half of its rate.
+    """
     time = np.arange(frames) / fps
-    base, harmonics = _VIBRATIONS[number]
-    terms = [(1.5, base)] + [(0.75 / k, f) for k, f in enumerate(harmonics, 1)]
+    vibration = VIBRATIONS[number]
+    harmonics = [(0.75 / k, f) for k, f in enumerate(vibration.harmonics_hz, 1)]
+    terms = [(1.5, vibration.primary_hz), *harmonics]
 
     def path() -> Array:
         phases = rng.uniform(0.0, 2 * math.pi, len(terms) + 1)
-        waves = [
-            a * np.sin(2 * math.pi * f * time + p)
-            for (a, f), p in zip(terms, phases[1:], strict=True)
-        ]
         swell = 1.0 + 0.3 * np.sin(2 * math.pi * 0.3 * time + phases[0])
-        return np.asarray(swell * np.sum(waves, axis=0))
+        return np.asarray(swell * _waves(time, terms, phases[1:]))
 
     x, y, turn = _smooth(rng, frames, fps)
     return x + path(), y + path(), turn + path()
@@ -138,7 +132,7 @@ MOTIONS: dict[str, Motion] = {
     'erratic 1.9, lasting 0.5 s': partial(_erratic, strength=1.9, lasting=0.5),
     'smooth and jitter 0.2 px': partial(_jitter, size=0.2),
     'smooth and jitter 0.6 px': partial(_jitter, size=0.6),
-    **{f'smooth and vibration {n}': partial(_shaken, number=n) for n in _VIBRATIONS},
+    **{f'smooth and vibration {n}': partial(_shaken, number=n) for n in (1, 2, 3)},
     'calm and erratic in turn': _in_turn,
 }
 """By what a person would call them; the figures are px per frame² at 15 frames/s, or px."""

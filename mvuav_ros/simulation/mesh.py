@@ -19,6 +19,7 @@ NEAR = 0.5
 """Faces that come closer to the camera than this (m) are not painted."""
 _SHIFT = 4
 
+Array = NDArray[np.float64]
 Face = tuple[Sequence[tuple[float, float, float]], float]
 """Four corners (m) and an albedo, 0 to 1."""
 
@@ -33,9 +34,9 @@ class Mesh:
         albedo: (n,), 0 to 1.
     """
 
-    corners: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    albedo: NDArray[np.float64]
+    corners: Array
+    normals: Array
+    albedo: Array
 
     @classmethod
     def of(cls, faces: Iterable[Face]) -> Mesh:
@@ -69,15 +70,10 @@ def paint_mesh(
     lighting: Lighting,
     tint: tuple[float, float, float] = (1.06, 1.0, 0.95),
 ) -> None:
-    """Paint a mesh into an 8-bit image, in place.
+    """Paint a mesh into an 8-bit image, grey or blue first, in place.
 
-    Args:
-        image: (height, width) or (height, width, 3).
-        mesh: in the body's frame.
-        camera: that took the image.
-        pose: rotation of the body in the optical frame, and its place there, m.
-        lighting: how bright, and from where in the optical frame.
-        tint: of blue, green and red.
+    The pose is the body's rotation in the optical frame and its place there, m; the light comes
+    from a direction in the optical frame, and has a tint of blue, green and red.
     """
     rotation, translation = pose
     corners = mesh.corners @ rotation.T + translation
@@ -94,14 +90,18 @@ def paint_mesh(
     if x1 <= x0 or y1 <= y0:
         return
     part = image[y0:y1, x0:x1]
-    levels = _levels(shade, tint if part.ndim == 3 else None)
+    factors = np.array(tint if part.ndim == 3 else (1.0,))
+    # Each face's grey or colour; never 0, which means no face.
+    levels = np.clip(shade[:, None] * factors, 1.0, 255.0).tolist()
     far_to_near = np.argsort(-np.linalg.norm(middle, axis=1))
-    _put_over(part, *_fill(part, pixels - (x0, y0), levels, far_to_near))
+    faces, cover = _fill(part, pixels - (x0, y0), levels, far_to_near)
+    behind = cv2.bitwise_not(cover)
+    if part.ndim == 3:
+        behind = cv2.merge([behind] * 3)
+    part[...] = cv2.add(cv2.multiply(part, behind, scale=1.0 / 255.0), faces)
 
 
-def _lit(
-    normals: NDArray[np.float64], middle: NDArray[np.float64], lighting: Lighting
-) -> NDArray[np.float64]:
+def _lit(normals: Array, middle: Array, lighting: Lighting) -> Array:
     """Grey levels of white faces; each shows the camera the side that looks towards it."""
     facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
     lit = np.maximum(facing * (normals @ np.asarray(lighting.towards)), 0.0)
@@ -109,10 +109,7 @@ def _lit(
 
 
 def _fill(
-    part: Pixels,
-    pixels: NDArray[np.float64],
-    levels: list[tuple[float, ...]],
-    order: NDArray[np.intp],
+    part: Pixels, pixels: Array, levels: Sequence[Sequence[float]], order: NDArray[np.intp]
 ) -> tuple[Pixels, Pixels]:
     """The faces on black, and their cover, 0 to 255."""
     # A pixel's centre lies half a fine pixel right of the first fine pixel's.
@@ -129,20 +126,3 @@ def _fill(
         cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA) for fine in (canvas, cover)
     )
     return faces, covered
-
-
-def _put_over(part: Pixels, faces: Pixels, cover: Pixels) -> None:
-    """Put faces with their cover over a part of an image."""
-    behind = cv2.bitwise_not(cover)
-    if part.ndim == 3:
-        behind = cv2.merge([behind] * 3)
-    seen = cv2.multiply(part, behind, scale=1.0 / 255.0)
-    part[...] = cv2.add(seen, faces)
-
-
-def _levels(
-    shade: NDArray[np.float64], tint: tuple[float, float, float] | None
-) -> list[tuple[float, ...]]:
-    """Each face's grey or colour; never 0, which means no face."""
-    factors = np.array(tint or (1.0,))
-    return [tuple(color) for color in np.clip(shade[:, None] * factors, 1.0, 255.0).tolist()]

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.waves import random_wave
-from mvuav_ros.vision.frames import (
-    OPTICAL_FROM_BODY,
-    Matrix,
-    Vector,
-    about_y,
-    from_rpy,
-    read_only,
-)
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, about_y, from_rpy
 from mvuav_ros.vision.rig import MarkerRig
 
 LAB_DISTANCE = 3.3
@@ -30,6 +23,7 @@ RECEIVER_DISTANCE = 1.5
 RECEIVER_ELEVATION = math.radians(30.0)
 ROLL_SWEEP = math.radians(60.0)
 ROLL_PERIOD = 10.0
+CROSSING_PITCH_DEG = -7.65
 SETTLED = 0.1
 """Part of a docking approach that is flown at the final distance."""
 
@@ -65,13 +59,10 @@ class TankerMotion:
     """The body's pose as a function of time, for a camera that does not shake."""
 
     def __init__(
-        self,
-        settings: TankerSettings,
-        rig: MarkerRig,
-        duration: float,
-        rng: np.random.Generator,
+        self, settings: TankerSettings, rig: MarkerRig, duration: float, rng: np.random.Generator
     ) -> None:
-        self._move = _MOTIONS[settings.motion](duration, rng)
+        random = _RANDOM_MOTIONS.get(settings.motion)
+        self._move = random(duration, rng) if random else _MOTIONS[settings.motion]
         self._roll = math.radians(settings.roll_deg)
         self._reach = rig.reach
         lab = settings.actual_view == 'lab'
@@ -79,7 +70,7 @@ class TankerMotion:
         docking = settings.motion == 'docking'
         # Seen from right behind, a turn about the origin stays in the middle of the frame.
         aim = rig.dock if docking or not lab else (0.0, 0.0, 0.0)
-        self._aim = read_only(np.array(aim))
+        self._aim = np.array(aim)
         usual = rig.reach * (LAB_DISTANCE if lab else RECEIVER_DISTANCE)
         self._start = settings.start_distance if docking else usual
         self._end = settings.end_distance if docking else usual
@@ -106,59 +97,37 @@ def _sine(amplitude: float, period: float, time: float) -> float:
     return amplitude * math.sin(2 * math.pi * time / period)
 
 
-def _translated(time: float) -> Placement:
+def _roll(time: float) -> Placement:
+    return Placement(roll=_sine(ROLL_SWEEP, ROLL_PERIOD, time))
+
+
+def _translation(time: float) -> Placement:
     return Placement(x=_sine(0.15, 11.0, time), y=_sine(0.36, 8.0, time), z=_sine(0.22, 5.0, time))
 
 
-def _still(duration: float, rng: np.random.Generator) -> Motion:
-    return lambda time: Placement()
+def _roll_translation(time: float) -> Placement:
+    moved = _translation(time)
+    return replace(moved, z=0.6 * moved.z, roll=_roll(time).roll)
 
 
-def _translation(duration: float, rng: np.random.Generator) -> Motion:
-    return _translated
-
-
-def _erratic(duration: float, rng: np.random.Generator) -> Motion:
-    """Like a model moved by hand: several incommensurate frequencies in every direction."""
-    hand = [(0.14, 0.11), (0.07, 0.29), (0.035, 0.67)]
-    tilt = [(0.10, 0.13), (0.05, 0.31), (0.02, 0.71)]
-    x, y, z = (random_wave(rng, hand) for _ in range(3))
-    roll, pitch, yaw = (random_wave(rng, tilt) for _ in range(3))
-    return lambda t: Placement(
-        roll.at(t), 0.5 * pitch.at(t), 0.5 * yaw.at(t), x.at(t), y.at(t), z.at(t)
-    )
-
-
-def _roll(duration: float, rng: np.random.Generator) -> Motion:
-    return lambda time: Placement(roll=_sine(ROLL_SWEEP, ROLL_PERIOD, time))
-
-
-def _roll_translation(duration: float, rng: np.random.Generator) -> Motion:
-    def move(time: float) -> Placement:
-        moved = _translated(time)
-        return Placement(
-            roll=_sine(ROLL_SWEEP, ROLL_PERIOD, time), x=moved.x, y=moved.y, z=0.6 * moved.z
-        )
-
-    return move
-
-
-def _roll_360(duration: float, rng: np.random.Generator) -> Motion:
-    return lambda time: Placement(roll=2 * math.pi * time / ROLL_PERIOD)
-
-
-def _crossing(duration: float, rng: np.random.Generator) -> Motion:
+def _crossing(time: float) -> Placement:
     """A yaw at which one stabilizer passes its wing, then the other passes the other wing.
 
     The pitch sets how close (about 5 px in the lab view of 640 px): the tail lies 25 m behind
     the wings, so nose up lowers it.
     """
-    return lambda time: Placement(
+    return Placement(
         pitch=math.radians(CROSSING_PITCH_DEG), yaw=_sine(math.radians(42.0), 12.0, time)
     )
 
 
-CROSSING_PITCH_DEG = -7.65
+def _erratic(_duration: float, rng: np.random.Generator) -> Motion:
+    """Like a model moved by hand: several incommensurate frequencies in every direction."""
+    hand = [(0.14, 0.11), (0.07, 0.29), (0.035, 0.67)]
+    tilt = [(0.10, 0.13), (0.05, 0.31), (0.02, 0.71)]
+    x, y, z = (random_wave(rng, hand) for _ in range(3))
+    roll, pitch, yaw = (random_wave(rng, tilt) for _ in range(3))
+    return lambda t: Placement(roll(t), 0.5 * pitch(t), 0.5 * yaw(t), x(t), y(t), z(t))
 
 
 def _docking(duration: float, rng: np.random.Generator) -> Motion:
@@ -166,27 +135,22 @@ def _docking(duration: float, rng: np.random.Generator) -> Motion:
     y, z = (random_wave(rng, [(0.02, 0.09), (0.008, 0.23)]) for _ in range(2))
     roll, pitch, yaw = (random_wave(rng, [(0.035, 0.07), (0.012, 0.31)]) for _ in range(3))
 
-    def move(time: float) -> Placement:
-        part = min(1.0, time / ((1.0 - SETTLED) * duration))
-        return Placement(
-            roll.at(time),
-            0.4 * pitch.at(time),
-            0.4 * yaw.at(time),
-            y=y.at(time),
-            z=z.at(time),
-            closeness=math.sin(0.5 * math.pi * part),
-        )
+    def move(t: float) -> Placement:
+        part = min(1.0, t / ((1.0 - SETTLED) * duration))
+        closeness = math.sin(0.5 * math.pi * part)
+        attitude = (roll(t), 0.4 * pitch(t), 0.4 * yaw(t))
+        return Placement(*attitude, 0.0, y(t), z(t), closeness)
 
     return move
 
 
-_MOTIONS: dict[str, Callable[[float, np.random.Generator], Motion]] = {
-    'still': _still,
+_MOTIONS: dict[str, Motion] = {
+    'still': lambda time: Placement(),
     'translation': _translation,
-    'erratic': _erratic,
     'roll': _roll,
     'roll_translation': _roll_translation,
-    'roll_360': _roll_360,
+    'roll_360': lambda time: Placement(roll=2 * math.pi * time / ROLL_PERIOD),
     'crossing': _crossing,
-    'docking': _docking,
 }
+_RANDOM_MOTIONS = {'erratic': _erratic, 'docking': _docking}
+"""Made for a duration (s) with a generator."""

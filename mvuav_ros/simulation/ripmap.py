@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import cv2
 import numpy as np
@@ -19,13 +20,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class _Axis:
-    """Where the reductions along one axis lie in the image.
-
-    Attributes:
-        origin: of the texture, m.
-        step: of a texel, m.
-        sizes: of the reductions, texels, the whole texture first.
-    """
+    """Where the reductions along one axis lie: sizes in texels, the whole texture first; else m."""
 
     origin: float
     step: float
@@ -39,10 +34,7 @@ class _Axis:
     @property
     def offsets(self) -> list[int]:
         """Where each reduction begins, texels."""
-        offsets = [_PAD]
-        for size in self.sizes[:-1]:
-            offsets.append(offsets[-1] + size + 2 * _PAD)
-        return offsets
+        return [*accumulate((size + 2 * _PAD for size in self.sizes[:-1]), initial=_PAD)]
 
     @property
     def total(self) -> int:
@@ -66,20 +58,12 @@ class Ripmap:
     """
 
     def __init__(
-        self,
-        texture: Pixels,
-        origin: tuple[float, float],
-        step: tuple[float, float],
-        *,
-        wrap: bool,
+        self, texture: Pixels, origin: tuple[float, float], step: tuple[float, float], *, wrap: bool
     ) -> None:
-        """Reduce a texture.
+        """Reduce a texture (ny, nx, channels); columns go along x, rows along y.
 
-        Args:
-            texture: (ny, nx, channels); columns go along x, rows along y.
-            origin: x and y of the texture's first corner, m.
-            step: size of a texel along x and y, m.
-            wrap: whether the texture goes on for ever by repeating itself.
+        Its first corner (origin) and the size of a texel (step) are x and y, m; one that wraps
+        goes on for ever by repeating itself.
         """
         ny, nx = texture.shape[:2]
         self._wrap = wrap
@@ -111,15 +95,10 @@ class Ripmap:
         across: NDArray[np.float64],
         scratch: tuple[Floats, Floats, Floats],
     ) -> Pixels:
-        """Sample the texture.
+        """Sample the texture at places on the ground, (rows, columns), m.
 
-        Args:
-            x: (rows, columns), m, on the ground.
-            y: (rows, columns), m.
-            bins: which entry of ``along`` and ``across`` holds for a pixel.
-            along: what a pixel covers along x, m, for every bin.
-            across: what a pixel covers along y, m, for every bin.
-            scratch: three arrays of the shape of x, contiguous, to be overwritten.
+        Of every pixel ``bins`` says which entries of ``along`` and ``across`` hold: what it covers
+        along x and y, m. The scratch is three contiguous arrays of the same shape as x.
 
         Returns:
             (rows, columns, channels).

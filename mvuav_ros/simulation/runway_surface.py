@@ -18,16 +18,9 @@ STRIPE = 0.9
 """Width of the side stripes, whose outer sides are the pavement's edges, m."""
 _STEP_Y = 0.0625
 _MOST_COLUMNS = 8192
-_BLOCK = 256
-"""Sizes are multiples of it, so that they can be halved often."""
 _ASPHALT = np.array((92.0, 90.0, 88.0), np.float32)
 _PAINT = np.array((236.0, 238.0, 238.0), np.float32)
-_SEGMENTS = {
-    '0': 'abcdef',
-    '2': 'abged',
-    '7': 'abc',
-    '9': 'abcdfg',
-}
+_SEGMENTS = {'0': 'abcdef', '2': 'abged', '7': 'abc', '9': 'abcdfg'}
 NUMBERS = ('27', '09')
 """At the near and at the far end."""
 
@@ -48,18 +41,20 @@ class Surface:
         self, land: NDArray[np.uint8], width: float, length: float, detail: float, seed: int
     ) -> None:
         rng = np.random.default_rng((seed, 1002))
+        # Sizes are multiples of powers of two, so that they can be halved often.
         step_x = 0.25
         while (length + 2 * MARGIN_X) / step_x > _MOST_COLUMNS:
             step_x *= 2.0
-        nx = _whole_blocks((length + 2 * MARGIN_X) / step_x, _BLOCK)
-        ny = _whole_blocks((width + 2 * MARGIN_Y) / _STEP_Y, 64)
+        nx = 256 * math.ceil((length + 2 * MARGIN_X) / step_x / 256)
+        ny = 64 * math.ceil((width + 2 * MARGIN_Y) / _STEP_Y / 64)
         self.step = (step_x, _STEP_Y)
         self.origin = (0.5 * (length - nx * step_x), -0.5 * ny * _STEP_Y)
         self._shape = (ny, nx)
         self._paint = np.zeros(self._shape, np.float32)
         ground = self._grass(land)
         pavement = self._pavement(width, length, detail, rng)
-        cover = self._box(0.0, length, -0.5 * width, 0.5 * width)
+        cover = np.zeros(self._shape, np.float32)
+        self._cover(cover, 0.0, length, -0.5 * width, 0.5 * width)
         ground += cover[:, :, None] * (pavement - ground)
         self._mark(width, length)
         wear = 0.93 - 0.04 * detail * np.abs(smooth_noise((ny, nx), 40.0, rng, stretch=4.0))
@@ -112,11 +107,11 @@ class Surface:
     def _mark(self, width: float, length: float) -> None:
         half = 0.5 * width
         for side in (1.0, -1.0):
-            self._add(0.0, length, side * half, side * (half - STRIPE))
+            self._cover(self._paint, 0.0, length, side * half, side * (half - STRIPE))
         unit = width / 30.0
         dash = 80.0
         while dash + 30.0 < length - 80.0:
-            self._add(dash, dash + 30.0, -0.45, 0.45)
+            self._cover(self._paint, dash, dash + 30.0, -0.45, 0.45)
             dash += 50.0
         for far in (False, True):
             self._mark_end(unit, half, length, far)
@@ -127,7 +122,7 @@ class Surface:
         def add(x0: float, x1: float, y0: float, y1: float) -> None:
             if far:
                 x0, x1, y0, y1 = length - x1, length - x0, -y1, -y0
-            self._add(x0, x1, y0, y1)
+            self._cover(self._paint, x0, x1, y0, y1)
 
         add(0.0, 1.2, -half, half)
         bars = 4
@@ -145,18 +140,12 @@ class Surface:
         for digit, left in zip(NUMBERS[far], (5.0 * unit, -1.0 * unit), strict=True):
             _draw_digit(add, digit, 48.0, left, 4.0 * unit, 14.0)
 
-    def _add(self, x0: float, x1: float, y0: float, y1: float) -> None:
+    def _cover(self, plane: Plane, x0: float, x1: float, y0: float, y1: float) -> None:
+        """Raise a plane to what a rectangle (m) covers of each texel."""
         columns, cover_x = self._overlap(0, min(x0, x1), max(x0, x1))
         rows, cover_y = self._overlap(1, min(y0, y1), max(y0, y1))
-        part = self._paint[rows, columns]
+        part = plane[rows, columns]
         np.maximum(part, cover_y[:, None] * cover_x[None, :], out=part)
-
-    def _box(self, x0: float, x1: float, y0: float, y1: float) -> Plane:
-        box = np.zeros(self._shape, np.float32)
-        columns, cover_x = self._overlap(0, x0, x1)
-        rows, cover_y = self._overlap(1, y0, y1)
-        box[rows, columns] = cover_y[:, None] * cover_x[None, :]
-        return box
 
     def _overlap(self, axis: int, low: float, high: float) -> tuple[slice, Plane]:
         """Which texels an interval (m) touches, and the part of each that it covers."""
@@ -191,7 +180,3 @@ def _draw_digit(
     }
     for segment in _SEGMENTS[digit]:
         add(*strokes[segment])
-
-
-def _whole_blocks(size: float, block: int) -> int:
-    return block * math.ceil(size / block)

@@ -119,14 +119,22 @@ def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
 
 def vanishing_point(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
     """Where lines along the runway meet, px."""
-    point = camera.project(pose.rotation.T[:, :1].T)[0]
-    return float(point[0]), float(point[1])
+    ((x, y),) = camera.project(pose.rotation[:1]).tolist()
+    return x, y
 
 
 def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
     """The horizon of the runway's plane: rho (px) and theta (rad)."""
     up = pose.rotation.T[:, 2]
     return normal_form(np.linalg.inv(camera.matrix).T @ up)
+
+
+def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
+    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
+    forward = pose.rotation[:, 2] * (1.0, 1.0, 0.0)
+    up = pose.rotation[2]
+    ((x, y),) = camera.project((pose.rotation.T @ forward)[None]).tolist()
+    return x, y, math.atan2(up[0], -up[1])
 
 
 def _project_line(

@@ -37,10 +37,7 @@ def parse_schedule(text: str) -> tuple[Interval, ...]:
 
 def affected(schedule: tuple[Interval, ...], marker: str, time: float) -> bool:
     """Whether the schedule names the marker at that time (s)."""
-    return any(
-        interval.marker in (marker, ALL) and interval.start <= time < interval.end
-        for interval in schedule
-    )
+    return any(name in (marker, ALL) and start <= time < end for name, start, end in schedule)
 
 
 def refuse_unknown(schedule: tuple[Interval, ...], markers: Collection[str]) -> None:
@@ -60,8 +57,7 @@ def refuse_overlap(schedule: tuple[Interval, ...]) -> None:
     Raises:
         ScheduleError: two are.
     """
-    ordered = sorted(schedule, key=lambda interval: interval.start)
-    for before, after in pairwise(ordered):
+    for before, after in pairwise(sorted(schedule, key=lambda interval: interval.start)):
         if after.start < before.end:
             raise ScheduleError(
                 f'{before.marker} and {after.marker} at {after.start:g} s: there is one boom'

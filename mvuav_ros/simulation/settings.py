@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.simulation.camera import CameraError, PinholeCamera, parse_distortion
-from mvuav_ros.simulation.schedule import (
-    ALL,
-    ScheduleError,
-    parse_schedule,
-    refuse_overlap,
-)
+from mvuav_ros.simulation.schedule import ALL, ScheduleError, parse_schedule, refuse_overlap
 
 VIEWS = ('auto', 'lab', 'receiver')
 VIEW_FOV_DEG = {'lab': 60.0, 'receiver': 104.0}

@@ -48,16 +48,6 @@ class Vibration:
         ]
         return ((self.primary_hz, 1.0), *harmonics)
 
-    @property
-    def roll_deg(self) -> float:
-        """Amplitude of the primary in roll."""
-        return ROLL_DEG_PER_MAGNITUDE * self.magnitude
-
-    @property
-    def pointing_deg(self) -> float:
-        """Amplitude of the primary in pitch and in yaw."""
-        return POINTING_DEG_PER_MAGNITUDE * self.magnitude
-
 
 STEADY = Vibration(0.0, 0.0, ())
 
@@ -72,33 +62,28 @@ camera is the noise of its inertial sensor, as the thesis says, and moves nothin
 
 
 class Shake:
-    """One vibration with phases from a seed, as a function of time."""
+    """One vibration with phases from a seed, as a function of time.
+
+    Attributes:
+        still: it never moves.
+    """
 
     def __init__(self, vibration: Vibration, gain: float, rng: np.random.Generator) -> None:
-        self._still = vibration == STEADY or gain == 0.0
-        self._pitch, self._yaw, self._roll = (
-            random_wave(
-                rng,
-                [
-                    (math.radians(amplitude) * gain * relative, hz)
-                    for hz, relative in vibration.terms
-                ],
-            )
-            for amplitude in (vibration.pointing_deg, vibration.pointing_deg, vibration.roll_deg)
-        )
-
-    @property
-    def still(self) -> bool:
-        """Whether it never moves."""
-        return self._still
+        self.still = vibration == STEADY or gain == 0.0
+        self._waves = []
+        for scale in (*[POINTING_DEG_PER_MAGNITUDE] * 2, ROLL_DEG_PER_MAGNITUDE):
+            amplitude = math.radians(scale * vibration.magnitude) * gain
+            terms = [(amplitude * relative, hz) for hz, relative in vibration.terms]
+            self._waves.append(random_wave(rng, terms))
 
     def angles(self, time: float) -> tuple[float, float, float]:
         """Pitch, yaw and roll of the shaken camera at a time (s), rad."""
-        return self._pitch.at(time), self._yaw.at(time), self._roll.at(time)
+        pitch, yaw, roll = (wave(time) for wave in self._waves)
+        return pitch, yaw, roll
 
     def rotation(self, time: float) -> Matrix:
         """Shaken from steady optical frame at a time (s)."""
-        if self._still:
+        if self.still:
             return np.eye(3)
         pitch, yaw, roll = self.angles(time)
         return about_z(roll) @ about_y(yaw) @ about_x(pitch)

@@ -1,18 +1,39 @@
-"""A sky with clouds that flatten towards the horizon."""
+"""What is behind everything: sky with clouds, hills around a camera, foam boards, or nothing."""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.simulation.camera import PinholeCamera
+from mvuav_ros.simulation.runway_truth import CameraPose, horizon_anchor
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
+from mvuav_ros.vision.frames import Matrix
+from mvuav_ros.vision.point_operations import Pixels
 
 ZENITH = np.array((168.0, 112.0, 62.0), np.float32)
 HORIZON = np.array((222.0, 204.0, 184.0), np.float32)
 CLOUD = np.array((246.0, 243.0, 240.0), np.float32)
 CLOUD_BASE = np.array((205.0, 196.0, 188.0), np.float32)
 _TILE = 1024
+TURN = math.radians(60.0)
+"""The panorama reaches this much farther than the frame on either side; then it is mirrored."""
+RISE = math.radians(40.0)
+HILLS = math.radians(0.5)
+"""Height of the hills."""
+_BELOW = 8
+_HILL = np.array((196.0, 176.0, 150.0), np.float32)
+
+MARGIN = 48
+"""px around the frame, for a camera that shakes."""
+FOAM = np.array((150.0, 96.0, 58.0), np.float32)
+PLAIN = 64.0
+SKY_BRIGHTNESS = 0.62
+"""Exposed for the lights: a cloud stays well below the thesis's threshold of 179."""
+CLOUDINESS = 0.6
 
 
 def draw_sky(
@@ -24,11 +45,11 @@ def draw_sky(
     brightness: float = 1.0,
     cloudiness: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Draw the sky around the horizon.
+    """Draw the sky around the horizon, below which its haze goes on.
 
     Args:
         size: width and height, px.
-        horizon_row: of the image, px; below it the haze of the horizon goes on.
+        horizon_row: of the image, px.
         focal: focal length, px, which says how high above the horizon a row is.
         rng: the source of randomness.
         brightness: factor of all colours.
@@ -69,3 +90,123 @@ def draw_sky(
         sky += cloud
     sky *= brightness
     return to_bytes(sky)
+
+
+class Panorama:
+    """Sky and hills, drawn once, then turned and moved under the camera."""
+
+    def __init__(self, camera: PinholeCamera, detail: float, rng: np.random.Generator) -> None:
+        self._camera = camera
+        width = camera.width + round(2 * TURN * camera.fx)
+        self._horizon_row = round(camera.height + RISE * camera.fx)
+        self._middle = 0.5 * (width - 1)
+        sky = draw_sky(
+            (width, self._horizon_row + _BELOW),
+            self._horizon_row,
+            camera.fx,
+            rng,
+            cloudiness=detail,
+        )
+        ridge = smooth_noise((2, width), 0.12 * camera.fx, rng, octaves=5)[0]
+        top = self._horizon_row - HILLS * camera.fx * np.clip(0.5 + 0.3 * ridge, 0.05, 1.0)
+        highest = math.floor(top.min())
+        rows = np.arange(highest, sky.shape[0], dtype=np.float32)[:, None]
+        cover = np.clip(rows - top + 0.5, 0.0, 1.0)[:, :, None]
+        fade = np.clip((self._horizon_row - rows) / (HILLS * camera.fx), 0.0, 1.0)[:, :, None]
+        hill = HORIZON + (0.35 + 0.65 * fade) * (_HILL - HORIZON)
+        low = sky[highest:]
+        low[...] = np.rint(low + cover * (hill - low)).astype(np.uint8)
+        self._sky = sky
+
+    def view(self, pose: CameraPose) -> NDArray[np.uint8]:
+        """A new sky, (height, width, 3), of the sky; below the horizon there is haze."""
+        x, y, slope = horizon_anchor(self._camera, pose)
+        c, s = math.cos(slope), math.sin(slope)
+        centre = self._middle - self._camera.fx * pose.yaw
+        level = np.array(
+            [(c, s, centre - c * x - s * y), (-s, c, self._horizon_row + s * x - c * y)]
+        )
+        image = np.empty((self._camera.height, self._camera.width, 3), np.uint8)
+        lowest = max(y + math.tan(slope) * (column - x) for column in (0, self._camera.width))
+        rows = min(max(math.ceil(lowest) + 2, 0), self._camera.height)
+        if rows:
+            image[:rows] = cv2.warpAffine(
+                self._sky,
+                level,
+                (self._camera.width, rows),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REFLECT_101,
+            )
+        image[rows:] = np.rint(HORIZON).astype(np.uint8)
+        return image
+
+
+class Background:
+    """An image at infinity, seen by a camera that turns a little."""
+
+    def __init__(
+        self, kind: str, camera: PinholeCamera, color: bool, detail: float, rng: np.random.Generator
+    ) -> None:
+        self._camera = camera
+        image = _DRAWERS[kind](camera, detail, rng)
+        self._wide: Pixels = image if color else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        inside = slice(MARGIN, -MARGIN)
+        self._middle: Pixels = np.ascontiguousarray(self._wide[inside, inside])
+
+    def view(self, turned: Matrix | None) -> Pixels:
+        """A new image of the background.
+
+        Args:
+            turned: the camera's rotation from its steady attitude; None for none.
+        """
+        if turned is None:
+            return self._middle.copy()
+        k = self._camera.matrix
+        shift = np.array([(1.0, 0.0, MARGIN), (0.0, 1.0, MARGIN), (0.0, 0.0, 1.0)])
+        wide_from_frame = shift @ k @ turned.T @ np.linalg.inv(k)
+        return cv2.warpPerspective(
+            self._wide,
+            wide_from_frame,
+            (self._camera.width, self._camera.height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+
+
+def _sky(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    width, height = _size(camera)
+    return draw_sky(
+        (width, height),
+        1.25 * height,
+        camera.fx,
+        rng,
+        brightness=SKY_BRIGHTNESS,
+        cloudiness=CLOUDINESS * detail,
+    )
+
+
+def _foam(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Boards of extruded foam: a fine grain, faint flow marks, seams, uneven lamplight."""
+    width, height = _size(camera)
+    unit = camera.width / 640.0
+    grain = smooth_noise((height, width), 5.0 * unit, rng, octaves=2)
+    flow = smooth_noise((height, width), 12.0 * unit, rng, octaves=3, stretch=14.0)
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    lamp = np.exp(-(((x / width - 0.42) / 0.75) ** 2 + ((y / height - 0.35) / 0.8) ** 2))
+    shade = 0.62 + 0.5 * lamp + detail * (0.012 * grain + 0.018 * flow)
+    for part in (0.27, 0.73):
+        seam = np.abs(x - part * width - 0.01 * y)
+        shade -= 0.16 * np.exp(-((seam / (1.6 * unit)) ** 2))
+    return to_bytes(FOAM * shade[:, :, None])
+
+
+def _plain(camera: PinholeCamera, detail: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    width, height = _size(camera)
+    return np.full((height, width, 3), round(PLAIN), np.uint8)
+
+
+def _size(camera: PinholeCamera) -> tuple[int, int]:
+    return camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
+
+
+_DRAWERS = {'sky': _sky, 'foam': _foam, 'plain': _plain}

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, tanker_mesh
-from mvuav_ros.simulation.backgrounds import Background
 from mvuav_ros.simulation.boom import Boom, place_boom
 from mvuav_ros.simulation.exposure import apply_gain, motion_blur
 from mvuav_ros.simulation.flight import Flight, SimulatedFrame, Stream
-from mvuav_ros.simulation.glare import Glares
-from mvuav_ros.simulation.lights import LARGEST_RADIUS, Light, LightProfile, add_lights
+from mvuav_ros.simulation.lights import LARGEST_RADIUS, Glares, Light, LightProfile, add_lights
 from mvuav_ros.simulation.mesh import paint_mesh
 from mvuav_ros.simulation.motion import BodyPose, TankerMotion
 from mvuav_ros.simulation.schedule import (
@@ -27,6 +25,7 @@ from mvuav_ros.simulation.schedule import (
     refuse_unknown,
 )
 from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.simulation.sky import Background
 from mvuav_ros.simulation.tanker_truth import MarkerTruth, TankerTruth, true_roll
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
@@ -51,10 +50,7 @@ class TankerFlight(Flight[TankerTruth]):
     """
 
     def __init__(self, settings: TankerSettings | None = None) -> None:
-        """Prepare a flight.
-
-        Args:
-            settings: of the flight; the defaults if None.
+        """Prepare a flight, of the default settings if None are given.
 
         Raises:
             ParameterError: the rig's file cannot be used, or a schedule names no light of it.
@@ -81,30 +77,23 @@ class TankerFlight(Flight[TankerTruth]):
             self._project(self.pose(time + _STEP)) - self._project(self.pose(time - _STEP))
         ) / (2 * _STEP)
         boom = self._boom(pose, places, time)
-        radii = [profile.radius for profile in self._profiles(pose)]
-        markers = tuple(
-            MarkerTruth(
-                name,
-                float(place[0]),
-                float(place[1]),
-                float(velocity[0]),
-                float(velocity[1]),
-                self._shows(name, place, 0.0, boom, time),
-                self._shows(name, place, radius + 1.0, boom, time),
-            )
-            for name, place, velocity, radius in zip(
-                self.rig.names, places, velocities, radii, strict=True
-            )
-        )
+        markers = []
+        for name, place, velocity, profile in zip(
+            self.rig.names, places, velocities, self._profiles(pose), strict=True
+        ):
+            (x, y), (vx, vy) = place.tolist(), velocity.tolist()
+            visible = self._shows(name, place, 0.0, boom, time)
+            whole = self._shows(name, place, profile.radius + 1.0, boom, time)
+            markers.append(MarkerTruth(name, x, y, vx, vy, visible, whole))
         dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
         return TankerTruth(
             time,
-            markers,
+            tuple(markers),
             true_roll(markers, pose.rotation),
             pose.rotation,
             pose.translation,
             float(np.linalg.norm(dock)),
-            self._gain.at(time),
+            self._gain(time),
             self.camera,
         )
 
@@ -155,9 +144,9 @@ class TankerFlight(Flight[TankerTruth]):
             offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
             paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
         lights = [
-            Light(profile, paths[:, number])
-            for number, (name, profile) in enumerate(
-                zip(self.rig.names, self._profiles(pose), strict=True)
+            Light(profile, path)
+            for name, profile, path in zip(
+                self.rig.names, self._profiles(pose), np.moveaxis(paths, 1, 0), strict=True
             )
             if not affected(self._failures, name, time)
         ]
@@ -166,15 +155,19 @@ class TankerFlight(Flight[TankerTruth]):
 
     def _profiles(self, pose: BodyPose) -> list[LightProfile]:
         """Larger when closer, though by the root only: the glow is the lens's."""
-        depths = (self.rig.positions @ pose.rotation.T + pose.translation)[:, 2]
         usual = self._usual_depth
         radius = self.settings.light_radius
         largest = max(radius, LARGEST_RADIUS)
+        depths = self._optical(pose)[:, 2]
         radii = (radius * math.sqrt(usual / max(depth, 0.1)) for depth in depths)
         return [LightProfile(round(min(max(seen, 2.0), largest), 2)) for seen in radii]
 
+    def _optical(self, pose: BodyPose) -> NDArray[np.float64]:
+        """The markers in the camera's optical frame, (n, 3), m."""
+        return self.rig.positions @ pose.rotation.T + pose.translation
+
     def _project(self, pose: BodyPose) -> NDArray[np.float64]:
-        return self.camera.project(self.rig.positions @ pose.rotation.T + pose.translation)
+        return self.camera.project(self._optical(pose))
 
     def _boom(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> Boom | None:
         if not self._occlusions and self.settings.actual_view == 'lab':
@@ -192,12 +185,7 @@ class TankerFlight(Flight[TankerTruth]):
         return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
 
     def _shows(
-        self,
-        name: str,
-        place: NDArray[np.float64],
-        radius: float,
-        boom: Boom | None,
-        time: float,
+        self, name: str, place: NDArray[np.float64], radius: float, boom: Boom | None, time: float
     ) -> bool:
         if affected(self._failures, name, time) or not np.all(np.isfinite(place)):
             return False
@@ -208,9 +196,7 @@ class TankerFlight(Flight[TankerTruth]):
 
     @cached_property
     def _usual_depth(self) -> float:
-        pose = self._motion.pose(0.0)
-        depths = (self.rig.positions @ pose.rotation.T + pose.translation)[:, 2]
-        return float(np.median(depths))
+        return float(np.median(self._optical(self._motion.pose(0.0))[:, 2]))
 
     @cached_property
     def _background(self) -> Background:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -63,19 +64,11 @@ class TankerTruth:
         Raises:
             KeyError: there is none.
         """
-        for marker in self.markers:
-            if marker.name == name:
-                return marker
-        raise KeyError(name)
+        return {marker.name: marker for marker in self.markers}[name]
 
 
-def true_roll(markers: tuple[MarkerTruth, ...], rotation: Matrix) -> float:
-    """Roll (rad) from left_wing to right_wing, or without them that of the body's rotation.
-
-    Args:
-        markers: of the body.
-        rotation: (3, 3), of the body in the camera's optical frame.
-    """
+def true_roll(markers: Sequence[MarkerTruth], rotation: Matrix) -> float:
+    """Roll (rad) from left_wing to right_wing, or without them that of the body's rotation."""
     places = {marker.name: marker for marker in markers}
     if not {'left_wing', 'right_wing'} <= places.keys():
         body = OPTICAL_FROM_BODY.T @ rotation

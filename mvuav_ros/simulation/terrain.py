@@ -40,12 +40,7 @@ Plane = NDArray[np.float32]
 
 
 def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
-    """Draw the land without the runway.
-
-    Args:
-        length: of the runway, m, which lies along x from 0.
-        detail: contrast of textures within fields and woods, 0 to 1.
-        seed: of everything that looks random.
+    """Draw the land without the runway, which lies along x from 0 and is so long (m).
 
     Returns:
         (`ROWS`, `COLUMNS`, 3) uint8, blue first; columns along x, rows along y.

@@ -10,7 +10,6 @@ import numpy as np
 import mvuav_ros
 from mvuav_ros.offline.evaluation.comparison import (
     NEAR,
-    LineErrors,
     MarkerErrors,
     RollErrors,
     line_errors,
@@ -18,31 +17,24 @@ from mvuav_ros.offline.evaluation.comparison import (
     roll_errors,
 )
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
-from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
+from mvuav_ros.offline.evaluation.line_errors import ALONG, DISTANCE_LIMIT, THETA_LIMIT, LineErrors
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.report.model import Cell, Column, Figure, Report, Section, Table
+from mvuav_ros.offline.report.model import Cell, Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, TRUTH, drawing, label, legend_below, line_of
 from mvuav_ros.vision.markers.results import MarkerState
 
 
 def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
-    """Every error that results and truth allow.
-
-    Args:
-        run: one input.
-        settings: shown besides version and input.
-    """
+    """Every error that results and truth allow; settings are shown besides version and input."""
     sections = [_everything(run)]
-    markers = marker_errors(run)
+    markers, roll, lines = marker_errors(run), roll_errors(run), line_errors(run)
     if markers is not None:
         sections.append(Section('Markers', (), (_marker_table(markers), _marker_figure(markers))))
-    roll = roll_errors(run)
     if roll is not None:
         sections.append(Section('Roll', (), (_roll_table(roll), _roll_figure(roll))))
     elif run.results.rpy:
-        sections.append(Section('Roll', ('The truth holds no roll for these frames.',), ()))
-    lines = line_errors(run)
+        sections.append(Section('Roll', ('The truth holds no roll for these frames.',)))
     if lines is not None:
         sections.append(Section('Runway lines', (), (_line_table(lines),)))
     return Report(
@@ -55,13 +47,12 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
 
 
 def _everything(run: EvaluationRun) -> Section:
-    metrics = [metric for metric in metrics_of(run) if not math.isnan(metric.value)]
-    table = Table(
+    table = Table.of(
         'metrics',
         'All numbers',
-        (Column('what'), Column('value', '', 4), Column('unit')),
-        tuple((metric.name, metric.cell, metric.unit) for metric in metrics),
-        ('Statistics as the runway GUI has them, and errors where there is truth.',),
+        'what | value .4 | unit',
+        [(m.name, m.cell, m.unit) for m in metrics_of(run) if not math.isnan(m.value)],
+        'Statistics as the runway GUI has them, and errors where there is truth.',
     )
     return Section('Overview', (), (table,))
 
@@ -71,7 +62,6 @@ def _marker_table(errors: MarkerErrors) -> Table:
     for index, name in enumerate([*errors.names, f'all {len(errors.names)}']):
         one = slice(index, index + 1) if index < len(errors.names) else slice(None)
         state, offset = errors.state[:, one], errors.offset[:, one]
-        counts = [100.0 * float(np.mean(state == kind)) for kind in _ORDER]
         found, predicted = (
             np.where((state == kind)[..., None], offset, np.nan) for kind in _ORDER[:2]
         )
@@ -79,7 +69,7 @@ def _marker_table(errors: MarkerErrors) -> Table:
             (
                 name,
                 100.0 * float(np.mean(errors.visible[:, one])),
-                *counts,
+                *(100.0 * float(np.mean(state == kind)) for kind in _ORDER),
                 int(np.count_nonzero(errors.wrong[:, one])),
                 rms(found[..., 0]),
                 rms(found[..., 1]),
@@ -87,26 +77,15 @@ def _marker_table(errors: MarkerErrors) -> Table:
                 distance_rms(predicted),
             )
         )
-    return Table(
+    return Table.of(
         'markers',
         f'Markers in {len(errors.time)} frames',
-        (
-            Column('marker'),
-            Column('visible', '%', 1),
-            Column('detected', '%', 1),
-            Column('predicted', '%', 1),
-            Column('lost', '%', 1),
-            Column('wrong names', 'frames'),
-            Column('detected, x RMS', 'px'),
-            Column('detected, y RMS', 'px'),
-            Column('detected, RMS', 'px'),
-            Column('predicted, RMS', 'px'),
-        ),
-        tuple(rows),
-        (
-            'Errors are places minus true places; RMS without an axis is of the distance. A name '
-            f'is wrong where a marker lies within {NEAR:g} px of another light and not of its own.',
-        ),
+        'marker | visible [%] .1 | detected [%] .1 | predicted [%] .1 | lost [%] .1 '
+        '| wrong names [frames] | detected, x RMS [px] | detected, y RMS [px] '
+        '| detected, RMS [px] | predicted, RMS [px]',
+        rows,
+        'Errors are places minus true places; RMS without an axis is of the distance. A name '
+        f'is wrong where a marker lies within {NEAR:g} px of another light and not of its own.',
     )
 
 
@@ -132,26 +111,19 @@ def _marker_figure(errors: MarkerErrors) -> Figure:
 
 
 def _roll_table(errors: RollErrors) -> Table:
-    known = np.isfinite(errors.error)
-    worst = float(np.max(np.abs(errors.error[known]))) if known.any() else math.nan
+    known = errors.error[np.isfinite(errors.error)]
     row = (
         len(errors.time),
-        100.0 * float(np.mean(known)),
-        math.degrees(float(np.mean(errors.error[known]))) if known.any() else math.nan,
-        math.degrees(rms(errors.error)),
-        math.degrees(worst),
+        100.0 * known.size / len(errors.time),
+        math.degrees(float(np.mean(known))) if known.size else math.nan,
+        math.degrees(rms(known)),
+        math.degrees(float(np.max(np.abs(known)))) if known.size else math.nan,
     )
-    return Table(
+    return Table.of(
         'roll',
         'Roll',
-        (
-            Column('frames'),
-            Column('measured', '%', 1),
-            Column('mean error', '°', 4),
-            Column('RMS error', '°', 4),
-            Column('greatest error', '°', 4),
-        ),
-        (row,),
+        'frames | measured [%] .1 | mean error [°] .4 | RMS error [°] .4 | greatest error [°] .4',
+        [row],
     )
 
 
@@ -168,33 +140,15 @@ def _roll_figure(errors: RollErrors) -> Figure:
 
 
 def _line_table(errors: LineErrors) -> Table:
-    rows: list[tuple[Cell, ...]] = []
-    for index, name in enumerate(errors.names):
-        matches = errors.of(index)
-        visible = errors.visible[index]
-        rows.append(
-            (
-                name,
-                visible,
-                100.0 * len(matches) / visible if visible else math.nan,
-                rms(np.array([match.distance for match in matches])),
-                math.degrees(rms(np.array([match.dtheta for match in matches]))),
-            )
-        )
-    return Table(
+    return Table.of(
         'lines',
         f'Runway lines in {errors.frames} frames',
-        (
-            Column('line'),
-            Column('visible', 'frames'),
-            Column('found', '%', 1),
-            Column('distance, RMS', 'px', 2),
-            Column('direction, RMS', '°', 2),
-        ),
-        tuple(rows),
-        (
-            f'{errors.found} lines were reported. One is found when it passes within '
-            f'{DISTANCE_LIMIT:g} px of the middle of the true segment and within '
-            f'{math.degrees(THETA_LIMIT):g}° of its direction.',
-        ),
+        'line | visible [frames] | found [%] .1 | distance, RMS [px] .2 | direction, RMS [°] .2',
+        [
+            (role.name.lower().replace('_', ' '), errors.visible[index], *errors.numbers(index))
+            for index, role in enumerate(ALONG)
+        ],
+        f'{errors.found} lines were reported. One is found when it passes within '
+        f'{DISTANCE_LIMIT:g} px of the middle of the true segment and within '
+        f'{math.degrees(THETA_LIMIT):g}° of its direction.',
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
-from mvuav_ros.offline.evaluation.line_errors import LineMatch, TrueLine, match_lines
+from mvuav_ros.offline.evaluation.line_errors import ALONG, LineErrors, TrueLine
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -56,21 +56,6 @@ class RollErrors:
         return angle_difference(self.measured, self.true)
 
 
-@dataclass(frozen=True)
-class LineErrors:
-    """Matches of each frame; ``visible`` counts the frames that show each true line."""
-
-    frames: int
-    found: int
-    visible: tuple[int, ...]
-    matches: tuple[LineMatch, ...]
-    names: tuple[str, ...]
-
-    def of(self, true: int) -> list[LineMatch]:
-        """The matches of one true line."""
-        return [match for match in self.matches if match.true == true]
-
-
 def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     """Markers against truth; None where one of them is missing, or the markers have no names."""
     results, truth = run.results.markers, run.truth.markers
@@ -85,28 +70,16 @@ def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
     true = np.array([_places(truth[stamp]) for stamp in stamps])
     state = np.array([results[stamp]['state'] for stamp in stamps])
     seen = np.array([truth[stamp]['state'] for stamp in stamps]) == MarkerState.DETECTED
-    offset = found - true
-    return MarkerErrors(
-        _names(run, found.shape[1]),
-        _seconds(stamps),
-        offset,
-        state,
-        seen,
-        _wrong_names(found, true, state),
-    )
-
-
-def _names(run: EvaluationRun, count: int) -> tuple[str, ...]:
-    names = (run.names.get(label, f'marker {label}') for label in range(count))
-    return tuple(name.replace('_', ' ') for name in names)
+    labels = range(found.shape[1])
+    names = (run.names.get(label, f'marker {label}').replace('_', ' ') for label in labels)
+    wrong = _wrong_names(found, true, state)
+    return MarkerErrors(tuple(names), _seconds(stamps), found - true, state, seen, wrong)
 
 
 def _wrong_names(found: Array, true: Array, state: Array) -> Array:
-    own = np.hypot(*np.moveaxis(found - true, -1, 0))
-    apart = found[:, :, None] - true[:, None]
-    nearest = np.nanmin(
-        np.where(np.isnan(apart[..., 0]), np.inf, np.hypot(*np.moveaxis(apart, -1, 0))), axis=2
-    )
+    apart = np.hypot(*np.moveaxis(found[:, :, None] - true[:, None], -1, 0))
+    own = np.diagonal(apart, axis1=1, axis2=2)
+    nearest = np.where(np.isnan(apart), np.inf, apart).min(axis=2)
     return np.asarray((state == MarkerState.DETECTED) & ~(own <= NEAR) & (nearest <= NEAR))
 
 
@@ -123,36 +96,27 @@ def roll_errors(run: EvaluationRun) -> RollErrors | None:
     )
 
 
-TRUE_LINES = ('left edge', 'right edge', 'centreline')
-"""Of ``/truth/lines``, the rows that run along the runway."""
-
-
 def line_errors(run: EvaluationRun) -> LineErrors | None:
     """Lines against truth; None where one of them is missing."""
     results, truth = run.results.lines, run.truth.lines
     stamps = sorted(results.keys() & truth.keys())
     if not stamps:
         return None
-    matches: list[LineMatch] = []
-    visible = [0] * len(TRUE_LINES)
-    found = 0
+    errors = LineErrors()
     for stamp in stamps:
-        true = _true_lines(truth[stamp])
-        for index, line in enumerate(true):
-            visible[index] += math.isfinite(line.line.rho)
         lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
-        found += sum(math.isfinite(line.rho) for line in lines)
-        matches += match_lines(lines, true)
-    return LineErrors(len(stamps), found, tuple(visible), tuple(matches), TRUE_LINES)
+        errors.add(lines, _true_lines(truth[stamp]))
+    return errors
 
 
 def _true_lines(rows: Rows) -> list[TrueLine]:
+    """The first rows of ``/truth/lines``, which are those of `ALONG`."""
     return [
         TrueLine(
             NormalForm(float(row['rho']), float(row['theta'])),
             (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
         )
-        for row in rows[: len(TRUE_LINES)]
+        for row in rows[: len(ALONG)]
     ]
 
 

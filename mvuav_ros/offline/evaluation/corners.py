@@ -16,12 +16,7 @@ from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far an edge may be from its corners, px along their rows.
-
-    Attributes:
-        least: px.
-        share: of the near end's width.
-    """
+    """How far an edge may be from its corners along their rows: px, share of the near width."""
 
     least: float = 3.0
     share: float = 0.05
@@ -43,15 +38,7 @@ class CornersError(ValueError):
 
 @dataclass(frozen=True)
 class LabelledFrame:
-    """One image's labels, px.
-
-    Attributes:
-        file: name of the image, beside the labels.
-        near_left: corner.
-        near_right: corner.
-        far_right: corner.
-        far_left: corner.
-    """
+    """The name of an image beside the labels, and the corners of the runway in it, px."""
 
     file: str
     near_left: Point
@@ -117,11 +104,7 @@ class FrameScore:
 
 @dataclass(frozen=True)
 class CornersScore:
-    """A run's result; the first `WARM_UP` frames do not count in the shares.
-
-    Attributes:
-        frames: all of them, in order.
-    """
+    """A run's frames in order; the first `WARM_UP` do not count in the shares."""
 
     frames: tuple[FrameScore, ...]
 
@@ -234,10 +217,7 @@ def score_frame(
 def read_horizon(path: Path, frames: Sequence[LabelledFrame]) -> list[HorizonLine]:
     """Read the horizon of each labelled frame.
 
-    Args:
-        path: a file with the columns file, row_at_centre (px) and slope_deg (right end down
-            positive).
-        frames: the labelled frames.
+    The file's columns are file, row_at_centre (px) and slope_deg (right end down positive).
 
     Raises:
         CornersError: a column, a frame or a number is missing.

@@ -55,12 +55,7 @@ class LabelledRun:
 def run_detector(
     run: LabelledRun, parameters: RunwayDetectorParameters, tick: Callable[[], None]
 ) -> CornersScore:
-    """Process the images of a run in order.
-
-    Args:
-        run: the images and what is known of them.
-        parameters: of the detector.
-        tick: called after each frame.
+    """Process the images of a run in order; ``tick`` is called after each.
 
     Raises:
         CornersError: an image cannot be read.
@@ -91,9 +86,7 @@ def write_images(
             wanted[f'failure_{failure}'] = index
     written = []
     for index, (frame, result) in enumerate(_results(run, parameters)):
-        for name, at in wanted.items():
-            if index != at:
-                continue
+        for name in (name for name, at in wanted.items() if at == index):
             path = folder / f'{name}.png'
             if not cv2.imwrite(str(path), _image(frame, result)):
                 raise CornersError(f'{path}: cannot be written')
@@ -126,7 +119,7 @@ def _image(frame: LabelledFrame, result: RunwayResult | ApproachResult) -> NDArr
     image = np.asarray(
         cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST), np.uint8
     )
-    corners = [frame.near_left, frame.near_right, frame.far_right, frame.far_left]
-    outline = (np.array(corners) + 0.5) * factor - 0.5
+    corners = np.array([frame.near_left, frame.near_right, frame.far_right, frame.far_left])
+    outline = (corners + 0.5) * factor - 0.5
     cv2.polylines(image, [np.rint(outline).astype(np.int32)], True, _LABEL, 1)
     return image

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +14,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.marker_names import PREFIX as ONE_MARKER
-from mvuav_ros.offline.evaluation.marker_names import NamedPoints, names_of
 from mvuav_ros.offline.replay import frames
 from mvuav_ros.offline.simulate import truth_messages
 from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import decode_message
@@ -41,6 +40,10 @@ RESULT_TOPICS = {
     '/runway_detector/line_params': LINES,
 }
 Rows = NDArray[np.void]
+ONE_MARKER = '/marker_tracker/marker/'
+"""Of the topics that hold one marker each; its name follows."""
+_SAME_PLACE = 1e-2
+"""px; rows are in single precision, points in double."""
 
 
 @dataclass
@@ -71,6 +74,44 @@ class Observations:
     def stamps(self) -> set[int]:
         """Of all frames."""
         return {*self.markers, *self.rpy, *self.lines}
+
+
+class NamedPoints:
+    """What the topics of single markers say, to find the row that each of them repeats.
+
+    The order of topics tells nothing: `ros2 bag record` lists them as they were discovered.
+    """
+
+    def __init__(self) -> None:
+        self._points: dict[str, dict[int, tuple[float, float]]] = defaultdict(dict)
+
+    def add(self, topic: str, data: bytes | memoryview) -> None:
+        """Take in a message's CDR.
+
+        Raises:
+            MalformedMessageError: it is no PointStamped.
+        """
+        message = decode_message('geometry_msgs/msg/PointStamped', data)
+        place = float(message.point.x), float(message.point.y)
+        self._points[topic.removeprefix(ONE_MARKER)][stamp_ns_of(message.header)] = place
+
+    def names(self, markers: Mapping[int, Rows]) -> dict[int, str]:
+        """The names that are certain, by label, from rows of ``~/markers`` by stamp (ns)."""
+        found: dict[int, str] = {}
+        for name, points in self._points.items():
+            for stamp in points.keys() & markers.keys():
+                rows, (x, y) = markers[stamp], points[stamp]
+                near = rows[np.hypot(rows['x'] - x, rows['y'] - y) < _SAME_PLACE]
+                if len(near) == 1:
+                    found[int(near['label'][0])] = name
+                    break
+        return found
+
+
+def names_of(processors: Iterable[Processor]) -> dict[int, str]:
+    """The names of the rig that is tracked, by label."""
+    topics = (resolve(t, f'/{each.name}') for each in processors for t in each.topics)
+    return dict(enumerate(t.removeprefix(ONE_MARKER) for t in topics if t.startswith(ONE_MARKER)))
 
 
 @dataclass
@@ -132,10 +173,8 @@ def replay(
 ) -> EvaluationRun:
     """Run nodes over an input; its truth comes from the bag or from the synthetic flight.
 
-    Args:
-        text: a bag, a video, images, or a synthetic flight.
-        parameters: of each node to run, by its name.
-        topic: image topic of a bag that has several.
+    The input is a bag (``topic`` names its images if it has several), a video, images, or a
+    synthetic flight; the parameters are of each node to run, by its name.
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.
@@ -171,13 +210,17 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
     if text.startswith(PREFIX):
         yield from _flown(text, run.truth)
         return
-    path = Path(text).expanduser()
-    if path.exists() and looks_like_bag(path):
+    if path := _bag(text):
         stored = read_bag(path)
         run.truth, run.errors = stored.truth, stored.errors
     with closing(open_source(text, topic=topic, cameras=False)) as source:
         yield from source.frames()
         run.errors = list(dict.fromkeys([*run.errors, *source.errors]))
+
+
+def _bag(text: str) -> Path | None:
+    path = Path(text).expanduser()
+    return path if path.exists() and looks_like_bag(path) else None
 
 
 def _flown(text: str, truth: Observations) -> Iterator[Frame]:
@@ -199,8 +242,7 @@ def nodes_for(text: str) -> list[str]:
     if text.startswith(PREFIX):
         tanker = text.removeprefix(PREFIX).startswith('tanker')
         return ['marker_tracker'] if tanker else ['runway_detector']
-    path = Path(text).expanduser()
-    if not (path.exists() and looks_like_bag(path)):
+    if not (path := _bag(text)):
         return list(PROCESSORS)
     with open_recording(path) as recording:
         kinds = {TRUTH_TOPICS[t.name] for t in recording.topics if t.name in TRUTH_TOPICS}

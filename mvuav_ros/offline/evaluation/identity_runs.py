@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mvuav_ros.parameters.declaration import Value
@@ -31,11 +31,7 @@ SCENES: Mapping[str, Mapping[str, Value]] = {
         'failures': 'left_wing@3-5, right_wing@3-5',
     },
     'all hidden 1 s, twice': {'motion': 'roll_translation', 'failures': 'all@2-3, all@5-6'},
-    'five hot pixels, three glares': {
-        'motion': 'roll_translation',
-        'hot_pixels': 5,
-        'glares': 3,
-    },
+    'five hot pixels, three glares': {'motion': 'roll_translation', 'hot_pixels': 5, 'glares': 3},
     'the same, two markers hidden 2 s, then all 1 s': {
         'motion': 'roll',
         'hot_pixels': 5,
@@ -70,39 +66,111 @@ class IdentityTask:
     parameters: MarkerTrackerParameters = field(default_factory=MarkerTrackerParameters)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class NamedFlight:
     """What became of the names on a flight.
 
     Attributes:
         scene: of the task.
+        results: of every frame.
         wrong: frame, marker and px from its true place, for every name on something else.
         imagined: frame, marker and px for every marker out of sight, yet reported as detected.
         switches: how often a name went over from one light to another.
         partial: latencies, frames, from a whole marker's appearance to its name while others
             were named.
         total: latencies where no marker had been named the frame before.
-        named: share of the whole markers' frames in which they were detected.
+        whole: frames of all whole markers together.
+        detected: of these, with a name.
         most_predicted: largest distance of a predicted marker from its true place, px.
         roll_error: the greatest while both wings were detected, rad, modulo a turn.
-        results: of every frame.
     """
 
     scene: str
-    wrong: tuple[tuple[int, str, float], ...]
-    imagined: tuple[tuple[int, str, float], ...]
-    switches: int
-    partial: tuple[int, ...]
-    total: tuple[int, ...]
-    named: float
-    most_predicted: float
-    roll_error: float
-    results: tuple[MarkerResult, ...]
+    results: tuple[MarkerResult, ...] = ()
+    wrong: tuple[tuple[int, str, float], ...] = ()
+    imagined: tuple[tuple[int, str, float], ...] = ()
+    switches: int = 0
+    partial: tuple[int, ...] = ()
+    total: tuple[int, ...] = ()
+    whole: int = 0
+    detected: int = 0
+    most_predicted: float = 0.0
+    roll_error: float = 0.0
+    _waiting: dict[int, int] = field(default_factory=dict)
+    _after_all: set[int] = field(default_factory=set)
+    _carrier: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def named(self) -> float:
+        """Share of the whole markers' frames in which they were detected."""
+        return self.detected / max(self.whole, 1)
 
     @property
     def slowest(self) -> int:
         """The most frames that it took a marker to get its name."""
         return max((*self.partial, *self.total), default=0)
+
+    def add(self, result: MarkerResult, truth: Sequence[MarkerTruth], roll: float) -> None:
+        """Score the next frame; ``roll`` is the true one, rad."""
+        none_before = not self.results or not any(_detected(self.results[-1]))
+        self.results += (result,)
+        detected = _detected(result)
+        for index, (marker, true) in enumerate(zip(result.markers, truth, strict=True)):
+            if marker.state is not MarkerState.LOST:
+                distances = [math.hypot(marker.x - t.x, marker.y - t.y) for t in truth]
+                if detected[index]:
+                    self._place(index, true, distances)
+                else:
+                    self.most_predicted = max(self.most_predicted, distances[index])
+            self.whole += true.whole
+            self.detected += true.whole and detected[index]
+            self._wait(index, true.whole, detected[index], none_before)
+        if not math.isnan(result.roll) and detected[0] and detected[-1]:
+            error = abs(math.remainder(result.roll - roll, 2 * math.pi))
+            self.roll_error = max(self.roll_error, error)
+
+    def _place(self, index: int, true: MarkerTruth, distances: list[float]) -> None:
+        """Hold a detected marker's distances from all true places against its name."""
+        note = (len(self.results) - 1, true.name, distances[index])
+        nearest = distances.index(min(distances))
+        if distances[index] > NAMED_WRONG or nearest != index:
+            self.wrong += (note,)
+        elif not true.visible:
+            self.imagined += (note,)
+        carrier = nearest if distances[nearest] <= NAMED_WRONG else -1
+        self.switches += self._carrier.get(index, carrier) != carrier
+        self._carrier[index] = carrier
+
+    def _wait(self, index: int, whole: bool, detected: bool, none_before: bool) -> None:
+        if not whole:
+            self._waiting.pop(index, None)
+            self._after_all.discard(index)
+            return
+        if index not in self._waiting:
+            self._waiting[index] = 0
+            if none_before:
+                self._after_all.add(index)
+        if detected:
+            self._end_wait(index)
+            self._after_all.discard(index)
+        else:
+            self._waiting[index] += 1
+
+    def _end_wait(self, index: int) -> None:
+        latency = (self._waiting.pop(index),)
+        if index in self._after_all:
+            self.total += latency
+        else:
+            self.partial += latency
+
+    def close(self) -> None:
+        """Count the waits that the flight's end cut short."""
+        for index in list(self._waiting):
+            self._end_wait(index)
+
+
+def _detected(result: MarkerResult) -> list[bool]:
+    return [marker.state is MarkerState.DETECTED for marker in result.markers]
 
 
 def identity_task(
@@ -118,94 +186,9 @@ def identity_task(
 def fly_names(task: IdentityTask) -> NamedFlight:
     """Follow a flight and hold every name against the truth."""
     tracker = MarkerTracker(task.parameters)
-    scorer = IdentityScorer()
+    flown = NamedFlight(task.scene)
     for frame in TankerFlight(task.flight):
         result = tracker.process(frame.image, frame.stamp_ns)
-        scorer.add(result, frame.truth.markers, frame.truth.roll)
-    return scorer.close(task.scene)
-
-
-class IdentityScorer:
-    """Counts wrong, missed and returning names of one flight against its truth."""
-
-    def __init__(self) -> None:
-        self._results: list[MarkerResult] = []
-        self._wrong: list[tuple[int, str, float]] = []
-        self._imagined: list[tuple[int, str, float]] = []
-        self._partial: list[int] = []
-        self._total: list[int] = []
-        self._waiting: dict[int, int] = {}
-        self._after_all: set[int] = set()
-        self._carrier: dict[int, int] = {}
-        self._switches = self._whole = self._named = 0
-        self._most_predicted = self._roll_error = 0.0
-
-    def add(self, result: MarkerResult, truth: tuple[MarkerTruth, ...], roll: float) -> None:
-        """Score the next frame; ``roll`` is the true one, rad."""
-        none_before = not self._results or not _any_named(self._results[-1])
-        self._results.append(result)
-        detected = [marker.state is MarkerState.DETECTED for marker in result.markers]
-        for index, (marker, true) in enumerate(zip(result.markers, truth, strict=True)):
-            if marker.state is not MarkerState.LOST:
-                self._place(index, marker.x, marker.y, detected[index], truth)
-            self._whole += true.whole
-            self._named += true.whole and detected[index]
-            self._wait(index, true.whole, detected[index], none_before)
-        if not math.isnan(result.roll) and detected[0] and detected[-1]:
-            error = abs(math.remainder(result.roll - roll, 2 * math.pi))
-            self._roll_error = max(self._roll_error, error)
-
-    def _place(
-        self, index: int, x: float, y: float, detected: bool, truth: tuple[MarkerTruth, ...]
-    ) -> None:
-        distances = [math.hypot(x - true.x, y - true.y) for true in truth]
-        off = distances[index]
-        if not detected:
-            self._most_predicted = max(self._most_predicted, off)
-            return
-        note = (len(self._results) - 1, truth[index].name, off)
-        nearest = distances.index(min(distances))
-        if off > NAMED_WRONG or nearest != index:
-            self._wrong.append(note)
-        elif not truth[index].visible:
-            self._imagined.append(note)
-        carrier = nearest if distances[nearest] <= NAMED_WRONG else -1
-        self._switches += self._carrier.get(index, carrier) != carrier
-        self._carrier[index] = carrier
-
-    def _wait(self, index: int, whole: bool, detected: bool, none_before: bool) -> None:
-        if not whole:
-            self._waiting.pop(index, None)
-            self._after_all.discard(index)
-            return
-        if index not in self._waiting:
-            self._waiting[index] = 0
-            if none_before:
-                self._after_all.add(index)
-        if not detected:
-            self._waiting[index] += 1
-            return
-        latencies = self._total if index in self._after_all else self._partial
-        latencies.append(self._waiting.pop(index))
-        self._after_all.discard(index)
-
-    def close(self, scene: str) -> NamedFlight:
-        """The flight's counts under the scene's name."""
-        for index, frames in self._waiting.items():
-            (self._total if index in self._after_all else self._partial).append(frames)
-        return NamedFlight(
-            scene,
-            tuple(self._wrong),
-            tuple(self._imagined),
-            self._switches,
-            tuple(self._partial),
-            tuple(self._total),
-            self._named / max(self._whole, 1),
-            self._most_predicted,
-            self._roll_error,
-            tuple(self._results),
-        )
-
-
-def _any_named(result: MarkerResult) -> bool:
-    return any(marker.state is MarkerState.DETECTED for marker in result.markers)
+        flown.add(result, frame.truth.markers, frame.truth.roll)
+    flown.close()
+    return flown

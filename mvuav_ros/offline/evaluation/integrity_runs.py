@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.simulation.light_flights import (
-    LightFlight,
-    LightScene,
-    LightTruth,
-    random_rig,
-)
+from mvuav_ros.offline.evaluation.pose_runs import pose_error
+from mvuav_ros.simulation.light_flights import LightFlight, LightScene, LightTruth, random_rig
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import TANKER_747
 
@@ -52,7 +48,7 @@ class IntegrityTask:
     calibrated: bool = True
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class IntegrityFlight:
     """What became of names and poses on a flight.
 
@@ -64,20 +60,66 @@ class IntegrityFlight:
         missed: of these, without a name.
         waits: lengths, frames, of the times in which three or more whole markers were in sight
             and not all had names, after all had had them once.
-        moved: errors of the poses told, share of the distance.
-        turned: errors of the attitudes told, degrees.
-        squares: errors squared over their covariance.
+        poses: (n, 3), errors of the poses told: of the position as a share of the distance, of
+            the attitude in degrees, and of both squared over their covariance.
     """
 
     scene: str
-    frames: int
-    wrong: tuple[int, ...]
-    seen: int
-    missed: int
-    waits: tuple[int, ...]
-    moved: Array
-    turned: Array
-    squares: Array
+    frames: int = 0
+    wrong: tuple[int, ...] = ()
+    seen: int = 0
+    missed: int = 0
+    waits: tuple[int, ...] = ()
+    poses: tuple[tuple[float, float, float], ...] = ()
+    _running: Counter[int] = field(default_factory=Counter)
+    _wait: int = 0
+    _started: bool = False
+
+    @property
+    def moved(self) -> Array:
+        """Errors of the poses told, share of the distance."""
+        return np.reshape(self.poses, (-1, 3))[:, 0]
+
+    @property
+    def turned(self) -> Array:
+        """Errors of the attitudes told, degrees."""
+        return np.reshape(self.poses, (-1, 3))[:, 1]
+
+    @property
+    def squares(self) -> Array:
+        """Errors squared over their covariance."""
+        return np.reshape(self.poses, (-1, 3))[:, 2]
+
+    def add_names(self, result: MarkerResult, truth: LightTruth) -> None:
+        """Count a frame's names."""
+        self.frames += 1
+        named = np.array([m.state is MarkerState.DETECTED for m in result.markers])
+        for index, (marker, place) in enumerate(zip(result.markers, truth.pixels, strict=True)):
+            away = math.hypot(marker.x - place[0], marker.y - place[1])
+            if named[index] and away > TOLD_APART:
+                self._running[index] += 1
+            elif index in self._running:
+                self.wrong += (self._running.pop(index),)
+        missed = truth.whole & ~named
+        self.seen += int(truth.whole.sum())
+        self.missed += int(missed.sum())
+        waiting = bool(self._started and missed.any() and truth.whole.sum() >= FEWEST)
+        if self._wait and not waiting:
+            self.waits += (self._wait,)
+        self._wait = self._wait + 1 if waiting else 0
+        self._started |= bool(named.all())
+
+    def add_pose(self, pose: Pose, truth: LightTruth) -> None:
+        """Hold a pose against the truth."""
+        error, square = pose_error(pose, truth.rotation, truth.translation)
+        moved = float(np.linalg.norm(error[:3]) / np.linalg.norm(truth.translation))
+        turned = math.degrees(float(np.linalg.norm(error[3:])))
+        self.poses += ((moved, turned, square),)
+
+    def close(self) -> None:
+        """Count what the flight's end cut short."""
+        self.wrong += tuple(self._running[index] for index in sorted(self._running))
+        self.waits += (self._wait,) * bool(self._wait)
 
 
 def fly_integrity(task: IntegrityTask) -> IntegrityFlight:
@@ -88,68 +130,15 @@ def fly_integrity(task: IntegrityTask) -> IntegrityFlight:
     tracker, poses = MarkerTracker(rig=rig), PoseEstimator(rig)
     if task.calibrated:
         tracker.set_camera(flight.camera)
-    scorer = _Scorer(len(rig.names))
+    flown = IntegrityFlight(task.scene)
     for stamp_ns, pixels, truth in flight:
         result = tracker.process(Image(pixels, 'mono8'), stamp_ns)
         seen = [m for m in result.markers if m.state is MarkerState.DETECTED]
         places = np.array([(marker.x, marker.y) for marker in seen])
         labels = [int(marker.label) for marker in seen]
+        flown.add_names(result, truth)
         pose = poses.estimate(flight.camera, labels, places, stamp_ns * 1e-9)
-        scorer.names(result, truth)
         if pose is not None:
-            scorer.pose(pose.rotation, pose.translation, pose.covariance, truth)
-    return scorer.close(task.scene)
-
-
-class _Scorer:
-    def __init__(self, count: int) -> None:
-        self._running = [0] * count
-        self._wrong: list[int] = []
-        self._waits: list[int] = []
-        self._poses: list[tuple[float, float, float]] = []
-        self._frames = self._seen = self._missed = self._wait = 0
-        self._started = False
-
-    def names(self, result: MarkerResult, truth: LightTruth) -> None:
-        """Count a frame's names."""
-        self._frames += 1
-        named = np.array([m.state is MarkerState.DETECTED for m in result.markers])
-        for index, (marker, place) in enumerate(zip(result.markers, truth.pixels, strict=True)):
-            away = math.hypot(marker.x - place[0], marker.y - place[1])
-            if named[index] and away > TOLD_APART:
-                self._running[index] += 1
-            elif self._running[index]:
-                self._wrong.append(self._running[index])
-                self._running[index] = 0
-        missed = truth.whole & ~named
-        self._seen += int(truth.whole.sum())
-        self._missed += int(missed.sum())
-        waiting = bool(self._started and missed.any() and truth.whole.sum() >= FEWEST)
-        if self._wait and not waiting:
-            self._waits.append(self._wait)
-        self._wait = self._wait + 1 if waiting else 0
-        self._started |= bool(named.all())
-
-    def pose(
-        self, rotation: Array, translation: Array, covariance: Array, truth: LightTruth
-    ) -> None:
-        """Hold a pose against the truth."""
-        turn = np.asarray(cv2.Rodrigues(rotation @ truth.rotation.T)[0]).ravel()
-        error = np.concatenate((translation - truth.translation, turn))
-        moved = float(np.linalg.norm(error[:3]) / np.linalg.norm(truth.translation))
-        square = float(error @ np.linalg.solve(covariance, error))
-        self._poses.append((moved, math.degrees(float(np.linalg.norm(turn))), square))
-
-    def close(self, scene: str) -> IntegrityFlight:
-        """All that was counted."""
-        wrong = [*self._wrong, *filter(None, self._running)]
-        waits = [*self._waits, *filter(None, [self._wait])]
-        return IntegrityFlight(
-            scene,
-            self._frames,
-            tuple(wrong),
-            self._seen,
-            self._missed,
-            tuple(waits),
-            *np.array(self._poses).reshape(-1, 3).T,
-        )
+            flown.add_pose(pose, truth)
+    flown.close()
+    return flown

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
-from mvuav_ros.parameters.declaration import ParameterSet, Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 
@@ -41,7 +39,7 @@ class MarkerRun:
 
     predicted: Array
     found: Array
-    states: NDArray[np.uint8]
+    states: NDArray[np.int_]
     roll: Array
 
     @property
@@ -81,60 +79,35 @@ class FlownMarkers:
         return angle_difference(self.runs[name].roll, self.roll)
 
 
-def supported(kind: type[ParameterSet], values: Mapping[str, Value]) -> dict[str, Value]:
-    """The values of parameters that there are, so that tables follow the nodes' parameters."""
-    return {name: value for name, value in values.items() if name in kind.names()}
-
-
 def fly_markers(task: MarkerTask) -> FlownMarkers:
     """Draw every frame once and show it to every tracker."""
     flight = TankerFlight(task.flight)
-    followers = {
-        name: _Follower(MarkerTracker(parameters)) for name, parameters in task.trackers.items()
-    }
+    trackers = {name: MarkerTracker(parameters) for name, parameters in task.trackers.items()}
+    rows: dict[str, list[_Row]] = {name: [] for name in trackers}
     places, rolls = [], []
     for frame in flight:
         places.append([(marker.x, marker.y) for marker in frame.truth.markers])
         rolls.append(frame.truth.roll)
-        for follower in followers.values():
-            follower.see(frame.image, frame.stamp_ns)
+        for name, tracker in trackers.items():
+            rows[name].append(_row(tracker.process(frame.image, frame.stamp_ns)))
     return FlownMarkers(
         task.flight,
         np.array([flight.time(index) for index in flight.indices]),
         np.array(places),
         np.array(rolls),
-        {name: follower.run() for name, follower in followers.items()},
+        {name: MarkerRun(*map(np.array, zip(*own, strict=True))) for name, own in rows.items()},
     )
 
 
-class _Follower:
-    """Collects one tracker's results."""
-
-    def __init__(self, tracker: MarkerTracker) -> None:
-        self._tracker = tracker
-        self._predicted: list[Sequence[tuple[float, float]]] = []
-        self._found: list[list[tuple[float, float]]] = []
-        self._states: list[list[int]] = []
-        self._rolls: list[float] = []
-
-    def see(self, image: Image, stamp_ns: int) -> None:
-        result = self._tracker.process(image, stamp_ns)
-        # A frame that is searched whole makes no use of a prediction.
-        used = result.windows and result.predictions
-        self._predicted.append(result.predictions if used else [_NOWHERE] * len(result.markers))
-        self._found.append(
-            [(m.x, m.y) if m.state is MarkerState.DETECTED else _NOWHERE for m in result.markers]
-        )
-        self._states.append([marker.state for marker in result.markers])
-        self._rolls.append(result.roll)
-
-    def run(self) -> MarkerRun:
-        return MarkerRun(
-            np.array(self._predicted),
-            np.array(self._found),
-            np.array(self._states, np.uint8),
-            np.array(self._rolls),
-        )
+_Place = tuple[float, float]
+_Row = tuple[Sequence[_Place], Sequence[_Place], Sequence[MarkerState], float]
 
 
-_NOWHERE = (math.nan, math.nan)
+def _row(result: MarkerResult) -> _Row:
+    """What a `MarkerRun` keeps of a frame."""
+    nowhere = (math.nan, math.nan)
+    states = [marker.state for marker in result.markers]
+    found = [(m.x, m.y) if m.state is MarkerState.DETECTED else nowhere for m in result.markers]
+    # A frame that is searched whole makes no use of a prediction.
+    used = result.windows and result.predictions
+    return result.predictions if used else [nowhere] * len(states), found, states, result.roll

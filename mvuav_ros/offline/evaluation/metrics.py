@@ -10,6 +10,7 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
+from mvuav_ros.offline.evaluation.line_errors import line_numbers
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
@@ -43,11 +44,7 @@ def name_and_unit(column: str) -> tuple[str, str]:
 
 
 def metric_groups(runs: Iterable[Iterable[Metric]]) -> dict[str, list[str]]:
-    """Columns by group, without those that have no number at all.
-
-    Args:
-        runs: the metrics of each.
-    """
+    """Columns by group, without those that have no number at all."""
     groups: dict[str, list[str]] = {}
     for metrics in runs:
         for metric in metrics:
@@ -59,49 +56,29 @@ def metric_groups(runs: Iterable[Iterable[Metric]]) -> dict[str, list[str]]:
 
 def metrics_of(run: EvaluationRun) -> list[Metric]:
     """Everything that can be said of an input's results."""
+    rejected = math.nan if run.rejected is None else float(run.rejected)
     metrics = [
         Metric('frames', 'frames', '', float(run.frames)),
-        Metric(
-            'frames',
-            'frames rejected',
-            '',
-            math.nan if run.rejected is None else float(run.rejected),
-        ),
+        Metric('frames', 'frames rejected', '', rejected),
         Metric('time per frame', 'time per frame', 'ms', run.milliseconds),
     ]
     if run.results.markers:
-        metrics += _marker_counts(run.results.markers.values())
-    if run.results.rpy:
-        rolls = np.array(list(run.results.rpy.values()))
-        metrics += _roll_statistics(rolls[np.isfinite(rolls)])
+        states = np.concatenate([rows['state'] for rows in run.results.markers.values()])
+        for state in (MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST):
+            share = 100.0 * int(np.count_nonzero(states == state)) / max(states.size, 1)
+            name = f'markers {state.name.lower()}'
+            metrics.append(Metric('markers by state', name, '%', share))
+    rolls = np.array([roll for roll in run.results.rpy.values() if math.isfinite(roll)])
+    if rolls.size:
+        unwrapped = np.degrees(np.unwrap(rolls))
+        deviation = float(np.std(unwrapped, ddof=1)) if rolls.size > 1 else math.nan
+        metrics += [
+            Metric('average roll', 'roll mean', '°', float(np.mean(unwrapped))),
+            Metric('deviation of roll', 'roll std', '°', deviation),
+        ]
     if run.results.lines:
         metrics += _line_statistics(run.results.lines.values())
     return metrics + _errors(run)
-
-
-def _marker_counts(frames: Iterable[Rows]) -> list[Metric]:
-    states = np.concatenate([rows['state'] for rows in frames])
-    total = max(states.size, 1)
-    return [
-        Metric(
-            'markers by state',
-            f'markers {state.name.lower()}',
-            '%',
-            100.0 * int(np.count_nonzero(states == state)) / total,
-        )
-        for state in (MarkerState.DETECTED, MarkerState.PREDICTED, MarkerState.LOST)
-    ]
-
-
-def _roll_statistics(rolls: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[Metric]:
-    if not rolls.size:
-        return []
-    unwrapped = np.degrees(np.unwrap(rolls))
-    deviation = float(np.std(unwrapped, ddof=1)) if rolls.size > 1 else math.nan
-    return [
-        Metric('average roll', 'roll mean', '°', float(np.mean(unwrapped))),
-        Metric('deviation of roll', 'roll std', '°', deviation),
-    ]
 
 
 def _line_statistics(frames: Iterable[Rows]) -> list[Metric]:
@@ -154,9 +131,7 @@ def _errors(run: EvaluationRun) -> list[Metric]:
         metrics.append(Metric('error of roll', 'roll, RMS error', '°', error))
     lines = line_errors(run)
     if lines is not None:
-        share = 100.0 * len(lines.matches) / max(sum(lines.visible), 1)
-        distance = rms(np.array([match.distance for match in lines.matches]))
-        turned = math.degrees(rms(np.array([match.dtheta for match in lines.matches])))
+        share, distance, turned = line_numbers(lines.matches, max(sum(lines.visible), 1))
         metrics += [
             Metric('true lines found', 'true lines found', '%', share),
             Metric('error of lines', 'lines, RMS distance', 'px', distance),

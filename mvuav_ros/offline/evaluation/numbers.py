@@ -44,15 +44,12 @@ def angle_difference(a: Array, b: Array) -> Array:
     return np.asarray((a - b + math.pi) % (2 * math.pi) - math.pi)
 
 
-def pooled_rms(repeats: Sequence[Array], confidence: float = 0.95) -> Interval:
+def pooled_rms(repeats: Sequence[Array]) -> Interval:
     """RMS over all repeats, with the interval that their scatter allows.
 
     Measurements of one flight hang together (they share its vibration's phases), so that only
     whole flights are taken as independent: the interval is Student's t of their mean squares.
-
-    Args:
-        repeats: measurements of each flight; NaN does not count.
-        confidence: of the interval.
+    NaN does not count.
     """
     squares = np.array([float(np.nanmean(r**2)) for r in repeats if np.isfinite(r).any()])
     if squares.size == 0:
@@ -61,7 +58,7 @@ def pooled_rms(repeats: Sequence[Array], confidence: float = 0.95) -> Interval:
     if squares.size == 1:
         return Interval(math.sqrt(mean), math.nan, math.nan)
     error = float(squares.std(ddof=1)) / math.sqrt(squares.size)
-    reach = float(special.stdtrit(squares.size - 1, 0.5 + confidence / 2)) * error
+    reach = float(special.stdtrit(squares.size - 1, 0.975)) * error
     return Interval(
         math.sqrt(mean), math.sqrt(max(mean - reach, 0.0)), math.sqrt(max(mean + reach, 0.0))
     )
@@ -76,9 +73,7 @@ class Spectrum(NamedTuple):
     def peaks(self, most: int, least_share: float = 0.002) -> list[float]:
         """The frequencies (Hz) of the strongest maxima in rising order.
 
-        Args:
-            most: how many at most.
-            least_share: of the strongest one's density, below which a maximum is noise.
+        Below ``least_share`` of the strongest one's density a maximum is noise.
         """
         inner = self.density[1:-1]
         top = (inner >= self.density[:-2]) & (inner > self.density[2:])
@@ -95,12 +90,9 @@ class Spectrum(NamedTuple):
 
 
 def spectrum(values: Array, rate: float, seconds: float = 10.0) -> Spectrum:
-    """Welch's power spectral density of a signal's deviation from its mean.
+    """Welch's power spectral density of a signal (n,) without NaN, as deviation from its mean.
 
-    Args:
-        values: (n,), without NaN.
-        rate: samples per second.
-        seconds: length of a segment, the inverse of the resolution.
+    The rate is samples per second; the length of a segment (s) is the inverse of the resolution.
     """
     from scipy import signal
 

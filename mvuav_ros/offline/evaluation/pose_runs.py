@@ -11,7 +11,8 @@ from mvuav_ros.offline.evaluation.numbers import Array
 from mvuav_ros.recordings.sources.simulated import camera_model
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.frames import Matrix, Vector
+from mvuav_ros.vision.pose import Pose, PoseEstimator
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,13 @@ class FlownPoses:
     squares: Array
 
 
+def pose_error(pose: Pose, rotation: Matrix, translation: Vector) -> tuple[Array, float]:
+    """A pose's error (m, then rad about x, y and z), and its square over the covariance."""
+    turn = np.asarray(cv2.Rodrigues(pose.rotation @ rotation.T)[0], np.float64).ravel()
+    error = np.concatenate((pose.translation - translation, turn))
+    return error, float(error @ np.linalg.solve(pose.covariance, error))
+
+
 def fly_poses(task: PoseTask) -> FlownPoses:
     """Estimate the pose in every frame from the true places with noise; no image is drawn."""
     flight = TankerFlight(
@@ -57,13 +65,7 @@ def fly_poses(task: PoseTask) -> FlownPoses:
         pixels = places + rng.normal(0.0, task.noise, places.shape)
         pose = estimator.estimate(camera, range(len(pixels)), pixels, flight.time(index))
         rows[index, 0] = truth.distance
-        if pose is None:
-            continue
-        turn = np.asarray(cv2.Rodrigues(pose.rotation @ truth.rotation.T)[0]).ravel()
-        error = np.concatenate((pose.translation - truth.translation, turn))
-        rows[index, 1:] = (
-            np.linalg.norm(error[:3]),
-            np.linalg.norm(turn),
-            error @ np.linalg.solve(pose.covariance, error),
-        )
+        if pose is not None:
+            error, square = pose_error(pose, truth.rotation, truth.translation)
+            rows[index, 1:] = np.linalg.norm(error[:3]), np.linalg.norm(error[3:]), square
     return FlownPoses(*rows.T)

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import statistics
 import time
-from collections.abc import Callable, Sequence
-from typing import TypeVar, TypeVarTuple, Unpack
-
-import numpy as np
-
-from mvuav_ros.offline.evaluation.numbers import Array
+from collections.abc import Callable
+from typing import TypeVar, TypeVarTuple
 
 ResultT = TypeVar('ResultT')
 Given = TypeVarTuple('Given')
@@ -25,11 +20,7 @@ class Stopwatch:
         self._times: dict[str, dict[int, float]] = {}
 
     def time(
-        self,
-        stage: str,
-        frame: int,
-        work: Callable[[Unpack[Given]], ResultT],
-        *given: *Given,
+        self, stage: str, frame: int, work: Callable[[*Given], ResultT], *given: *Given
     ) -> ResultT:
         """Call the work with what is given and note how long it took."""
         start = time.perf_counter()
@@ -54,12 +45,3 @@ class Stopwatch:
     def total_s(self, stage: str) -> float:
         """Sum over the frames, s."""
         return sum(self._times[stage].values())
-
-    def median_ms(self, stage: str) -> float:
-        """Median over the frames, ms."""
-        return statistics.median(self._times[stage].values()) * 1e3
-
-
-def least_ms(passes: Sequence[Sequence[float]]) -> Array:
-    """The least time of each frame, ms, from the seconds of several passes."""
-    return np.asarray(np.min(np.array(passes), axis=0) * 1e3)

@@ -48,10 +48,8 @@ def run_on_cluster(
 ) -> Generator[Event, None, None]:
     """Do the jobs on a cluster, as many at a time as its workers have threads.
 
-    Args:
-        jobs: with absolute paths or URLs; one whose worker dies is done again by another.
-        address: the scheduler's, such as ``tcp://10.0.0.1:8786``.
-        interrupted: when to end early.
+    Their paths are absolute, or URLs; a job whose worker dies is done again by another. The
+    scheduler's address is such as ``tcp://10.0.0.1:8786``.
 
     Yields:
         Each job's progress and, at its end, its outcome.

@@ -67,12 +67,7 @@ def replay(
     *,
     debug: bool = False,
 ) -> Iterator[FrameResults | RecordedMessage]:
-    """The nodes' results for every frame, under the topics of the live nodes.
-
-    Args:
-        items: what an input yields.
-        processors: the nodes, each with a name of its own.
-        debug: also make the debug images.
+    """The nodes' results for every frame of an input, under the topics of the live nodes.
 
     Yields:
         The frames' results in their order, messages as they are, and last what the nodes say at

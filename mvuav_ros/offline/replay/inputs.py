@@ -53,12 +53,9 @@ class ReplayInput:
         return self._source.warnings if isinstance(self._source, BagImages) else []
 
     def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
-        """Frames, and what goes with them.
+        """Frames, and the messages to be copied (``keep``).
 
-        Args:
-            keep: the messages to be copied come as well.
-            camera: the frames have their calibrations, where the input is a bag.
-            attitude: the frames have the body's attitude, where the input is a bag.
+        Those of a bag have their calibrations and the body's attitude, if asked for.
         """
         if isinstance(self._source, BagImages):
             yield from self._source.items(

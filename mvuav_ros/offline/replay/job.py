@@ -132,12 +132,8 @@ def run_job(
 ) -> None:
     """Replay a recording; interrupted, the output is complete up to there.
 
-    Args:
-        job: what to replay, and where to.
-        outcome: kept up to date; it holds also after an error.
-        progress: told now and then how far it is.
-        stop: when to end early.
-        processes: that share the work; with 1 all of it is done in this one.
+    The outcome is kept up to date and holds also after an error. With one process all of the work
+    is done in this one.
 
     Raises:
         SourceError: the input cannot be read, or none of its frames be used.

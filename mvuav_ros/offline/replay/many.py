@@ -18,11 +18,6 @@ def run_jobs(jobs: Sequence[ReplayJob], at_once: int, stop: Stop) -> Generator[E
 
     A process that dies costs its own recording only.
 
-    Args:
-        jobs: in the order in which they are begun.
-        at_once: the number of processes.
-        stop: when to end early.
-
     Yields:
         Each job's progress and, at its end, its outcome.
     """

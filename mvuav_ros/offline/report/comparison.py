@@ -111,14 +111,10 @@ class ComparedCell:
         }
 
 
-def counted(cells: Sequence[ComparedCell]) -> dict[Verdict, int]:
-    """How many cells have each verdict."""
-    return {v: sum(c.compared.verdict is v for c in cells) for v in Verdict}
-
-
 def count_text(cells: Sequence[ComparedCell]) -> str:
-    """The counts in words."""
-    return ', '.join(f'{number} {verdict.value}' for verdict, number in counted(cells).items())
+    """How many cells have each verdict, in words."""
+    verdicts = [cell.compared.verdict for cell in cells]
+    return ', '.join(f'{verdicts.count(verdict)} {verdict.value}' for verdict in Verdict)
 
 
 def worst_first(cells: Sequence[ComparedCell]) -> list[ComparedCell]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice, takewhile
 
 from mvuav_ros.offline.report.comparison import Compared, ComparedCell
 
 Cell = str | float | int | Compared | None
-
-
 _GROUPED = 10_000
 """Counts from here on are written with commas."""
 
@@ -27,6 +27,13 @@ class Column:
     def heading(self) -> str:
         """Name and unit."""
         return f'{self.name} [{self.unit}]' if self.unit else self.name
+
+    @classmethod
+    def parse(cls, text: str) -> Column:
+        """Read ``name [unit] .digits``, of which the name is enough."""
+        match = re.fullmatch(r'(.*?)(?: \[(.*)\])?(?: \.(\d))?', text)
+        assert match is not None  # everything is a name at least
+        return cls(match[1], match[2] or '', int(match[3] or cls.digits))
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,20 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, key: str, title: str, heading: str, rows: Iterable[Sequence[Cell]], *notes: str
+    ) -> Table:
+        """A table whose columns are written as `Column.parse` reads them, with ``|`` between.
+
+        Examples:
+            >>> table = Table.of('lines', 'Lines', 'line | distance [px] .2', [('left', 1.0)])
+            >>> table.columns[1]
+            Column(name='distance', unit='px', digits=2)
+        """
+        columns = tuple(Column.parse(text) for text in heading.split(' | '))
+        return cls(key, title, columns, tuple(map(tuple, rows)), notes)
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -132,23 +153,19 @@ class Report:
         """All tables in order."""
         return [i for section in self.sections for i in section.items if isinstance(i, Table)]
 
-    def comparisons(self) -> list[ComparedCell]:
-        """Every cell that is held against the thesis, in order."""
-        return [cell for table in self.tables() for cell in table.comparisons()]
-
     def figures(self) -> list[Figure]:
         """All figures in order."""
         return [i for section in self.sections for i in section.items if isinstance(i, Figure)]
 
+    def comparisons(self) -> list[ComparedCell]:
+        """Every cell that is held against the thesis, in order."""
+        return [cell for table in self.tables() for cell in table.comparisons()]
+
 
 def _row_name(row: tuple[Cell, ...]) -> str:
-    """The words with which a row begins."""
-    words = []
-    for cell in row:
-        if not isinstance(cell, str) or is_number(cell):
-            break
-        words.append(cell)
-    return ', '.join(words[:3])
+    """The words with which a row begins, at most three."""
+    words = takewhile(lambda cell: isinstance(cell, str) and not is_number(cell), row)
+    return ', '.join(map(str, islice(words, 3)))
 
 
 def is_number(text: str) -> bool:

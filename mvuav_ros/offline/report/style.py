@@ -13,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from mvuav_ros.offline.report import model
+
 mpl.use('Agg')
 
 INK, SOFT, GRID = '#1c2430', '#5b6675', '#d5dbe3'
@@ -67,6 +69,10 @@ class Canvas:
         self.figure = figure
         self.png = b''
 
+    def as_figure(self, key: str, title: str, alt: str, *notes: str) -> model.Figure:
+        """What was drawn, for a report; ``alt`` says what it shows."""
+        return model.Figure(key, title, self.png, alt, notes)
+
 
 @contextmanager
 def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
@@ -82,13 +88,7 @@ def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
 
 @contextmanager
 def quartet(
-    titles: Sequence[str],
-    height: float,
-    x: str,
-    y: str,
-    *,
-    sharey: bool = True,
-    columns: int = 6,
+    titles: Sequence[str], height: float, x: str, y: str, *, sharey: bool = True, columns: int = 6
 ) -> Iterator[tuple[Canvas, list[Axes]]]:
     """Two rows of two panels with their titles, axis labels outside, and one legend below."""
     with drawing(9.6, height) as canvas:

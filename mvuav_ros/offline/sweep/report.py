@@ -40,13 +40,7 @@ def sweep_table(results: Sequence[RunResult], axes: Sequence[SweepAxis]) -> Tabl
 def sweep_report(
     results: Sequence[RunResult], axes: Sequence[SweepAxis], settings: Mapping[str, Cell]
 ) -> Report:
-    """Table and trends.
-
-    Args:
-        results: in the order of the runs.
-        axes: the parameters swept.
-        settings: shown besides the version.
-    """
+    """Table and trends of results in the order of the runs; settings besides the version."""
     failed = [result for result in results if result.error]
     lead = (
         f'{counted(len(results), "run")}: {counted(len(axes), "parameter")}, '
@@ -99,23 +93,14 @@ def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
     tables = []
     for number, part in enumerate(parts, 1):
         names = [name for group in part for name in groups[group]]
-        rows = tuple(
-            (r.run.number, *(_metric_cell(r, name) for name in names))
-            for r in results
-            if not r.error
-        )
-        columns = (Column('run'), *map(_column, names))
+        rows = []
+        for result in (result for result in results if not result.error):
+            cells = {metric.column: metric.cell for metric in result.metrics}
+            rows.append((result.run.number, *map(cells.get, names)))
+        columns = (Column('run'), *(Column(*name_and_unit(name)) for name in names))
         title = ', '.join(part).capitalize()
-        tables.append(Table(f'numbers_{number}', title, columns, rows))
+        tables.append(Table(f'numbers_{number}', title, columns, tuple(rows)))
     return tables
-
-
-def _column(heading: str) -> Column:
-    return Column(*name_and_unit(heading))
-
-
-def _metric_cell(result: RunResult, column: str) -> Cell:
-    return next((m.cell for m in result.metrics if m.column == column), None)
 
 
 def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:
@@ -123,10 +108,7 @@ def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:
 
 
 def _value(result: RunResult, column: str) -> float:
-    for metric in result.metrics:
-        if metric.column == column:
-            return metric.value
-    return math.nan
+    return next((m.value for m in result.metrics if m.column == column), math.nan)
 
 
 def _single(
@@ -152,11 +134,7 @@ def _subplots(
 
 
 def _draw(
-    axes: Axes,
-    results: Sequence[RunResult],
-    group: str,
-    names: Sequence[str],
-    ticks: Sequence[str],
+    axes: Axes, results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
 ) -> None:
     numbers = [result.run.number for result in results]
     for index, name in enumerate(names):
@@ -172,9 +150,7 @@ def _draw(
 
 
 def _grouped(
-    results: Sequence[RunResult],
-    groups: Mapping[str, Sequence[str]],
-    axes: Sequence[SweepAxis],
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], axes: Sequence[SweepAxis]
 ) -> tuple[Figure, ...]:
     """Bars over the values of the parameters, one colour for each input."""
     sources = list(dict.fromkeys(result.run.source for result in results))
@@ -187,19 +163,12 @@ def _grouped(
             width = 0.8 / len(sources)
             for panel, name in zip(panels, names, strict=True):
                 for index, source in enumerate(sources):
-                    by_cell = {r.run.values: r for r in results if r.run.source == source}
-                    heights = [
-                        _value(by_cell[cell], name) if cell in by_cell else math.nan
-                        for cell in cells
-                    ]
+                    own = (result for result in results if result.run.source == source)
+                    found = {result.run.values: _value(result, name) for result in own}
+                    heights = [found.get(cell, math.nan) for cell in cells]
                     offset = (index - 0.5 * (len(sources) - 1)) * width
-                    panel.bar(
-                        np.arange(len(cells)) + offset,
-                        heights,
-                        width,
-                        color=COLORS[index % len(COLORS)],
-                        label=source,
-                    )
+                    color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
+                    panel.bar(places, heights, width, color=color, label=source)
                 panel.grid(axis='x', visible=False)
                 label(panel, name_and_unit(name)[0], '', _unit([name]))
             panels[-1].set_xticks(

@@ -38,10 +38,9 @@ class Run:
 
     Attributes:
         number: from 1.
-        source: the input.
         values: of the axes, in their order.
         parameters: of each node to run; changes of the defaults.
-        topic: image topic of a bag that has several.
+        topic: of the images of a bag that has several.
     """
 
     number: int
@@ -89,11 +88,7 @@ def plan_runs(
 ) -> list[Run]:
     """Every combination of the axes' values, on every input.
 
-    Args:
-        sources: inputs.
-        axes: no parameter twice.
-        base: of each node to run, what differs from the defaults.
-        topic: image topic of bags that have several.
+    ``base`` is what differs from the defaults of each node to run.
 
     Raises:
         ParameterError: a parameter occurs twice, or its node is not to run.
@@ -106,8 +101,8 @@ def plan_runs(
         if titles.count(title) > 1:
             raise ParameterError(title, 'occurs twice; list its values in one --param')
     runs = []
-    grid = list(itertools.product(*(axis.values for axis in axes)))
-    for number, (source, values) in enumerate(itertools.product(sources, grid), 1):
+    grid = itertools.product(sources, itertools.product(*(axis.values for axis in axes)))
+    for number, (source, values) in enumerate(grid, 1):
         parameters = {node: dict(given) for node, given in base.items()}
         for axis, value in zip(axes, values, strict=True):
             parameters[axis.node][axis.name] = value

@@ -24,15 +24,10 @@ from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.offline.thesis.beyond import (
     beyond_section,
     identity_tasks,
+    integrity_tasks,
     pose_tasks,
 )
-from mvuav_ros.offline.thesis.integrity import integrity_tasks
-from mvuav_ros.offline.thesis.plan import (
-    PROGRAM,
-    Plan,
-    thesis_detector,
-    tracker,
-)
+from mvuav_ros.offline.thesis.plan import PROGRAM, Plan, thesis_detector, tracker
 from mvuav_ros.offline.thesis.predictions import fly_paths, path_tasks, predictions_section
 from mvuav_ros.offline.thesis.roll_cells import noise_tasks, roll_tasks
 from mvuav_ros.offline.thesis.runway import runway_section, runway_tasks
@@ -120,26 +115,19 @@ def build_report(
 
 def settings(plan: Plan, command: str = '') -> dict[str, Cell]:
     """What made the report: version, machine, plan, parameters."""
+    libraries = ('numpy', 'scipy', 'matplotlib')
+    versions = ', '.join(f'{name} {metadata.version(name)}' for name in libraries)
     return {
         'version': f'mvuav_ros {mvuav_ros.__version__}',
         'command': command or None,
         'made': datetime.now(timezone.utc).strftime('%Y-%m-%d %H:%M UTC'),  # noqa: UP017
-        **machine(),
-        **{name: value for name, value in dataclasses.asdict(plan).items()},
+        'processor': _processor(),
+        'software': f'Python {platform.python_version()}, {versions}, OpenCV {cv2.__version__}',
+        **dataclasses.asdict(plan),
         'marker_tracker as shipped': _parameters(MarkerTrackerParameters()),
         'marker_tracker as in the thesis': _parameters(tracker(prediction=PROGRAM)),
         'runway_detector as in the thesis': _parameters(thesis_detector()),
         'runway_detector as shipped': _parameters(RunwayDetectorParameters()),
-    }
-
-
-def machine() -> dict[str, Cell]:
-    """What the times depend on."""
-    libraries = ('numpy', 'scipy', 'matplotlib')
-    versions = ', '.join(f'{name} {metadata.version(name)}' for name in libraries)
-    return {
-        'processor': _processor(),
-        'software': f'Python {platform.python_version()}, {versions}, OpenCV {cv2.__version__}',
     }
 
 

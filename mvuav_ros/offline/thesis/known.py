@@ -47,27 +47,6 @@ ESTIMATIONS = (VELOCITY, FULL)
 """Table 5.3's methods; full estimation is the program of Appendix C."""
 PROGRAMS = ('No Estimation', VELOCITY, FULL)
 """Table 5.2's methods."""
-STAGES = (
-    'Reading the AVI',
-    'Pre-processing',
-    'Image Scanning',
-    'Scanning for Estimation',
-    'Centroid Calculation',
-    'Marker Definition',
-    'Other Lines and Overhead',
-    'Total Time',
-)
-RUNWAY_STAGES = (
-    'Model Initialize',
-    'Reading the AVI',
-    'Pre-processing',
-    'Hough Transform',
-    'Rho/Theta Correction',
-    'Image Regeneration',
-    'Other Lines and Overhead',
-    'Total Time',
-)
-CONDITIONS = ('No Motion', 'Vibration 1', 'Vibration 2', 'Vibration 3')
 ROLLS_DEG = (0.0, 20.0, 50.0)
 
 
@@ -85,45 +64,40 @@ def _grid(table: str, columns: Iterable[str], rows: dict[str, str]) -> list[Know
     ]
 
 
-_TRIALS = [f'Trial {trial}, {kind}' for trial in range(1, 5) for kind in ESTIMATIONS]
-_TRIAL_CELLS = (
-    '0.8306; 0.4556; 0.3829; 0.378; 0.5478',
-    '0.7341; 0.4500; 0.4725; 0.4414; 0.5621',
-    '0.6145; 0.6570; 0.6486; 0.6243; 0.5398',
-    '0.6479; 0.7684; 0.7643; 0.7363; 0.5759',
-    '0.4310; 0.4082; 0.3546; 0.4519; 0.3590',
-    '0.4987; 0.3901; 0.3546; 0.5299; 0.3804',
-    '0.4937; 0.5285; 0.5434; 0.4916; 0.4762',
-    '0.4887; 0.5776; 0.5969; 0.5404; 0.4660',
-)
-_STAGE_CELLS = (
-    '5.516; 1; 6.109; 1; 6.828; 1',
-    '4.422; 150; 4.779; 150; 5.34; 150',
-    '44.955; 46,080,000; 0.92; 921,600; 0.89; 921,600',
-    'N/A; N/A; 0.49; 324,135; 0.51; 324,135',
-    '0.4; 15,328; 0.15; 24,870; 0.22; 24,870',
-    '0.2; 150; <0.01; 3; <0.01; 3',
-    '0.867; N/A; 4.376; N/A; 1.79; N/A',
-    '56.36; 1; 17.094; 1; 15.828; 1',
-)
-_RUNWAY_CELLS = (
-    '0.3906; 1',
-    '1.6562; 150',
-    '3.4374; 150',
-    '2.4218; 150',
-    '0.09375; 150',
-    '0.3125; 150',
-    '0.2658; N/A',
-    '7.9062; 1',
-)
+def _rows(cells: Iterable[Known]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(cell.row for cell in cells))
+
 
 TABLE_5_2 = _grid(
     'table_5_2',
     (f'{program}, {what}' for program in PROGRAMS for what in ('time', 'executions')),
-    dict(zip(STAGES, _STAGE_CELLS, strict=True)),
+    {
+        'Reading the AVI': '5.516; 1; 6.109; 1; 6.828; 1',
+        'Pre-processing': '4.422; 150; 4.779; 150; 5.34; 150',
+        'Image Scanning': '44.955; 46,080,000; 0.92; 921,600; 0.89; 921,600',
+        'Scanning for Estimation': 'N/A; N/A; 0.49; 324,135; 0.51; 324,135',
+        'Centroid Calculation': '0.4; 15,328; 0.15; 24,870; 0.22; 24,870',
+        'Marker Definition': '0.2; 150; <0.01; 3; <0.01; 3',
+        'Other Lines and Overhead': '0.867; N/A; 4.376; N/A; 1.79; N/A',
+        'Total Time': '56.36; 1; 17.094; 1; 15.828; 1',
+    },
 )
 """Times in s for 150 frames, under MATLAB's profiler."""
-TABLE_5_3 = _grid('table_5_3', MARKERS, dict(zip(_TRIALS, _TRIAL_CELLS, strict=True)))
+STAGES = _rows(TABLE_5_2)
+TABLE_5_3 = _grid(
+    'table_5_3',
+    MARKERS,
+    {
+        f'Trial 1, {VELOCITY}': '0.8306; 0.4556; 0.3829; 0.378; 0.5478',
+        f'Trial 1, {FULL}': '0.7341; 0.4500; 0.4725; 0.4414; 0.5621',
+        f'Trial 2, {VELOCITY}': '0.6145; 0.6570; 0.6486; 0.6243; 0.5398',
+        f'Trial 2, {FULL}': '0.6479; 0.7684; 0.7643; 0.7363; 0.5759',
+        f'Trial 3, {VELOCITY}': '0.4310; 0.4082; 0.3546; 0.4519; 0.3590',
+        f'Trial 3, {FULL}': '0.4987; 0.3901; 0.3546; 0.5299; 0.3804',
+        f'Trial 4, {VELOCITY}': '0.4937; 0.5285; 0.5434; 0.4916; 0.4762',
+        f'Trial 4, {FULL}': '0.4887; 0.5776; 0.5969; 0.5404; 0.4660',
+    },
+)
 """RMS of predicted minus found, px."""
 TABLE_5_4 = _grid(
     'table_5_4',
@@ -136,6 +110,7 @@ TABLE_5_4 = _grid(
     },
 )
 """Hz, "dB/Hertz", Hz."""
+CONDITIONS = _rows(TABLE_5_4)
 TABLE_5_5 = _grid(
     'table_5_5',
     map(roll_name, ROLLS_DEG),
@@ -148,9 +123,21 @@ TABLE_5_5 = _grid(
 )
 """RMS of roll, degrees."""
 TABLE_5_7 = _grid(
-    'table_5_7', ('time', 'executions'), dict(zip(RUNWAY_STAGES, _RUNWAY_CELLS, strict=True))
+    'table_5_7',
+    ('time', 'executions'),
+    {
+        'Model Initialize': '0.3906; 1',
+        'Reading the AVI': '1.6562; 150',
+        'Pre-processing': '3.4374; 150',
+        'Hough Transform': '2.4218; 150',
+        'Rho/Theta Correction': '0.09375; 150',
+        'Image Regeneration': '0.3125; 150',
+        'Other Lines and Overhead': '0.2658; N/A',
+        'Total Time': '7.9062; 1',
+    },
 )
 """Times in s for 150 frames."""
+RUNWAY_STAGES = _rows(TABLE_5_7)
 FIGURE_4_30 = _grid(
     'figure_4_30',
     ('number',),
@@ -186,15 +173,7 @@ FIGURES = _grid(
 )
 """Seconds per frame, and a ratio, as the text about the figures gives them."""
 
-ALL = (
-    *TABLE_5_2,
-    *TABLE_5_3,
-    *TABLE_5_4,
-    *TABLE_5_5,
-    *TABLE_5_7,
-    *FIGURE_4_30,
-    *FIGURES,
-)
+ALL = (*TABLE_5_2, *TABLE_5_3, *TABLE_5_4, *TABLE_5_5, *TABLE_5_7, *FIGURE_4_30, *FIGURES)
 _BY_PLACE = {(cell.table, cell.row, cell.column): cell for cell in ALL}
 
 TRIAL_SECONDS, TRIAL_FPS = 10.0, 15.0
@@ -213,15 +192,9 @@ TRACKING_HZ = 30.0
 """Full estimation is faster than this (abstract, conclusion)."""
 RUNWAY_HZ = 20.0
 """The runway scheme reaches about this (abstract, section 5.2.1)."""
-WINDOW_SHARE = 0.0072
-"""The five search windows' share of the frame by the program: 5 x 21 x 21 of 640 x 480 px."""
 WINDOW_SHARE_ABSTRACT = 0.0016
-"""The same by the abstract: 5 x 10 x 10 px."""
-RUNWAY_SHARES = {
-    'Pre-processing': 43.0,
-    'Hough Transform': 30.0,
-    'Reading the AVI': 21.0,
-}
+"""The five search windows' share of the frame by the abstract: 5 x 10 x 10 of 640 x 480 px."""
+RUNWAY_SHARES = {'Pre-processing': 43.0, 'Hough Transform': 30.0, 'Reading the AVI': 21.0}
 """Percent of Table 5.7's total, as the text about it gives them."""
 
 

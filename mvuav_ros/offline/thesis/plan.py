@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mvuav_ros.offline.evaluation import integrity_runs
 from mvuav_ros.offline.evaluation.identity_runs import SCENES
-from mvuav_ros.offline.evaluation.marker_runs import supported
 from mvuav_ros.offline.report.comparison import SHIPPED
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import PREDICTIONS, MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 
 METHODS = tuple(sorted(PREDICTIONS, key=lambda m: m == MarkerTrackerParameters().prediction))
 """Every method of prediction, the default last."""
@@ -90,11 +91,27 @@ class Plan:
         """The seed of a repeated flight."""
         return (self.seed + 1000 * repeat) % 2**31
 
+    def trial(self, motion: str, shake: int = 0, repeat: int = 0) -> TankerSettings:
+        """A trial's flight at 640x480 and 15 frames/s, as in the thesis."""
+        return TankerSettings(
+            motion=motion,
+            fps=known.TRIAL_FPS,
+            frames=self.trial_frames,
+            seed=self.seed_of(repeat),
+            shake=shake,
+        )
+
+    def runway(self, scene: Mapping[str, Value]) -> RunwaySettings:
+        """A runway flight at 320x240 and 30 frames/s, as in the thesis."""
+        size = {'width': 320, 'height': 240, 'fps': known.RUNWAY_FPS}
+        given = {**size, 'frames': self.runway_frames, 'seed': self.seed, **scene}
+        return RunwaySettings.from_mapping(given)
+
 
 def tracker(**values: Value) -> MarkerTrackerParameters:
     """The marker tracker's parameters with the thesis's centroid and channel."""
-    given = supported(MarkerTrackerParameters, {'centroid': 'binary', 'channel': 'intensity'})
-    return MarkerTrackerParameters.from_mapping({**given, **values})
+    given = {'centroid': 'binary', 'channel': 'intensity', **values}
+    return MarkerTrackerParameters.from_mapping(given)
 
 
 def tracking_pipelines() -> dict[str, MarkerTrackerParameters]:
@@ -105,12 +122,7 @@ def tracking_pipelines() -> dict[str, MarkerTrackerParameters]:
 
 def thesis_detector() -> RunwayDetectorParameters:
     """The runway detector's parameters of ``config/thesis.yaml``."""
-    return RunwayDetectorParameters(
-        start_row=49,
-        peak_threshold=1,
-        max_hold=0,
-        association='index',
-    )
+    return RunwayDetectorParameters(start_row=49, peak_threshold=1, max_hold=0, association='index')
 
 
 def words(name: str) -> str:

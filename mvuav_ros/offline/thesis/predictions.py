@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array, distance_rms
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
+from mvuav_ros.offline.report.model import Claim, Section, Table
 from mvuav_ros.offline.thesis.plan import Plan, words
 from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
 from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
@@ -123,28 +123,22 @@ def predictions_section(plan: Plan, flown: Sequence[PathErrors]) -> tuple[Sectio
 
 
 def _table(flown: Sequence[PathErrors]) -> Table:
-    rows: list[tuple[Cell, ...]] = [
-        (
-            errors.task.kind,
-            errors.task.fps,
-            *errors.thesis.mean(axis=0).tolist(),
-            float(errors.shipped.mean()),
-            float(errors.ratios.mean()),
-            float(errors.ratios.max()),
-        )
-        for errors in flown
-    ]
-    return Table(
+    methods = ' | '.join(f'{words(method)} [px]' for method in METHODS)
+    return Table.of(
         'prediction_by_motion',
         'RMS of prediction by motion, mean of the flights',
-        (
-            Column('motion'),
-            Column('rate', 'frames/s', 0),
-            *(Column(words(method), 'px') for method in METHODS),
-            Column('as shipped', 'px'),
-            Column('over the best: mean', ''),
-            Column('worst flight', ''),
-        ),
-        tuple(rows),
-        ("The best is each flight's own best of the thesis's four, which nobody knows before.",),
+        f'motion | rate [frames/s] .0 | {methods} | as shipped [px] | over the best: mean '
+        '| worst flight',
+        [
+            (
+                errors.task.kind,
+                errors.task.fps,
+                *errors.thesis.mean(axis=0).tolist(),
+                float(errors.shipped.mean()),
+                float(errors.ratios.mean()),
+                float(errors.ratios.max()),
+            )
+            for errors in flown
+        ],
+        "The best is each flight's own best of the thesis's four, which nobody knows before.",
     )

@@ -1,8 +1,8 @@
-"""Table 5.5: the RMS of roll at three angles and four vibrations, 60 measurements each."""
+"""Table 5.5 and Figure 5.11: the RMS of roll at three angles and four vibrations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,10 @@ import numpy as np
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask
 from mvuav_ros.offline.evaluation.numbers import Interval, pooled_rms
 from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Table
+from mvuav_ros.offline.report.model import Cell, Claim, Column, Figure, Table
+from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below, plain_log
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import Plan, tracker
-from mvuav_ros.offline.thesis.statements import growth_text, monotonic_text, noise_text
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
@@ -25,9 +25,8 @@ USUAL_NOISE = TankerSettings().noise
 NOISES = (0.75, USUAL_NOISE, 3.0)
 """Standard deviation of a pixel, grey levels."""
 _DIGITS = 4
-
-
 _PROGRAMS = {THESIS: tracker(mode='detect'), SHIPPED: MarkerTrackerParameters()}
+_ROLLS = tuple(map(known.roll_name, known.ROLLS_DEG))
 
 
 @dataclass(frozen=True)
@@ -56,11 +55,17 @@ class RollCell:
 
 def cells_of(flown: Sequence[FlownMarkers]) -> list[RollCell]:
     """The twelve cells, each from several flights of 60 measurements."""
-    return [
-        _cell(roll, shake, _those(flown, roll, shake))
-        for roll in known.ROLLS_DEG
-        for shake in range(len(VIBRATIONS))
-    ]
+    cells = []
+    for roll in known.ROLLS_DEG:
+        for shake in range(len(VIBRATIONS)):
+            same = _those(flown, roll, shake)
+            swings = {name: _about_mean(same, name) for name in _PROGRAMS}
+            errors = {
+                name: pooled_rms([np.degrees(f.roll_error(name)) for f in same])
+                for name in _PROGRAMS
+            }
+            cells.append(RollCell(roll, shake, swings, _about_mean(same), errors))
+    return cells
 
 
 def _those(
@@ -70,8 +75,31 @@ def _those(
     return [f for f in flown if (f.settings.roll_deg, f.settings.shake, f.settings.noise) == key]
 
 
+def _about_mean(flown: Sequence[FlownMarkers], name: str = '') -> Interval:
+    """RMS of the roll by a program about the mean of each flight, degrees; no name: the truth."""
+    rolls = [np.degrees(f.runs[name].roll if name else f.roll) for f in flown]
+    return pooled_rms([values - np.nanmean(values) for values in rolls])
+
+
 def roll_tasks(plan: Plan) -> list[MarkerTask]:
     """All flights of all cells."""
+    return _tasks(plan, range(len(VIBRATIONS)), plan.repeats)
+
+
+def noise_tasks(plan: Plan) -> list[MarkerTask]:
+    """Flights without motion before cameras of other noise than the simulator's usual one."""
+    others = (noise for noise in NOISES if noise != USUAL_NOISE)
+    return [task for noise in others for task in _tasks(plan, (0,), noise_repeats(plan), noise)]
+
+
+def noise_repeats(plan: Plan) -> int:
+    """Flights of each cell of the table of noise."""
+    return min(plan.repeats, 2)
+
+
+def _tasks(
+    plan: Plan, shakes: Sequence[int], repeats: int, noise: float = USUAL_NOISE
+) -> list[MarkerTask]:
     return [
         MarkerTask(
             TankerSettings(
@@ -81,165 +109,111 @@ def roll_tasks(plan: Plan) -> list[MarkerTask]:
                 fps=MEASUREMENTS_PER_SECOND,
                 frames=plan.measurements,
                 seed=plan.seed_of(1 + repeat),
-            ),
-            _PROGRAMS,
-        )
-        for roll in known.ROLLS_DEG
-        for shake in range(len(VIBRATIONS))
-        for repeat in range(plan.repeats)
-    ]
-
-
-def _cell(roll_deg: float, vibration: int, flown: Sequence[FlownMarkers]) -> RollCell:
-    return RollCell(
-        roll_deg,
-        vibration,
-        {name: _about_mean(flown, name) for name in _PROGRAMS},
-        _about_mean(flown),
-        {n: pooled_rms([np.degrees(f.roll_error(n)) for f in flown]) for n in _PROGRAMS},
-    )
-
-
-def _about_mean(flown: Sequence[FlownMarkers], name: str = '') -> Interval:
-    """RMS of the roll by a program about the mean of each flight, degrees; no name: the truth."""
-    rolls = [np.degrees(f.runs[name].roll if name else f.roll) for f in flown]
-    return pooled_rms([values - np.nanmean(values) for values in rolls])
-
-
-def roll_tables(cells: Sequence[RollCell], plan: Plan) -> list[Table]:
-    """Table 5.5, and what truth adds to it."""
-    columns = (
-        Column('condition'),
-        Column('by'),
-        *(Column(known.roll_name(roll), '°', _DIGITS) for roll in known.ROLLS_DEG),
-    )
-    rows: list[tuple[Cell, ...]] = []
-    for vibration, condition in enumerate(known.CONDITIONS):
-        same = [cell for cell in cells if cell.vibration == vibration]
-        printed = [known.cell('table_5_5', condition, known.roll_name(c.roll_deg)) for c in same]
-        rows.append((condition, 'thesis', *(cell.text for cell in printed)))
-        for name, by in ((THESIS, METHOD), (SHIPPED, SHIPPED)):
-            ours = [
-                Compared.of(cell.swings[name], p.value, by)
-                for cell, p in zip(same, printed, strict=True)
-            ]
-            rows.append((condition, name, *ours))
-        own = [cell.true_swing.text(_DIGITS) for cell in same]
-        rows.append((condition, "the camera's own (truth)", *own))
-    swing = Table(
-        'table_5_5',
-        'Table 5.5: RMS error of roll',
-        columns,
-        tuple(rows),
-        (
-            f'Each cell: {plan.repeats} flights of {plan.measurements} measurements, one a second '
-            'as in the thesis, with the 95 % confidence interval of the scatter between flights. '
-            f'RMS about the mean of a flight; {THESIS} is Appendix A (whole frames, binary '
-            "centroid). The camera's own is the same of the true roll: under vibration nearly all "
-            'of a cell is the swing of the camera, and the comparison is one of vibrations.',
-            *_growth(cells),
-        ),
-    )
-    return [swing, _truth_table(cells, columns)]
-
-
-def _growth(cells: Sequence[RollCell]) -> tuple[str, str]:
-    printed = [
-        [known.cell('table_5_5', condition, known.roll_name(r)).value for r in known.ROLLS_DEG]
-        for condition in known.CONDITIONS
-    ]
-    ours = [
-        [cell.swing.value for cell in cells if cell.vibration == vibration]
-        for vibration in range(len(known.CONDITIONS))
-    ]
-    return (
-        monotonic_text(printed, 'The RMS in the thesis'),
-        monotonic_text(ours, f'Here, by {THESIS}'),
-    )
-
-
-def _truth_table(cells: Sequence[RollCell], columns: tuple[Column, ...]) -> Table:
-    rows: list[tuple[Cell, ...]] = []
-    for vibration, condition in enumerate(known.CONDITIONS):
-        same = [cell for cell in cells if cell.vibration == vibration]
-        rows += [
-            (condition, name, *(cell.errors[name].text(_DIGITS) for cell in same))
-            for name in (THESIS, SHIPPED)
-        ]
-    return Table(
-        'table_5_5_truth',
-        'What truth adds to Table 5.5: RMS error of roll against truth',
-        columns,
-        tuple(rows),
-        (
-            'Measured minus true roll of the same frame: the error of the measurement alone, '
-            'a constant one included, without the swing of the camera.',
-            *(growth_text(first_growth(cells, name), name) for name in (THESIS, SHIPPED)),
-        ),
-    )
-
-
-def first_growth(cells: Sequence[RollCell], name: str) -> list[tuple[float, float]]:
-    """Errors without motion and at vibration 1, for each roll."""
-    by_place = {(cell.roll_deg, cell.vibration): cell.errors[name].value for cell in cells}
-    return [(by_place[roll, 0], by_place[roll, 1]) for roll in known.ROLLS_DEG]
-
-
-def noise_tasks(plan: Plan) -> list[MarkerTask]:
-    """Flights without motion before cameras of other noise than the simulator's usual one."""
-    return [
-        MarkerTask(
-            TankerSettings(
-                motion='still',
-                roll_deg=roll,
-                fps=MEASUREMENTS_PER_SECOND,
-                frames=plan.measurements,
-                seed=plan.seed_of(1 + repeat),
                 noise=noise,
             ),
             _PROGRAMS,
         )
-        for noise in NOISES
-        if noise != USUAL_NOISE
         for roll in known.ROLLS_DEG
-        for repeat in range(noise_repeats(plan))
+        for shake in shakes
+        for repeat in range(repeats)
     ]
 
 
-def noise_repeats(plan: Plan) -> int:
-    """Flights of each cell of the table of noise."""
-    return min(plan.repeats, 2)
+def roll_tables(cells: Sequence[RollCell], plan: Plan) -> list[Table]:
+    """Table 5.5, and what truth adds to it."""
+    heading = ' | '.join(['condition', 'by', *(f'{roll} [°] .{_DIGITS}' for roll in _ROLLS)])
+    rows: list[tuple[Cell, ...]] = []
+    true_rows = []
+    for vibration, condition in enumerate(known.CONDITIONS):
+        same = [cell for cell in cells if cell.vibration == vibration]
+        printed = _printed(condition)
+        rows.append((condition, 'thesis', *(cell.text for cell in printed)))
+        for name, by in ((THESIS, METHOD), (SHIPPED, SHIPPED)):
+            pairs = zip(same, printed, strict=True)
+            ours = (Compared.of(cell.swings[name], p.value, by) for cell, p in pairs)
+            rows.append((condition, name, *ours))
+            errors = (cell.errors[name].text(_DIGITS) for cell in same)
+            true_rows.append((condition, name, *errors))
+        own = (cell.true_swing.text(_DIGITS) for cell in same)
+        rows.append((condition, "the camera's own (truth)", *own))
+    swing = Table.of(
+        'table_5_5',
+        'Table 5.5: RMS error of roll',
+        heading,
+        rows,
+        f'Each cell: {plan.repeats} flights of {plan.measurements} measurements, one a second '
+        'as in the thesis, with the 95 % confidence interval of the scatter between flights. '
+        f'RMS about the mean of a flight; {THESIS} is Appendix A (whole frames, binary '
+        "centroid). The camera's own is the same of the true roll: under vibration nearly all "
+        'of a cell is the swing of the camera, and the comparison is one of vibrations.',
+        *_growth(cells),
+    )
+    truth = Table.of(
+        'table_5_5_truth',
+        'What truth adds to Table 5.5: RMS error of roll against truth',
+        heading,
+        true_rows,
+        'Measured minus true roll of the same frame: the error of the measurement alone, '
+        'a constant one included, without the swing of the camera.',
+        *(_first_growth(cells, name) for name in (THESIS, SHIPPED)),
+    )
+    return [swing, truth]
+
+
+def _printed(condition: str) -> list[known.Known]:
+    return [known.cell('table_5_5', condition, roll) for roll in _ROLLS]
+
+
+def _growth(cells: Sequence[RollCell]) -> Iterator[str]:
+    """In how many columns the RMS grows from each vibration to the next."""
+    printed = [[cell.value for cell in _printed(condition)] for condition in known.CONDITIONS]
+    ours = [
+        [cell.swing.value for cell in cells if cell.vibration == vibration]
+        for vibration in range(len(known.CONDITIONS))
+    ]
+    for who, rows in (('The RMS in the thesis', printed), (f'Here, by {THESIS}', ours)):
+        growing = np.all(np.diff(rows, axis=0) > 0, axis=0)
+        yield f'{who}: grows with the vibration in {np.sum(growing)} of {growing.size} columns.'
+
+
+def _first_growth(cells: Sequence[RollCell], name: str) -> str:
+    """How an error against truth grows from no vibration to vibration 1."""
+    calm, shaken = (
+        [cell.errors[name].value for cell in cells if cell.vibration == vibration]
+        for vibration in (0, 1)
+    )
+    factors = [b / a for a, b in zip(calm, shaken, strict=True) if a > 0]
+    return (
+        f'From no motion to vibration 1 the error of {name} changes by factors of '
+        f'{min(factors):.2f} to {max(factors):.2f}.'
+    )
 
 
 def noise_table(plan: Plan, flown: Sequence[FlownMarkers]) -> Table:
     """Table 5.5's first row against the noise of the camera, which the thesis does not tell."""
-    repeats = noise_repeats(plan)
+    printed = _printed(known.CONDITIONS[0])
     rows: list[tuple[Cell, ...]] = []
+    below = []
     for noise in NOISES:
         for name in _PROGRAMS:
-            cells = [
-                _about_mean(_those(flown, roll, 0, noise)[:repeats], name)
-                for roll in known.ROLLS_DEG
+            flights = [
+                _those(flown, roll, 0, noise)[: noise_repeats(plan)] for roll in known.ROLLS_DEG
             ]
-            rows.append((f'{noise:g}', name, *(cell.value for cell in cells)))
-    printed = [
-        known.cell('table_5_5', known.CONDITIONS[0], known.roll_name(roll))
-        for roll in known.ROLLS_DEG
-    ]
+            values = [_about_mean(same, name).value for same in flights]
+            rows.append((f'{noise:g}', name, *values))
+            count = sum(v < cell.value for v, cell in zip(values, printed, strict=True))
+            below.append(f'{name} at {noise:g} in {count}')
     rows.append(('not known', 'thesis', *(cell.text for cell in printed)))
+    rolls = (Column(roll, '°', 5) for roll in _ROLLS)
     return Table(
         'table_5_5_noise',
         'Table 5.5 without motion, by the noise of the camera',
-        (
-            Column('noise of a pixel [grey levels]'),
-            Column('by'),
-            *(Column(known.roll_name(roll), '°', 5) for roll in known.ROLLS_DEG),
-        ),
+        (Column('noise of a pixel [grey levels]'), Column('by'), *rolls),
         tuple(rows),
         (
             'Without motion the RMS of roll is the noise of the pixels at the edges of the lights. '
             'That of the camera in the thesis is not told; the tables above assume 1.5 grey '
-            f'levels. {noise_text(rows)}',
+            f'levels. Below the thesis, of {len(printed)} columns: {", ".join(below)}.',
         ),
     )
 
@@ -256,3 +230,37 @@ def roll_claims(cells: Sequence[RollCell]) -> list[Claim]:
             worst.swing.value < known.ROLL_RMS_DEG,
         )
     ]
+
+
+def roll_figure(cells: Sequence[RollCell]) -> Figure:
+    """RMS of roll by condition: the thesis's twelve numbers and ours."""
+    with drawing(9.6, 4.4) as canvas:
+        axes = canvas.figure.subplots()
+        places = np.arange(len(known.CONDITIONS))
+        for number, roll in enumerate(known.ROLLS_DEG):
+            of_roll = [cell.swing for cell in cells if cell.roll_deg == roll]
+            color, name = COLORS[number], _ROLLS[number]
+            printed = [_printed(condition)[number].value for condition in known.CONDITIONS]
+            below = [max(v.value - v.low, 0.0) for v in of_roll]
+            above = [max(v.high - v.value, 0.0) for v in of_roll]
+            axes.errorbar(
+                places + 0.06 * (number - 1),
+                [v.value for v in of_roll],
+                yerr=np.nan_to_num(np.array([below, above])),
+                fmt='o-',
+                color=color,
+                ms=4,
+                capsize=3,
+                label=f'{name}, here',
+            )
+            axes.plot(places, printed, 's--', color=color, ms=4, alpha=0.6, label=f'{name}, thesis')
+        plain_log(axes)
+        axes.set_xticks(places, known.CONDITIONS)
+        label(axes, '', '', 'RMS of roll [°]')
+        legend_below(canvas.figure, axes, columns=3)
+    return canvas.as_figure(
+        'figure_5_11',
+        'Figure 5.11: RMS of roll for the vibrations',
+        'RMS of roll about its mean for four conditions and three roll angles',
+        'The numbers of Table 5.5, logarithmic; bars: 95 % confidence.',
+    )

@@ -9,11 +9,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mvuav_ros.offline.evaluation.stopwatch import Stopwatch
-from mvuav_ros.offline.report.comparison import SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Table
+from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
+from mvuav_ros.offline.report.model import Cell, Claim, Table
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import Plan, thesis_detector
-from mvuav_ros.offline.thesis.statements import sum_text
+from mvuav_ros.offline.thesis.stages import sum_text
 from mvuav_ros.offline.thesis.videos import read_avi, runway_images, write_avi
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.point_operations import Mask, Pixels
@@ -116,73 +116,38 @@ def _correct(correction: RhoThetaCorrection, workings: RunwayWorkings, first_row
 def table_5_7(times: Mapping[str, RunwayTimes], plan: Plan) -> Table:
     """The thesis's rows, with ours under its parameters and under our defaults."""
     ours, shipped = times[THESIS_YAML], times[SHIPPED]
-    printed_total = known.cell('table_5_7', TOTAL, 'time').value
-    rows: list[tuple[Cell, ...]] = []
-    for stage in known.RUNWAY_STAGES:
-        printed = known.cell('table_5_7', stage, 'time')
-        executions = known.cell('table_5_7', stage, 'executions').text
-        rows.append(
-            (
-                stage,
-                printed.text,
-                *_beside(stage, ours, shipped, printed),
-                executions,
-                _executions(stage, ours.frames),
-                100.0 * printed.value / printed_total,
-                100.0 * ours.seconds[stage] / ours.seconds[TOTAL],
-            )
-        )
-    stages = [known.cell('table_5_7', stage, 'time').value for stage in known.RUNWAY_STAGES]
-    return Table(
+    printed = {stage: known.cell('table_5_7', stage, 'time') for stage in known.RUNWAY_STAGES}
+    share = {stage: 100.0 * cell.value / printed[TOTAL].value for stage, cell in printed.items()}
+    rows = []
+    for stage, cell in printed.items():
+        beside: list[Cell] = [ours.seconds[stage], shipped.seconds[stage]]
+        executions: Cell = 'N/A'
+        if stage != REST:
+            beside = [
+                Compared(times[name].seconds[stage], cell.value, by)
+                for name, by in ((THESIS_YAML, METHOD), (SHIPPED, SHIPPED))
+            ]
+            executions = 1 if stage in (INITIALISING, TOTAL) else ours.frames
+        printed_executions = known.cell('table_5_7', stage, 'executions').text
+        own_share = 100.0 * ours.seconds[stage] / ours.seconds[TOTAL]
+        numbers = (printed_executions, executions, share[stage], own_share)
+        rows.append((stage, cell.text, *beside, *numbers))
+    said = [
+        f'{stage} {part:g} % ({share[stage]:.1f})' for stage, part in known.RUNWAY_SHARES.items()
+    ]
+    return Table.of(
         'table_5_7',
         'Table 5.7: time per stage, runway',
-        (
-            Column('process'),
-            Column('thesis', 's'),
-            Column(f'here, {THESIS_YAML}', 's', 5),
-            Column(SHIPPED, 's', 5),
-            Column('executions, thesis'),
-            Column('executions, here'),
-            Column('share, thesis', '%', 1),
-            Column('share, here', '%', 1),
-        ),
-        tuple(rows),
-        (
-            f'{ours.frames} frames of 320x240 from an uncompressed AVI file; sums of the least of '
-            f"{plan.passes} passes over each frame. The thesis's times are of Simulink on its "
-            'machine. Image regeneration is the overlay; the rest is what the stages leave '
-            'of the total: near zero it is noise, and it is not compared.',
-            sum_text(stages[-1], stages[:-1], 'Table 5.7'),
-            _shares_text(),
-        ),
+        f'process | thesis [s] | here, {THESIS_YAML} [s] .5 | {SHIPPED} [s] .5 '
+        '| executions, thesis | executions, here | share, thesis [%] .1 | share, here [%] .1',
+        rows,
+        f'{ours.frames} frames of 320x240 from an uncompressed AVI file; sums of the least of '
+        f"{plan.passes} passes over each frame. The thesis's times are of Simulink on its "
+        'machine. Image regeneration is the overlay; the rest is what the stages leave '
+        'of the total: near zero it is noise, and it is not compared.',
+        sum_text([cell.value for cell in printed.values()], 'Table 5.7'),
+        f'Its text gives, with the quotient of its own numbers in brackets: {", ".join(said)}.',
     )
-
-
-def _beside(
-    stage: str, ours: RunwayTimes, shipped: RunwayTimes, printed: known.Known
-) -> tuple[Cell, Cell]:
-    if stage == REST:
-        return ours.seconds[stage], shipped.seconds[stage]
-    return (
-        Compared(ours.seconds[stage], printed.value),
-        Compared(shipped.seconds[stage], printed.value, SHIPPED),
-    )
-
-
-def _executions(stage: str, frames: int) -> int | str:
-    if stage == REST:
-        return 'N/A'
-    return 1 if stage in (INITIALISING, TOTAL) else frames
-
-
-def _shares_text() -> str:
-    """The shares that the thesis's text gives, beside those of its own numbers."""
-    total = known.cell('table_5_7', TOTAL, 'time').value
-    said = [
-        f'{stage} {share:g} % ({100 * known.cell("table_5_7", stage, "time").value / total:.1f})'
-        for stage, share in known.RUNWAY_SHARES.items()
-    ]
-    return f'Its text gives, with the quotient of its own numbers in brackets: {", ".join(said)}.'
 
 
 def runway_rate_claim(times: Mapping[str, RunwayTimes]) -> Claim:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
-import numpy as np
-
-from mvuav_ros.offline.evaluation.numbers import rms
-from mvuav_ros.offline.evaluation.runway_runs import ALONG, FlownRunway, RunwayRun
+from mvuav_ros.offline.evaluation.line_errors import ALONG
+from mvuav_ros.offline.evaluation.runway_runs import FlownRunway
 from mvuav_ros.offline.report.comparison import SHIPPED
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Figure, Table
+from mvuav_ros.offline.report.model import Claim, Figure, Table
 from mvuav_ros.offline.report.style import drawing, label
+from mvuav_ros.offline.thesis.plan import words
 from mvuav_ros.offline.thesis.runway_stages import THESIS_YAML
 
 APPROACH = 'mode approach'
@@ -21,112 +21,83 @@ RIGHT_LIMIT, WRONG_LIMIT = 60.0, 2.0
 """Percent of frames: both edges right at least, confident and wrong at most."""
 
 
-def found_table(scenes: Mapping[str, FlownRunway]) -> Table:
-    """Which true lines the scheme finds, and how well."""
-    rows: list[tuple[Cell, ...]] = []
-    for scene, flight in scenes.items():
-        for name in (THESIS_YAML, SHIPPED, APPROACH):
-            run = flight.runs[name]
-            for number, role in enumerate(ALONG):
-                matches = run.of(number)
-                visible = run.visible[number]
-                rows.append(
-                    (
-                        scene,
-                        name,
-                        role.name.lower().replace('_', ' '),
-                        100.0 * len(matches) / visible if visible else math.nan,
-                        rms(np.array([m.distance for m in matches])),
-                        math.degrees(rms(np.array([m.dtheta for m in matches]))),
-                    )
-                )
-    return Table(
-        'runway_truth',
-        'What truth adds to Figures 5.12 to 5.15: lines found, and their error',
-        (
-            Column('scene'),
-            Column('by'),
-            Column('line'),
-            Column('found', '% of frames', 1),
-            Column('distance, RMS', 'px', 2),
-            Column('direction, RMS', '°', 2),
-        ),
-        tuple(rows),
-        (
-            'Of the frames in which the line crosses the middle of the rows. Errors are those of '
-            'the lines found, at that row.',
-        ),
-    )
+class Shares(NamedTuple):
+    """Percent of the frames judged: both edges right, confident and wrong; and their number."""
+
+    right: float
+    wrong: float
+    frames: int
+
+    @property
+    def hold(self) -> bool | None:
+        """Whether they keep to the limits; None without a frame."""
+        return (self.right >= RIGHT_LIMIT and self.wrong <= WRONG_LIMIT) if self.frames else None
 
 
-def shares(run: RunwayRun) -> tuple[float, float, int]:
-    """Percent of frames with both edges right, percent confident and wrong, frames judged."""
+def shares(flight: FlownRunway) -> Shares:
+    """Mode approach on a flight."""
+    run = flight.runs[APPROACH]
     judged = [
         (right, wrong)
         for right, wrong in list(zip(run.right, run.wrong, strict=True))[FIRST_JUDGED:]
         if right is not None
     ]
     if not judged:
-        return math.nan, math.nan, 0
-    count = len(judged)
-    return (
-        100.0 * sum(bool(right) for right, _ in judged) / count,
-        100.0 * sum(wrong for _, wrong in judged) / count,
-        count,
+        return Shares(math.nan, math.nan, 0)
+    right, wrong = (100.0 * sum(values) / len(judged) for values in zip(*judged, strict=True))
+    return Shares(right, wrong, len(judged))
+
+
+def found_table(scenes: Mapping[str, FlownRunway]) -> Table:
+    """Which true lines the scheme finds, and how well."""
+    return Table.of(
+        'runway_truth',
+        'What truth adds to Figures 5.12 to 5.15: lines found, and their error',
+        'scene | by | line | found [% of frames] .1 | distance, RMS [px] .2 '
+        '| direction, RMS [°] .2',
+        [
+            (scene, name, words(role.name.lower()), *flight.runs[name].numbers(number))
+            for scene, flight in scenes.items()
+            for name in (THESIS_YAML, SHIPPED, APPROACH)
+            for number, role in enumerate(ALONG)
+        ],
+        'Of the frames in which the line crosses the middle of the rows. Errors are those of '
+        'the lines found, at that row.',
     )
 
 
 def approach_table(scenes: Mapping[str, FlownRunway]) -> Table:
     """Mode approach on every scene, against its limits."""
-    rows: list[tuple[Cell, ...]] = []
-    for scene, flight in scenes.items():
-        right, wrong, count = shares(flight.runs[APPROACH])
-        rows.append((scene, count, right, RIGHT_LIMIT, wrong, WRONG_LIMIT))
-    failing = [str(row[0]) for row in rows if not _approach_holds(scenes[str(row[0])])]
+    judged = {scene: shares(flight) for scene, flight in scenes.items()}
+    failing = [scene for scene, share in judged.items() if not share.hold]
     said = f'Outside of the limits: {", ".join(failing)}.' if failing else 'All within the limits.'
-    return Table(
+    return Table.of(
         'approach',
         'Mode approach: both edges of the runway, each told apart',
-        (
-            Column('scene'),
-            Column('frames'),
-            Column('both edges right', '%', 1),
-            Column('at least', '%', 0),
-            Column('confident and wrong', '%', 1),
-            Column('at most', '%', 0),
-        ),
-        tuple(rows),
-        (
-            f'From frame {FIRST_JUDGED + 1} on, of frames in which both edges cross the middle of '
-            f'the rows; no attitude is given. {said}',
-        ),
+        'scene | frames | both edges right [%] .1 | at least [%] .0 '
+        '| confident and wrong [%] .1 | at most [%] .0',
+        [
+            (scene, count, right, RIGHT_LIMIT, wrong, WRONG_LIMIT)
+            for scene, (right, wrong, count) in judged.items()
+        ],
+        f'From frame {FIRST_JUDGED + 1} on, of frames in which both edges cross the middle of '
+        f'the rows; no attitude is given. {said}',
     )
-
-
-def _approach_holds(flight: FlownRunway) -> bool | None:
-    right, wrong, count = shares(flight.runs[APPROACH])
-    return (right >= RIGHT_LIMIT and wrong <= WRONG_LIMIT) if count else None
 
 
 def approach_claims(scenes: Mapping[str, FlownRunway]) -> list[Claim]:
     """A row of the summary for each scene."""
-    claims = []
-    for scene, flight in scenes.items():
-        right, wrong, count = shares(flight.runs[APPROACH])
-        ours = (
-            f'{right:.1f} % right, {wrong:.1f} % confident and wrong'
-            if count
-            else 'no frame to judge'
+    return [
+        Claim(
+            f'Mode approach finds both edges: {scene}',
+            f'right at least {RIGHT_LIMIT:g} %, wrong at most {WRONG_LIMIT:g} % (ours)',
+            f'{share.right:.1f} % right, {share.wrong:.1f} % confident and wrong'
+            if share.frames
+            else 'no frame to judge',
+            share.hold,
         )
-        claims.append(
-            Claim(
-                f'Mode approach finds both edges: {scene}',
-                f'right at least {RIGHT_LIMIT:g} %, wrong at most {WRONG_LIMIT:g} % (ours)',
-                ours,
-                _approach_holds(flight),
-            )
-        )
-    return claims
+        for scene, share in ((scene, shares(flight)) for scene, flight in scenes.items())
+    ]
 
 
 def scene_figure(key: str, title: str, flight: FlownRunway) -> Figure:
@@ -144,14 +115,11 @@ def scene_figure(key: str, title: str, flight: FlownRunway) -> Figure:
             axes.set_ylim(height - 0.5, -0.5)
             axes.grid(visible=False)
             label(axes, f'{image.time:.1f} s', 'x [px]', '' if number else 'y [px], down')
-    return Figure(
+    return canvas.as_figure(
         key,
         title,
-        canvas.png,
         f'{title}: three frames with lines',
-        (
-            f'With {THESIS_YAML}. Solid green: lines believed; dashed: held by the rho/theta '
-            'correction, in the colour of their flags. Dotted blue on white: the true edges and '
-            'centreline. Brackets: the rows searched.',
-        ),
+        f'With {THESIS_YAML}. Solid green: lines believed; dashed: held by the rho/theta '
+        'correction, in the colour of their flags. Dotted blue on white: the true edges and '
+        'centreline. Brackets: the rows searched.',
     )

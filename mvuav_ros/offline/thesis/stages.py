@@ -6,6 +6,7 @@ the total is the program's own call and the reading of the video. What the stage
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,10 +14,9 @@ from tempfile import TemporaryDirectory
 
 from mvuav_ros.offline.evaluation.stopwatch import Stopwatch
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Column, Table
+from mvuav_ros.offline.report.model import Cell, Table
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import PROGRAM_OF, Plan, tracker
-from mvuav_ros.offline.thesis.statements import sum_text
 from mvuav_ros.offline.thesis.videos import read_avi, write_avi
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.sources.frame import Frame
@@ -25,7 +25,7 @@ from mvuav_ros.vision.markers.detection import area_fits
 from mvuav_ros.vision.markers.grouping import bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.motion import Motion
-from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster
+from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window, window_around
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, threshold
@@ -44,11 +44,7 @@ class ProgramTimes:
     """A program's stages: times of each frame, and how often the innermost work was done."""
 
     watch: Stopwatch = field(default_factory=Stopwatch)
-    executions: dict[str, int] = field(default_factory=dict)
-
-    def count(self, stage: str, number: int) -> None:
-        """Add to a stage's executions."""
-        self.executions[stage] = self.executions.get(stage, 0) + number
+    executions: Counter[str] = field(default_factory=Counter)
 
     def seconds(self) -> dict[str, float]:
         """Each row of the table; NaN is never in it, a stage that does not run is missing."""
@@ -70,11 +66,9 @@ def _time(name: str, path: Path, passes: int) -> ProgramTimes:
     times = ProgramTimes()
     for _ in range(passes):
         frames, reading = read_avi(path, known.TRIAL_FPS)
-        times.executions = {}
+        times.executions = Counter({READING: 1, TOTAL: 1})
         for number, seconds in enumerate(reading):
             times.watch.note(READING, number, seconds)
-        times.count(READING, 1)
-        times.count(TOTAL, 1)
         program = MarkerTracker(PARAMETERS[name])
         for number, frame in enumerate(frames):
             times.watch.time(WHOLE, number, program.process, frame.image, frame.stamp_ns)
@@ -93,10 +87,10 @@ def _time_stages(
         if parameters.mode == 'detect' or number < WHOLE_FRAMES:
             named = _whole_frame(number, frame.image, parameters, times)
         else:
-            named = times.watch.time(
-                WINDOWS, number, _windows, motions, time, frame.image, parameters
-            )
-            times.count(WINDOWS, _scanned(motions, time, frame.image, parameters))
+            given = (motions, time, frame.image, parameters)
+            named = times.watch.time(WINDOWS, number, _measure_windows, *given)
+            windows = _windows(*given)
+            times.executions[WINDOWS] += sum((w.x1 - w.x0 + 1) * (w.y1 - w.y0 + 1) for w in windows)
         for motion, light in zip(motions, named, strict=True):
             motion.add(time, light.x, light.y)
 
@@ -111,13 +105,7 @@ def _whole_frame(
     groups = watch.time(CENTROIDS, number, group_pixels, x, y, parameters.grouping_distance)
     groups = [group for group in groups if area_fits(group.area, parameters)]
     order = watch.time(NAMING, number, label_five, groups)
-    for stage, executions in (
-        (PREPARING, 1),
-        (SCANNING, mask.size),
-        (CENTROIDS, len(x)),
-        (NAMING, 1),
-    ):
-        times.count(stage, executions)
+    times.executions.update({PREPARING: 1, SCANNING: mask.size, CENTROIDS: len(x), NAMING: 1})
     return [groups[i] for i in order]
 
 
@@ -127,12 +115,20 @@ def _prepare(image: Image, parameters: MarkerTrackerParameters) -> Mask:
 
 def _windows(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
+) -> list[Window]:
+    """Where the markers are searched."""
+    reach = (parameters.search_radius, image.width, image.height)
+    return [
+        window_around(*motion.predict(time, parameters.prediction), *reach) for motion in motions
+    ]
+
+
+def _measure_windows(
+    motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
 ) -> list[Cluster]:
     """Predict, cut, threshold and take the moments of five windows."""
     lights = []
-    for motion in motions:
-        x, y = motion.predict(time, parameters.prediction)
-        window = window_around(x, y, parameters.search_radius, image.width, image.height)
+    for window in _windows(motions, time, image, parameters):
         light = measure_window(image, window, parameters)
         # Of an undisturbed flight: every light is in its window.
         assert light is not None
@@ -140,34 +136,12 @@ def _windows(
     return lights
 
 
-def _scanned(
-    motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
-) -> int:
-    """Pixels of the five windows."""
-    windows = [
-        window_around(
-            *motion.predict(time, parameters.prediction),
-            parameters.search_radius,
-            image.width,
-            image.height,
-        )
-        for motion in motions
-    ]
-    return sum((w.x1 - w.x0 + 1) * (w.y1 - w.y0 + 1) for w in windows)
-
-
 def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
     """The thesis's rows and columns, each with ours beside it."""
-    columns = [Column('process')]
-    for program in known.PROGRAMS:
-        columns += [
-            Column(f'{program}: thesis', 's'),
-            Column(f'{program}: here', 's', 4),
-            Column(f'{program}: executions, thesis'),
-            Column(f'{program}: executions, here'),
-        ]
+    parts = ('thesis [s]', 'here [s] .4', 'executions, thesis', 'executions, here')
+    heads = [f'{program}: {part}' for program in known.PROGRAMS for part in parts]
     seconds = {program: times[program].seconds() for program in known.PROGRAMS}
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for stage in known.STAGES:
         row: list[Cell] = [stage]
         for program in known.PROGRAMS:
@@ -176,40 +150,44 @@ def table_5_2(times: Mapping[str, ProgramTimes], plan: Plan) -> Table:
             row += [printed.text, ours if stage == REST else _compared(ours, printed)]
             row.append(known.cell('table_5_2', stage, f'{program}, executions').text)
             row.append(times[program].executions.get(stage))
-        rows.append(tuple(row))
-    return Table(
+        rows.append(row)
+    return Table.of(
         'table_5_2',
         'Table 5.2: time per stage, markers',
-        tuple(columns),
-        tuple(rows),
-        (
-            f'{plan.trial_frames} frames of trial 1 from an uncompressed AVI file of colour '
-            f'frames of 640x480; sums of the least of {plan.passes} passes over each frame. The '
-            "thesis's times are of MATLAB under its profiler on its machine. The rest is "
-            'what the stages leave of the total: near zero it is noise, and it is not compared.',
-            'Here a window is thresholded, scanned and its centroid taken in one stage, "Scanning '
-            'for Estimation", so that pre-processing and centroids run on the whole frames only. '
-            'The executions of "Centroid Calculation" are the bright pixels, which the size of a '
-            'light decides: they are not compared.',
-            *(
-                sum_text(printed[-1], printed[:-1], f'Table 5.2 ({program})')
-                for program, printed in _printed_columns().items()
-            ),
-            f'The node as shipped takes {times[SHIPPED].seconds()[TOTAL]:.3f} s in all.',
-        ),
+        ' | '.join(['process', *heads]),
+        rows,
+        f'{plan.trial_frames} frames of trial 1 from an uncompressed AVI file of colour '
+        f'frames of 640x480; sums of the least of {plan.passes} passes over each frame. The '
+        "thesis's times are of MATLAB under its profiler on its machine. The rest is "
+        'what the stages leave of the total: near zero it is noise, and it is not compared.',
+        'Here a window is thresholded, scanned and its centroid taken in one stage, "Scanning '
+        'for Estimation", so that pre-processing and centroids run on the whole frames only. '
+        'The executions of "Centroid Calculation" are the bright pixels, which the size of a '
+        'light decides: they are not compared.',
+        *map(_sum_text, known.PROGRAMS),
+        f'The node as shipped takes {times[SHIPPED].seconds()[TOTAL]:.3f} s in all.',
     )
-
-
-def _printed_columns() -> dict[str, list[float]]:
-    """The thesis's times by program, without the stages that do not run."""
-    columns = {}
-    for program in known.PROGRAMS:
-        cells = [known.cell('table_5_2', stage, f'{program}, time') for stage in known.STAGES]
-        columns[program] = [cell.value for cell in cells if cell.text != 'N/A']
-    return columns
 
 
 def _compared(ours: float | None, printed: known.Known) -> Cell:
     if ours is None or printed.text == 'N/A':
         return 'N/A' if ours is None else ours
     return Compared(ours, printed.value, is_bound=printed.is_bound)
+
+
+def _sum_text(program: str) -> str:
+    """Of the stages that run."""
+    cells = [known.cell('table_5_2', stage, f'{program}, time') for stage in known.STAGES]
+    return sum_text([c.value for c in cells if c.text != 'N/A'], f'Table 5.2 ({program})')
+
+
+def sum_text(printed: Sequence[float], where: str) -> str:
+    """Whether the stages of a table of the thesis add up to its total, which comes last."""
+    *stages, total = printed
+    added = sum(stages)
+    if abs(added - total) <= 0.001 * total:
+        return f'The stages of {where} in the thesis add up to its total.'
+    return (
+        f'The stages of {where} in the thesis add up to {added:.4g} s, not to the {total:.5g} s '
+        'that it prints as their total.'
+    )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
+from mvuav_ros.offline.evaluation.numbers import Array
 from mvuav_ros.offline.report.comparison import SHIPPED
 from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.style import (
@@ -22,7 +21,6 @@ from mvuav_ros.offline.report.style import (
 )
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import PROGRAM, PROGRAM_OF
-from mvuav_ros.offline.thesis.statements import inside_text
 from mvuav_ros.offline.thesis.trials import Trial, lengths
 
 LEFT_WING = 0
@@ -60,18 +58,17 @@ def _paths(trials: Sequence[Trial]) -> Figure:
             axes.set_aspect('equal')
             axes.set_xlim(0, flight.settings.width)
             axes.set_ylim(flight.settings.height, 0)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_4',
         'Figure 5.4: estimated against actual position, all trials',
-        canvas.png,
         'paths of five markers in four trials with start and end',
-        ('Full estimation (program of Appendix C). Axes are the whole frame.',),
+        'Full estimation (program of Appendix C). Axes are the whole frame.',
     )
 
 
-def _first(places: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> list[float]:
+def _first(places: Array) -> Array:
     seen = places[np.isfinite(places).all(axis=1)]
-    return [float(seen[0, 0]), float(seen[0, 1])] if len(seen) else [np.nan, np.nan]
+    return seen[0] if len(seen) else np.full(2, np.nan)
 
 
 def _coordinates(trials: Sequence[Trial]) -> Figure:
@@ -82,23 +79,17 @@ def _coordinates(trials: Sequence[Trial]) -> Figure:
             frames = np.arange(1, len(trial.first.time) + 1)
             for row, axis in enumerate('xy'):
                 axes = panels[row, column]
-                axes.plot(frames, run.predicted[:, LEFT_WING, row], color=ESTIMATED, lw=1.2)
-                axes.plot(frames, run.found[:, LEFT_WING, row], color=ACTUAL, lw=1.0)
-                axes.lines[0].set_label('estimated')
-                axes.lines[1].set_label('actual')
-                label(
-                    axes,
-                    '' if row else trial.title,
-                    'frame' if row else '',
-                    '' if column else f'{axis} [px]',
-                )
+                estimated, actual = run.predicted[:, LEFT_WING, row], run.found[:, LEFT_WING, row]
+                axes.plot(frames, estimated, color=ESTIMATED, lw=1.2, label='estimated')
+                axes.plot(frames, actual, color=ACTUAL, lw=1.0, label='actual')
+                title = '' if row else trial.title
+                label(axes, title, 'frame' if row else '', '' if column else f'{axis} [px]')
         legend_below(canvas.figure, panels[0, 0])
-    return Figure(
+    return canvas.as_figure(
         'figure_5_5',
         'Figure 5.5: estimated against actual coordinates of the left wing',
-        canvas.png,
         'x and y of the left wing over the frames of trials 3 and 2',
-        ("The thesis's caption says trial 3, its text trial 2: both are drawn.",),
+        "The thesis's caption says trial 3, its text trial 2: both are drawn.",
     )
 
 
@@ -117,16 +108,15 @@ def _turn(trial: Trial) -> Figure:
         axes.set_aspect('equal', adjustable='datalim')
         label(axes, '', 'x [px]', 'y [px], down')
         legend_below(canvas.figure, axes)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_6',
         'Figure 5.6: estimated against actual position of the left wing where it turns, trial 1',
-        canvas.png,
         'the path of the left wing around the frame in which it turns',
-        (f'Frames {shown.start + 1} to {shown.stop}, around the slowest one.',),
+        f'Frames {shown.start + 1} to {shown.stop}, around the slowest one.',
     )
 
 
-def turning_frame(places: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> int:
+def turning_frame(places: Array) -> int:
     """The frame between the ends of a path (n, 2) at which it is slowest."""
     steps = np.hypot(*np.diff(places, axis=0).T)
     inner = steps[_TURN_REACH:-_TURN_REACH]
@@ -145,15 +135,13 @@ def _errors(trials: Sequence[Trial]) -> Figure:
                 axes.plot(frames, distances[:, index], color=COLORS[index], lw=0.8, label=name)
             axes.axhline(known.ERROR_PX, color=THESIS, ls='--', lw=1.2, label='2 px')
             seen = distances[np.isfinite(distances)]
-            inside = int(np.sum(seen < known.ERROR_PX))
-            said.append(f'trial {trial.number}: {inside_text(inside, len(seen))}')
+            said.append(f'trial {trial.number}: {inside_text(seen)}')
         panels[0].set_ylim(bottom=0)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_7',
         'Figure 5.7: error of the estimated positions, absolute distance',
-        canvas.png,
         'distance between estimated and actual places over the frames of four trials',
-        (f'Full estimation (program of Appendix C). Below 2 px: {"; ".join(said)}.',),
+        f'Full estimation (program of Appendix C). Below 2 px: {"; ".join(said)}.',
     )
 
 
@@ -166,59 +154,57 @@ def _rolls(trials: Sequence[Trial]) -> Figure:
             measured = np.degrees(flight.runs[PROGRAM].roll)
             axes.plot(frames, measured, color=COLORS[5], lw=1.2, label='measured')
     missing = sum(int(np.isnan(t.first.runs[PROGRAM].roll).sum()) for t in trials)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_8',
         'Figure 5.8: roll measured from the wings, all trials',
-        canvas.png,
         'roll over the frames of four trials',
-        (f'Frames without a roll: {missing}. Truth is the roll between the projected wings.',),
+        f'Frames without a roll: {missing}. Truth is the roll between the projected wings.',
     )
 
 
+def inside_text(errors: Array) -> str:
+    """The share of errors (n,) below `known.ERROR_PX`, with its counts."""
+    inside, count = np.sum(errors < known.ERROR_PX), len(errors)
+    return f'{100 * inside / count:.2f} % ({inside} of {count})' if count else 'none'
+
+
 def _bars(trials: Sequence[Trial]) -> Figure:
-    kinds = [
-        *((f'{kind}, thesis', None, kind) for kind in known.ESTIMATIONS),
-        *((f'{kind}, here', PROGRAM_OF[kind], kind) for kind in known.ESTIMATIONS),
-        (SHIPPED, SHIPPED, None),
-    ]
+    colors = (*COLORS[:2], *COLORS[:3])
     y = 'RMS of prediction [px]'
     with quartet(_titles(trials), 6.4, '', y, columns=3) as (canvas, panels):
-        width = 0.84 / len(kinds)
         for axes, trial in zip(panels, trials, strict=True):
-            for number, (name, method, kind) in enumerate(kinds):
-                heights = (
-                    [trial.error(method, i).value for i in range(len(known.MARKERS))]
-                    if method
-                    else [
-                        known.cell('table_5_3', f'Trial {trial.number}, {kind}', m).value
-                        for m in known.MARKERS
-                    ]
-                )
-                offset = (number - 0.5 * (len(kinds) - 1)) * width
+            heights = {
+                f'{kind}, thesis': [
+                    known.cell('table_5_3', f'Trial {trial.number}, {kind}', marker).value
+                    for marker in known.MARKERS
+                ]
+                for kind in known.ESTIMATIONS
+            }
+            heights |= {
+                f'{kind}, here': trial.rms(PROGRAM_OF[kind]).tolist() for kind in known.ESTIMATIONS
+            }
+            heights[SHIPPED] = trial.rms(SHIPPED).tolist()
+            width = 0.84 / len(heights)
+            for number, (name, values) in enumerate(heights.items()):
+                offset = (number - 0.5 * (len(heights) - 1)) * width
+                places = np.arange(len(known.MARKERS)) + offset
                 axes.bar(
-                    np.arange(len(known.MARKERS)) + offset,
-                    heights,
+                    places,
+                    values,
                     width,
                     label=name,
-                    **_bar_style(number),
+                    color=colors[number],
+                    alpha=0.35 if number < 2 else None,
                 )
             axes.axhline(known.PREDICTION_RMS_PX, color=THESIS, ls='--', lw=1.2, label='1 px')
             axes.grid(axis='x', visible=False)
             axes.set_xticks(range(len(known.MARKERS)), _SHORT_NAMES)
-    return Figure(
+    return canvas.as_figure(
         'figure_5_9',
         'Figure 5.9: RMS of prediction, comparison of methods, all trials',
-        canvas.png,
         'bars of the numbers of Table 5.3',
-        ('The numbers of Table 5.3; pale: the thesis.',),
+        'The numbers of Table 5.3; pale: the thesis.',
     )
-
-
-def _bar_style(number: int) -> dict[str, Any]:
-    color = (COLORS[0], COLORS[1], COLORS[0], COLORS[1], COLORS[2])[number]
-    if number < 2:
-        return {'color': color, 'alpha': 0.35}
-    return {'color': color}
 
 
 def _error_bars(trials: Sequence[Trial]) -> Figure:
@@ -227,47 +213,34 @@ def _error_bars(trials: Sequence[Trial]) -> Figure:
             means, deviations = mean_and_deviation(trial.first)
             places = np.arange(len(known.MARKERS))
             axes.bar(places, means, 0.6, color=COLORS[5], label='mean')
-            _whiskers(axes, places, means, deviations)
+            reach = np.array([np.minimum(deviations, means), deviations])
+            axes.errorbar(
+                places,
+                means,
+                yerr=reach,
+                fmt='none',
+                ecolor=TRUTH,
+                capsize=4,
+                lw=1.2,
+                label='standard deviation',
+            )
             axes.grid(axis='x', visible=False)
             axes.set_xticks(places, _SHORT_NAMES)
         panels[0].set_ylim(bottom=0)
-    return Figure(
+    return canvas.as_figure(
         'figure_appendix_c',
         'Appendix C: mean and standard deviation of the error by marker',
-        canvas.png,
         'bars of the mean error of each marker with its standard deviation',
-        (
-            "The program's two bar charts in one, for full estimation. The thesis's three whole "
-            'frames, whose estimate is their place, are left out.',
-        ),
+        "The program's two bar charts in one, for full estimation. The thesis's three whole "
+        'frames, whose estimate is their place, are left out.',
     )
 
 
 def mean_and_deviation(flight: FlownMarkers) -> tuple[list[float], list[float]]:
     """Of the error of full estimation, by marker, px; the deviation as MATLAB's ``std``."""
     distances = lengths(flight, PROGRAM)
-    means = np.nanmean(distances, axis=0)
     deviations = np.nanstd(distances, axis=0, ddof=1)
-    return [float(m) for m in means], [float(d) for d in deviations]
-
-
-def _whiskers(
-    axes: Axes,
-    places: np.ndarray[tuple[int, ...], np.dtype[np.integer]],
-    means: Sequence[float],
-    deviations: Sequence[float],
-) -> None:
-    below = np.minimum(deviations, means)
-    axes.errorbar(
-        places,
-        means,
-        yerr=np.array([below, deviations]),
-        fmt='none',
-        ecolor=TRUTH,
-        capsize=4,
-        lw=1.2,
-        label='standard deviation',
-    )
+    return np.nanmean(distances, axis=0).tolist(), deviations.tolist()
 
 
 def _titles(trials: Sequence[Trial]) -> list[str]:

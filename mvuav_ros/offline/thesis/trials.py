@@ -9,9 +9,8 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask
 from mvuav_ros.offline.evaluation.numbers import Array, Interval, distance_rms, pooled_rms
-from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import Plan, tracking_pipelines, words
-from mvuav_ros.simulation.settings import TRIALS, TankerSettings
+from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.shake import VIBRATIONS
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 
@@ -43,9 +42,14 @@ class Trial:
         """The flight that figures show."""
         return self.flights[0]
 
-    def error(self, method: str, marker: int) -> Interval:
-        """RMS of predicted minus found of one marker over all flights, px."""
-        return pooled_rms([lengths(flight, method)[:, marker] for flight in self.flights])
+    def errors(self, method: str) -> list[Interval]:
+        """RMS of predicted minus found over all flights, px, by marker."""
+        by_flight = [lengths(flight, method).T for flight in self.flights]
+        return [pooled_rms(repeats) for repeats in zip(*by_flight, strict=True)]
+
+    def rms(self, method: str) -> Array:
+        """The same without the intervals."""
+        return np.array([error.value for error in self.errors(method)])
 
     def pooled(self, method: str) -> float:
         """The same over all markers and flights."""
@@ -58,25 +62,11 @@ def lengths(flight: FlownMarkers, method: str) -> Array:
     return np.asarray(np.hypot(error[..., 0], error[..., 1]))
 
 
-def trial_settings(plan: Plan, trial: str, shake: int = 0, repeat: int = 0) -> TankerSettings:
-    """A trial's flight: 10 s at 15 frames/s, as in the thesis."""
-    return TankerSettings(
-        motion=trial,
-        fps=known.TRIAL_FPS,
-        frames=plan.trial_frames,
-        seed=plan.seed_of(repeat),
-        shake=shake,
-    )
-
-
 def tracking_tasks(plan: Plan) -> list[MarkerTask]:
     """The four trials without vibration, as often as planned, then once with each vibration."""
     steady = [(trial, 0, repeat) for trial in TRIALS for repeat in range(plan.trial_repeats)]
     shaken = [(trial, shake, 0) for trial in TRIALS for shake in range(1, len(VIBRATIONS))]
-    return [
-        MarkerTask(trial_settings(plan, *which), tracking_pipelines())
-        for which in (*steady, *shaken)
-    ]
+    return [MarkerTask(plan.trial(*which), tracking_pipelines()) for which in (*steady, *shaken)]
 
 
 def trials_of(flown: Sequence[FlownMarkers]) -> tuple[list[Trial], list[FlownMarkers]]:

@@ -1,4 +1,4 @@
-"""Tables 5.4 and 5.5, Figures 5.10 and 5.11: the camera's vibration, and the roll before it."""
+"""Table 5.4 and Figure 5.10: the camera's vibration; with Table 5.5, the roll before it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
-from mvuav_ros.offline.evaluation.numbers import Array, Spectrum, spectrum
+from mvuav_ros.offline.evaluation.numbers import Spectrum, spectrum
 from mvuav_ros.offline.report.comparison import Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
+from mvuav_ros.offline.report.model import Cell, Claim, Figure, Section, Table
+from mvuav_ros.offline.report.style import COLORS, quartet
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import Plan
-from mvuav_ros.offline.thesis.roll_cells import cells_of, noise_table, roll_claims, roll_tables
-from mvuav_ros.offline.thesis.vibration_figures import roll_figure, spectrum_figure
+from mvuav_ros.offline.thesis.roll_cells import (
+    cells_of,
+    noise_table,
+    roll_claims,
+    roll_figure,
+    roll_tables,
+)
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 
 SAMPLE_HZ = 200.0
@@ -27,6 +33,9 @@ RESOLUTION = 0.06
 AMPLITUDE_SHARE = 0.05
 """Part by which a measured amplitude may differ from the listed one."""
 AXES = ('pitch', 'yaw', 'roll')
+_FLOOR = 1e-8
+_SHOWN_HZ = 75.0
+"""Table 5.4 ends at 66.58 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +109,7 @@ def measure(condition: int, seed: int) -> Measured:
     shake = Shake(VIBRATIONS[condition], 1.0, np.random.default_rng([seed, condition]))
     times = np.arange(round(SECONDS * SAMPLE_HZ)) / SAMPLE_HZ
     angles = np.degrees([shake.angles(float(time)) for time in times])
-    return Measured(condition, tuple(_spectrum(angles[:, axis]) for axis in range(len(AXES))))
-
-
-def _spectrum(values: Array) -> Spectrum:
-    return spectrum(values, SAMPLE_HZ, _SEGMENT)
+    return Measured(condition, tuple(spectrum(axis, SAMPLE_HZ, _SEGMENT) for axis in angles.T))
 
 
 def table_5_4(measured: list[Measured]) -> Table:
@@ -115,24 +120,16 @@ def table_5_4(measured: list[Measured]) -> Table:
         texts = [known.cell('table_5_4', condition.name, column).text for column in columns]
         rows.append((condition.name, 'thesis', *texts))
         rows.append((condition.name, 'here', *_flown(condition)))
-    return Table(
+    return Table.of(
         'table_5_4',
         'Table 5.4: the vibrations',
-        (
-            Column('condition'),
-            Column('by'),
-            Column('primary frequency', 'Hz', 2),
-            Column('amplitude', 'dB/Hertz', 6),
-            Column('harmonics', 'Hz'),
-        ),
-        tuple(rows),
-        (
-            f"Here: from the spectrum of the camera's true roll, {SAMPLE_HZ:g} samples/s for "
-            f'{SECONDS:g} s; equal within {RESOLUTION:g} Hz and {100 * AMPLITUDE_SHARE:g} % of '
-            "the amplitude. The thesis's 39.4 Hz without motion is the noise of its sensor, by "
-            'its own words; the simulated camera stands still. Its vibration 1 lists 33.11 Hz, '
-            'which is not quite three times its primary (33.18).',
-        ),
+        'condition | by | primary frequency [Hz] .2 | amplitude [dB/Hertz] .6 | harmonics [Hz]',
+        rows,
+        f"Here: from the spectrum of the camera's true roll, {SAMPLE_HZ:g} samples/s for "
+        f'{SECONDS:g} s; equal within {RESOLUTION:g} Hz and {100 * AMPLITUDE_SHARE:g} % of '
+        "the amplitude. The thesis's 39.4 Hz without motion is the noise of its sensor, by "
+        'its own words; the simulated camera stands still. Its vibration 1 lists 33.11 Hz, '
+        'which is not quite three times its primary (33.18).',
     )
 
 
@@ -146,6 +143,38 @@ def _flown(condition: Measured) -> tuple[Cell, ...]:
         Compared(condition.primary_hz, primary, tolerance=RESOLUTION),
         Compared(condition.magnitude, magnitude, tolerance=AMPLITUDE_SHARE * magnitude),
         ', '.join(f'{hz:.2f}' for hz in others),
+    )
+
+
+def spectrum_figure(measured: Sequence[Measured]) -> Figure:
+    """Densities over frequency for each condition; triangles at Table 5.4's frequencies."""
+    titles = [condition.name for condition in measured]
+    with quartet(titles, 6.0, 'frequency [Hz]', 'density [°²/Hz]') as (canvas, panels):
+        for axes, condition in zip(panels, measured, strict=True):
+            axes.set_yscale('log')
+            for number, name, curve in zip((1, 2, 0), AXES, condition.spectra, strict=True):
+                # The three swing with the same frequencies: the strongest is drawn below.
+                axes.plot(
+                    curve.frequency[1:],
+                    np.maximum(curve.density[1:], _FLOOR),
+                    color=COLORS[number],
+                    lw=(3.0, 1.6, 0.8)[number],
+                    zorder=2 + number,
+                    label=name,
+                )
+            if not condition.listed_hz:
+                axes.text(0.5, 0.5, 'nothing moves', transform=axes.transAxes, ha='center')
+            roll = condition.spectra[-1]
+            tops = [4.0 * float(np.interp(hz, *roll)) for hz in condition.listed_hz]
+            axes.plot(condition.listed_hz, tops, 'v', color=COLORS[6], ms=5, label='Table 5.4')
+        panels[0].set_ylim(bottom=_FLOOR)
+        panels[0].set_xlim(0, _SHOWN_HZ)
+    return canvas.as_figure(
+        'figure_5_10',
+        'Figure 5.10: power spectral density of the vibrations',
+        'spectral density of pitch, yaw and roll for four conditions',
+        "Welch's method on the camera's attitude. The thesis shows accelerations on three "
+        'axes of an inertial sensor.',
     )
 
 

@@ -3,44 +3,38 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import cv2
 
-from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import Plan
-from mvuav_ros.offline.thesis.trials import trial_settings
+from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.simulation.runway import RunwayFlight
-from mvuav_ros.simulation.settings import TRIALS, RunwaySettings
+from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 
 _UNCOMPRESSED = 'RGBA'
-LOW_PASS = {'motion': 'low_pass', 'start_distance': -20.0, 'speed': 25.0, 'camera_pitch_deg': 20.0}
+LOW_PASS: Mapping[str, Value] = {
+    'motion': 'low_pass',
+    'start_distance': -20.0,
+    'speed': 25.0,
+    'camera_pitch_deg': 20.0,
+}
 
 
 def trial_images(plan: Plan, number: int) -> list[tuple[Image, int]]:
     """The frames of a trial (1 to 4) and their stamps."""
-    flight = TankerFlight(trial_settings(plan, TRIALS[number - 1]))
+    flight = TankerFlight(plan.trial(TRIALS[number - 1]))
     return [(frame.image, frame.stamp_ns) for frame in flight]
 
 
 def runway_images(plan: Plan) -> list[Pixels]:
-    """The frames of a low pass over the runway, 320x240, blue first."""
-    settings = RunwaySettings.from_mapping(
-        {
-            'width': 320,
-            'height': 240,
-            'fps': known.RUNWAY_FPS,
-            'frames': plan.runway_frames,
-            'seed': plan.seed,
-            **LOW_PASS,
-        }
-    )
-    return [frame.image.bgr() for frame in RunwayFlight(settings)]
+    """The frames of a low pass over the runway, blue first."""
+    return [frame.image.bgr() for frame in RunwayFlight(plan.runway(LOW_PASS))]
 
 
 def write_avi(path: Path, images: Iterable[Pixels], fps: float) -> None:

@@ -9,8 +9,7 @@ from support.flights import write_bag
 
 from mvuav_ros.offline.evaluation.bag_report import bag_report
 from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
-from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
-from mvuav_ros.offline.evaluation.marker_names import NamedPoints
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, NamedPoints, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
 from mvuav_ros.processing.messages.sensors import make_header
 from mvuav_ros.recordings.reading import open_recording

@@ -5,7 +5,7 @@ import pytest
 
 from mvuav_ros.offline.evaluation import integrity_runs
 from mvuav_ros.offline.evaluation.integrity_runs import IntegrityTask, fly_integrity
-from mvuav_ros.offline.thesis.integrity import integrity_claims, integrity_table
+from mvuav_ros.offline.thesis.beyond import integrity_claims, integrity_table
 from mvuav_ros.vision.markers.results import MarkerResult
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 

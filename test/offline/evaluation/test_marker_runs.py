@@ -9,7 +9,7 @@ from mvuav_ros.offline.report.comparison import Compared
 from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import RUNS, Plan, tracker, tracking_pipelines
 from mvuav_ros.offline.thesis.tracking import claims_of, table_5_3
-from mvuav_ros.offline.thesis.trials import trial_settings, trials_of
+from mvuav_ros.offline.thesis.trials import trials_of
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
@@ -70,8 +70,7 @@ def test_a_light_that_is_out_is_not_found_but_predicted():
 def fly_trials(seed, seconds=1.6, shake=0):
     plan = Plan(seed=seed, trial_seconds=seconds)
     flights = [
-        fly_markers(MarkerTask(trial_settings(plan, trial, shake), tracking_pipelines()))
-        for trial in TRIALS
+        fly_markers(MarkerTask(plan.trial(trial, shake), tracking_pipelines())) for trial in TRIALS
     ]
     return trials_of(flights)[0]
 

@@ -42,6 +42,14 @@ def test_a_table_with_a_ragged_row_is_refused():
         Table('t', 'T', (Column('a'), Column('b')), ((1, 2, 3),))
 
 
+def test_columns_are_read_from_a_heading():
+    heading = 'line | distance, RMS [px] .2 | rate [frames/s] | share .0'
+    table = Table.of('t', 'T', heading, [('left', 1.25, 30.0, None)], 'A note.')
+    distance, rate = Column('distance, RMS', 'px', 2), Column('rate', 'frames/s')
+    assert table.columns == (Column('line'), distance, rate, Column('share', '', 0))
+    assert (table.rows, table.notes) == ((('left', 1.25, 30.0, None),), ('A note.',))
+
+
 def test_the_same_data_make_the_same_image():
     def draw(last):
         with drawing(4.0, 2.0) as canvas:
