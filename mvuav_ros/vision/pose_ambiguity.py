@@ -20,25 +20,18 @@ class AmbiguityTuning:
 
     Chosen with `mvuav_ros.vision.pose.PoseTuning`; those of three lights on seeds 0 to 29 of
     flights of random rigs.
-
-    Attributes:
-        alike: of two solutions' squared residuals, up to where both fit.
-        same: rad, up to which two rotations are one solution.
-        decisive: difference of two solutions' squared residuals, over the noise's variance, from
-            which on the less one is right.
-        nearer: rad, by which a solution must be nearer to the last pose than the next one.
-        most_tilt: rad, from straight behind, of three lights' first pose.
-        one: rad, up to which two solutions of three lights are the same.
-        meeting: rad, up to which two of them may be taken for each other.
     """
 
-    alike: float = 4.0
-    same: float = math.radians(5.0)
+    alike: float = 4.0  # of two solutions' squared residuals, up to where both fit
+    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
+    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
+    # less one is right.
     decisive: float = 12.0
+    # rad, by which a solution must be nearer to the last pose than the next one.
     nearer: float = math.radians(3.0)
-    most_tilt: float = math.radians(45.0)
-    one: float = math.radians(0.5)
-    meeting: float = math.radians(8.0)
+    most_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
+    one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
+    meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
 
 
 TUNING = AmbiguityTuning()

@@ -18,17 +18,14 @@ Cycles = tuple[tuple[str, ...], ...]
 
 @dataclass(frozen=True)
 class ExaminationTuning:
-    """What counts as alike.
+    """What counts as alike."""
 
-    Attributes:
-        alike: part of the rig's size by which a turned marker may miss another one's place and
-            still be taken for it; twice what the start allows a body among other lights.
-        straight: part of the rig's length by which markers on one line may lie beside it.
-        farthest_tilt_deg: between the camera's axis and the body's, when it is seen from behind.
-    """
-
+    # Part of the rig's size by which a turned marker may miss another one's place and still be
+    # taken for it; twice what the start allows a body among other lights.
     alike: float = 0.02
+    # Part of the rig's length by which markers on one line may lie beside it.
     straight: float = 0.01
+    # Between the camera's axis and the body's, when it is seen from behind.
     farthest_tilt_deg: float = 40.0
 
 

@@ -22,49 +22,38 @@ class FaultTuning:
     Chosen on seeds 0 to 29 of flights of bare lights (`simulation.light_flights`) and on the
     simulator's docking approaches; `protected_by_few` and `fitting` on seeds 9000 to 9029 and 9500
     to 9529.
-
-    Attributes:
-        gate: squared distance over variance from which on a marker contradicts the others.
-        doubt: two explanations whose costs differ by less than this are both possible.
-        fewest_firm: markers, without which none can be doubted.
-        allowance: of a squared distance over variance, per frame: what is more is evidence.
-        enough: evidence from which on a marker contradicts the others.
-        most_evidence: to which the evidence against any marker can add up.
-        forgetting: per frame, of the evidence against a marker that is out of sight.
-        doubtful_share: of the evidence against the worst marker, by which another must have
-            less so that it is not a suspect as well.
-        contested: evidence that a marker has against it that was out of sight shortly before.
-        protected: px (1 sigma), of a marker's place by the others, up to which they would
-            contradict another light there.
-        protected_by_few: the same where too few are in sight to tell each other's places later.
-        fewest_telling: markers not out of sight before, by which alone others' places are told.
-        fewest_agreeing: markers that tell each other's places.
-        upset: by which all variances grow where what is seen makes no sense.
-        free: by which they grow to find out whether it is only the motion that was not foreseen.
-        fewest_free: coordinates for that.
-        fitting: squared residuals over their variances up to which markers then fit the rig, which
-            are more than can fit any other.
-        fitting_few: the same of as few as can tell.
     """
 
+    # Squared distance over variance from which on a marker contradicts the others.
     gate: float = 16.0
-    doubt: float = 6.0
-    fewest_firm: int = 3
+    doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
+    fewest_firm: int = 3  # markers, without which none can be doubted
+    # Of a squared distance over variance, per frame: what is more is evidence.
     allowance: float = 6.0
-    enough: float = 20.0
-    most_evidence: float = 100.0
-    forgetting: float = 0.9
+    enough: float = 20.0  # evidence from which on a marker contradicts the others
+    most_evidence: float = 100.0  # to which the evidence against any marker can add up
+    forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
+    # Of the evidence against the worst marker, by which another must have less so that it is not a
+    # suspect as well.
     doubtful_share: float = 0.1
+    # Evidence that a marker has against it that was out of sight shortly before.
     contested: float = 50.0
+    # px (1 sigma), of a marker's place by the others, up to which they would contradict another
+    # light there.
     protected: float = 4.0
+    # The same where too few are in sight to tell each other's places later.
     protected_by_few: float = 1.3
+    # Markers not out of sight before, by which alone others' places are told.
     fewest_telling: int = 2
-    fewest_agreeing: int = 4
-    upset: float = 4.0
+    fewest_agreeing: int = 4  # markers that tell each other's places
+    upset: float = 4.0  # by which all variances grow where what is seen makes no sense
+    # By which they grow to find out whether it is only the motion that was not foreseen.
     free: float = 1e3
-    fewest_free: int = 8
+    fewest_free: int = 8  # coordinates for that
+    # Squared residuals over their variances up to which markers then fit the rig, which are more
+    # than can fit any other.
     fitting: float = 12.0
-    fitting_few: float = 4.0
+    fitting_few: float = 4.0  # the same of as few as can tell
 
 
 TUNING = FaultTuning()

@@ -18,18 +18,14 @@ class RecoveryTuning:
     """When lights that were not expected where they are get names.
 
     Chosen on seeds 0 to 11 of flights of bare lights (`simulation.light_flights`).
-
-    Attributes:
-        fewest_new: lights that must fit at once: a single one that does not go with the others
-            may as well be another light.
-        confirmed: frames in a row that must name the lights alike, where they are as few as can
-            tell.
-        same: px, within which a marker may move between two frames.
     """
 
+    # Lights that must fit at once: a single one that does not go with the others may as well be
+    # another light.
     fewest_new: int = 2
+    # Frames in a row that must name the lights alike, where they are as few as can tell.
     confirmed: int = 2
-    same: float = 40.0
+    same: float = 40.0  # px, within which a marker may move between two frames
 
 
 TUNING = RecoveryTuning()

@@ -15,21 +15,15 @@ class KalmanTuning:
     """What the filter assumes of the motion.
 
     Chosen on the simulator's four trials and on the two reference videos.
-
-    Attributes:
-        maneuver: process noise over measurement noise: the acceleration's change within a frame
-            over the measurement's standard deviation. The level of both follows from the
-            innovations.
-        longest_gap: frames without a measurement, after which the gain grows no more.
-        acceleration_fading: part of the acceleration kept for each frame unseen: it cannot be
-            trusted for long.
-        velocity_fading: the same of the velocity, which can be trusted somewhat longer.
     """
 
+    # Process noise over measurement noise: the acceleration's change within a frame over the
+    # measurement's standard deviation. The level of both follows from the innovations.
     maneuver: float = 1.0
-    longest_gap: int = 10
+    longest_gap: int = 10  # frames without a measurement, after which the gain grows no more
+    # Part of the acceleration kept for each frame unseen: it cannot be trusted for long.
     acceleration_fading: float = 0.7
-    velocity_fading: float = 0.95
+    velocity_fading: float = 0.95  # the same of the velocity, which can be trusted somewhat longer
 
 
 TUNING = KalmanTuning()

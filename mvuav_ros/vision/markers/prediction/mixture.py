@@ -17,15 +17,12 @@ class MixtureTuning:
 
     Chosen on flights of the motions in `simulation.marker_paths` and some more, with seeds of
     their own; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same to 1 %.
-
-    Attributes:
-        memory: per frame, of the squared errors.
-        confidence: by how much a frame's evidence counts. A frame of five rigid markers is worth
-            about that of two independent coordinates, for which 0.5 x 2 would be Bayes's rule
-            were the errors' sizes known; that of frames which stand out is counted below.
     """
 
-    memory: float = 0.985
+    memory: float = 0.985  # per frame, of the squared errors
+    # By how much a frame's evidence counts. A frame of five rigid markers is worth about that of
+    # two independent coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes
+    # known; that of frames which stand out is counted below.
     confidence: float = 2.5
 
 

@@ -16,16 +16,12 @@ class RecordTuning:
     """How far a prediction is trusted.
 
     Chosen on the simulator's four trials with and without vibration.
-
-    Attributes:
-        first_deviation: px, assumed of a prediction before anything is known of the motion.
-        least_deviation: px, of a prediction.
-        level_memory: per frame, of the squared errors of a light's predictions.
     """
 
+    # px, assumed of a prediction before anything is known of the motion.
     first_deviation: float = 3.0
-    least_deviation: float = 0.3
-    level_memory: float = 0.9
+    least_deviation: float = 0.3  # px, of a prediction
+    level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
 
 
 TUNING = RecordTuning()

@@ -16,22 +16,14 @@ class VibrationTuning:
     """How the autoregression is learnt.
 
     Chosen on the simulator's vibrations 1 to 3 at 30 frames/s and on the two reference videos.
-
-    Attributes:
-        lags: past innovations from which the next one is predicted: two for each harmonic.
-        memory: per frame, of what is learnt.
-        ridge: pulls the coefficients to zero, in frames' worth of innovations.
-        solve_every: frames between two solutions for the coefficients, which saves time.
-        limit: standard deviations of an innovation that may stand in for a missing one.
-        fading: per frame, of an innovation that stands in for a missing one.
     """
 
-    lags: int = 6
-    memory: float = 0.99
-    ridge: float = 10.0
-    solve_every: int = 4
-    limit: float = 2.0
-    fading: float = 0.7
+    lags: int = 6  # past innovations from which the next one is predicted: two for each harmonic
+    memory: float = 0.99  # per frame, of what is learnt
+    ridge: float = 10.0  # pulls the coefficients to zero, in frames' worth of innovations
+    solve_every: int = 4  # frames between two solutions for the coefficients, which saves time
+    limit: float = 2.0  # standard deviations of an innovation that may stand in for a missing one
+    fading: float = 0.7  # per frame, of an innovation that stands in for a missing one
 
 
 TUNING = VibrationTuning()

@@ -37,43 +37,35 @@ class ViewTuning:
     Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
     simulator's docking approaches; `learning` and `most_unseen` on seeds 9000 to 9029 and 9500 to
     9529. The parameters are those of `WeakPerspective.project`.
-
-    Attributes:
-        jitter: random walk of the parameters, per square root of a second.
-        unrest: the same of their rates: how quickly a motion changes.
-        noise: px (1 sigma), of a light's place.
-        rig_error: of a marker's place on the rig, in units of its size (1 sigma), at first.
-        least_rig_error: the least that is learnt from how well the markers fit.
-        other_rig_error: the same for a body that is not what its rig says.
-        learning, unlearning: per frame, of a rig error that turns out less, or more.
-        motion_learning: per frame, by which the variances of jitter and unrest follow the motion.
-        motion_forgetting: per frame in which too few markers are seen, by which they grow again.
-        least_unseen, most_unseen: to which they grow at least, and at most.
-        rates_share: to which they grow, in parts of the rates' squares over their variances.
-        most_surprising: of a step's square over its variance, that is learnt from.
-        least_motion, most_motion: of those variances, in parts of the usual ones.
-        doubted: times the usual deviation at which a marker that is doubted takes part.
-        doubted_least: px, of that at least.
     """
 
+    # Random walk of the parameters, per square root of a second.
     jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
+    # The same of their rates: how quickly a motion changes.
     unrest: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
-    noise: float = 0.15
+    noise: float = 0.15  # px (1 sigma), of a light's place
+    # Of a marker's place on the rig, in units of its size (1 sigma), at first.
     rig_error: float = 0.004
-    least_rig_error: float = 0.0003
-    other_rig_error: float = 0.02
+    least_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
+    other_rig_error: float = 0.02  # the same for a body that is not what its rig says
+    # Per frame, of a rig error that turns out less, or more.
     learning: float = 0.25
     unlearning: float = 0.003
+    # Per frame, by which the variances of jitter and unrest follow the motion.
     motion_learning: float = 0.1
+    # Per frame in which too few markers are seen, by which they grow again.
     motion_forgetting: float = 1.2
+    # To which they grow at least, and at most.
     least_unseen: float = 0.1
     most_unseen: float = 8.0
+    # To which they grow, in parts of the rates' squares over their variances.
     rates_share: float = 3.0
-    most_surprising: float = 25.0
+    most_surprising: float = 25.0  # of a step's square over its variance, that is learnt from
+    # Of those variances, in parts of the usual ones.
     least_motion: float = 0.02
     most_motion: float = 4.0
-    doubted: float = 10.0
-    doubted_least: float = 2.0
+    doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
+    doubted_least: float = 2.0  # px, of that at least
 
 
 TUNING = ViewTuning()
