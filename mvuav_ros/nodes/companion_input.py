@@ -12,10 +12,8 @@ from sensor_msgs.msg import CameraInfo, Imu
 
 from mvuav_ros.nodes.received_image import ReceivedImage
 from mvuav_ros.nodes.subscriptions import subscribe
-from mvuav_ros.recordings.serialization.imu import decode_imu
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
-from mvuav_ros.recordings.sources.attitude_pairing import AttitudePairing
-from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of
+from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
 
 LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
@@ -69,7 +67,7 @@ class CompanionInput:
         if self._imus is not None and self._imus.handle.pointer in ready:
             while (taken := self._imus.handle.take_message(Imu, False)) is not None:
                 stamp_ns = stamp_ns_of(taken[0].header)
-                self._by_attitude.add_attitude(stamp_ns, decode_imu(taken[0]))
+                self._by_attitude.add_info(stamp_ns, decode_imu(taken[0]))
 
     def completed(self, images: list[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.recordings.images import decode_message
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 
 PREFIX = '/marker_tracker/marker/'
 """Of the topics that hold one marker each; its name follows."""
