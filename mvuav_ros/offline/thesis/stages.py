@@ -21,12 +21,11 @@ from mvuav_ros.offline.thesis.videos import read_avi, write_avi
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import area_fits
-from mvuav_ros.vision.markers.grouping import bright_pixels, group_pixels
+from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.motion import Motion
-from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster
-from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window, window_around
+from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, threshold
 
@@ -132,7 +131,7 @@ def _windows(
     lights = []
     for motion in motions:
         x, y = motion.predict(time, parameters.prediction)
-        window = window_around(x, y, parameters.search_radius, image.width, image.height)
+        window = Window.around(x, y, parameters.search_radius, (image.width, image.height))
         light = measure_window(image, window, parameters)
         # Of an undisturbed flight: every light is in its window.
         assert light is not None
@@ -144,13 +143,9 @@ def _scanned(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
 ) -> int:
     """Pixels of the five windows."""
+    radius, size = parameters.search_radius, (image.width, image.height)
     windows = [
-        window_around(
-            *motion.predict(time, parameters.prediction),
-            parameters.search_radius,
-            image.width,
-            image.height,
-        )
+        Window.around(*motion.predict(time, parameters.prediction), radius, size)
         for motion in motions
     ]
     return sum((w.x1 - w.x0 + 1) * (w.y1 - w.y0 + 1) for w in windows)

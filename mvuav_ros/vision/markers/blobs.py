@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
-from mvuav_ros.vision.markers.grouping import (
-    MAX_BRIGHT_FRACTION,
-    MAX_BRIGHT_SMALL_FRAME,
-    GroupingError,
-)
+from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, count_bright
 from mvuav_ros.vision.markers.many_centroids import measure_pixels, measure_windows
 from mvuav_ros.vision.point_operations import Pixels, threshold
 
@@ -52,23 +48,15 @@ class Blobs:
             GroupingError: the frame is too bright or too noisy to hold markers.
         """
         mask = threshold(gray, parameters.threshold)
-        bright = cv2.countNonZero(mask)
-        if bright > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
-            share = 100 * bright / mask.size
-            raise GroupingError(f'{share:.0f} % of the frame is above the threshold')
         self._gray = gray
         self._size = (gray.shape[1], gray.shape[0])
         self._chosen = np.empty(0, np.intp)
         self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
-        if bright == 0:
+        if not count_bright(mask):
             return
         count, self._numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
         self._count = count
-        areas = stats[1:, cv2.CC_STAT_AREA]
-        fitting = areas >= parameters.min_area
-        if parameters.max_area:
-            fitting &= areas <= parameters.max_area
-        chosen = np.flatnonzero(fitting)
+        chosen = np.flatnonzero(area_fits(stats[1:, cv2.CC_STAT_AREA], parameters))
         if len(chosen) > MAX_BLOBS:
             raise GroupingError(f'{count - 1} clusters above the threshold')
         self._chosen = chosen + 1

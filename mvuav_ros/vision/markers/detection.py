@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
-from mvuav_ros.vision.markers.grouping import GroupingError, group_mask
+from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, group_mask
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
 from mvuav_ros.vision.markers.many_centroids import measure_windows
 from mvuav_ros.vision.markers.results import (
@@ -52,11 +52,7 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
         lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
         return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
     lights = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
-    area = lights[:, 2]
-    fitting = area >= parameters.min_area
-    if parameters.max_area:
-        fitting &= area <= parameters.max_area
-    lights = lights[fitting]
+    lights = lights[area_fits(lights[:, 2], parameters)]
     return weigh(gray, lights, parameters.threshold) if parameters.weighted else lights
 
 
@@ -89,11 +85,6 @@ def weigh(gray: Pixels, lights: Array, level: float) -> Array:
     return np.where((measured[:, 2] == area)[:, None], measured, lights)
 
 
-def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:
-    """Whether a cluster of that many pixels may be a marker."""
-    return area >= parameters.min_area and not 0 < parameters.max_area < area
-
-
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
     """Find and label the five markers in a whole frame (Appendix A).
 
@@ -118,16 +109,10 @@ def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
         status = f'{len(clusters)} clusters in view, the five largest were used'
         clusters = [clusters[i] for i in sorted(by_area[:5])]
     markers = tuple(
-        Marker(
-            label,
-            MarkerState.DETECTED,
-            x=clusters[index].x,
-            y=clusters[index].y,
-            area=clusters[index].area,
-        )
+        _detected(label, clusters[index])
         for label, index in zip(TANKER_LABELS, label_five(clusters), strict=True)
     )
-    return MarkerResult(markers, roll_of(markers), status)
+    return MarkerResult(markers, roll_of(markers[0], markers[-1]), status)
 
 
 def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -140,7 +125,9 @@ def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResul
         clusters = find_clusters(image, parameters)
     except GroupingError as error:
         return MarkerResult((), status=str(error))
-    markers = tuple(
-        Marker(Label.UNLABELLED, MarkerState.DETECTED, x=c.x, y=c.y, area=c.area) for c in clusters
-    )
+    markers = tuple(_detected(Label.UNLABELLED, cluster) for cluster in clusters)
     return MarkerResult(markers, status='' if markers else 'no cluster in view')
+
+
+def _detected(label: int, cluster: Cluster) -> Marker:
+    return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.results import Cluster
 from mvuav_ros.vision.point_operations import Mask
 
@@ -19,6 +22,12 @@ MAX_CLUSTERS = 1000
 
 class GroupingError(ValueError):
     """The bright pixels are too many to be markers; the message says how many."""
+
+
+def area_fits(area: Any, parameters: MarkerTrackerParameters) -> Any:
+    """Whether a light of so many pixels (or each of an array of them) may be a marker."""
+    most = parameters.max_area or math.inf
+    return (parameters.min_area <= area) & (area <= most)
 
 
 def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -34,7 +43,7 @@ def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         GroupingError: more than 5 % of the frame is bright.
     """
     height = mask.shape[0]
-    if not _count_bright(mask):
+    if not count_bright(mask):
         return np.empty(0, np.int32), np.empty(0, np.int32)
     points = cv2.findNonZero(mask).reshape(-1, 2)
     x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
@@ -78,10 +87,15 @@ def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
         GroupingError: more than 5 % of the frame is bright, or there are more than
             `MAX_CLUSTERS`.
     """
-    return _group(mask, grouping_distance) if _count_bright(mask) else np.empty((0, 3))
+    return _group(mask, grouping_distance) if count_bright(mask) else np.empty((0, 3))
 
 
-def _count_bright(mask: Mask) -> int:
+def count_bright(mask: Mask) -> int:
+    """The number of a mask's bright pixels.
+
+    Raises:
+        GroupingError: more than 5 % of the frame is bright.
+    """
     count = cv2.countNonZero(mask)
     if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
         raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')

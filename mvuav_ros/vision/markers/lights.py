@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -59,10 +58,6 @@ class Lights:
     def __len__(self) -> int:
         return len(self.spots)
 
-    def in_image(self, spot: Detection) -> Detection:
-        """A spot where the image shows it."""
-        return self.measured[spot]
-
     def split(
         self, spot: Detection, dx: float, dy: float, variance: float
     ) -> tuple[Detection, Detection]:
@@ -117,7 +112,7 @@ class Frame:
         time: its stamp, s.
         number: of the frame.
         size: width and height, px.
-        search_radius: px, of a marker's window.
+        parameters: of the tracker.
         meter: measures a light.
         cut: gives parts of the image.
     """
@@ -127,21 +122,15 @@ class Frame:
     ) -> None:
         self.time, self.number = time, number
         self.size = image.width, image.height
-        self.search_radius = parameters.search_radius
         self.meter = CentroidMeter(parameters.threshold, parameters.weighted)
         self.cut = cutter(image)
         self._image = image
-        self._parameters = parameters
-
-    def fits(self, area: int) -> bool:
-        """Whether a light of that many pixels may be a marker."""
-        most = self._parameters.max_area or math.inf
-        return self._parameters.min_area <= area <= most
+        self.parameters = parameters
 
     @property
     def earliest(self) -> float:
         """When a marker out of sight must have been seen to be predicted, s."""
-        return self.time - self._parameters.lost_timeout
+        return self.time - self.parameters.lost_timeout
 
     def lights(self, lens: Lens, around: Sequence[float] = ()) -> Lights:
         """The lights of the whole frame.
@@ -154,5 +143,5 @@ class Frame:
         Raises:
             GroupingError: it is too bright or too noisy to hold markers.
         """
-        blobs = Blobs(self._image.gray(), self._parameters)
+        blobs = Blobs(self._image.gray(), self.parameters)
         return Lights(blobs, self.cut, self.meter, lens, around)

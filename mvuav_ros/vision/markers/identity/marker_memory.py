@@ -16,6 +16,7 @@ from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.jumps import Jumps
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.results import FAR_OFF
 
 Array = NDArray[np.float64]
 
@@ -28,8 +29,6 @@ PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 FORGOTTEN = 10
 """Frames unseen after which a light's own motion tells nothing any more."""
-FAR_OFF = 1e6
-"""px, beyond which a prediction tells nothing."""
 
 
 class Motion(NamedTuple):

@@ -25,7 +25,7 @@ from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
-from mvuav_ros.vision.markers.identity.windows import look_into_windows, window_around
+from mvuav_ros.vision.markers.identity.windows import look_into_windows
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.lights import Frame, Lights, are_close, places_of, straightened
 from mvuav_ros.vision.markers.results import MarkerResult, Window
@@ -125,7 +125,7 @@ class IdentityTracker:
             return self._report.nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
-        spots = [lights.in_image(spot) for spot in named.spots]
+        spots = [lights.measured[spot] for spot in named.spots]
         memory = MarkerMemory(frame.time, spots)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
@@ -185,7 +185,7 @@ class IdentityTracker:
             places_of(search.found), memory.returned - trusted, memory.contested - trusted
         )
         expected = self._in_image(search.finish())
-        self._widen(windows, expected, frame.search_radius)
+        self._widen(windows, expected, frame.parameters.search_radius)
         named = {index: in_image[spot] for index, spot in search.found.items()}
         spots = [named.get(index) for index in range(self._count)]
         memory.trust(trusted)
@@ -286,7 +286,7 @@ class IdentityTracker:
         """The windows in which markers are looked for that were not found, px of the image."""
         for index, (x, y, deviation) in expected.items():
             radius = search_radius + math.ceil(min(3.0 * deviation, WIDEST))
-            windows[index] = window_around(x, y, radius, self._size)
+            windows[index] = Window.around(x, y, radius, self._size)
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
         """Expectations where the image would show them."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.grouping import area_fits
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
-from mvuav_ros.vision.markers.identity.marker_memory import FAR_OFF, MarkerMemory
+from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.lights import Frame
 from mvuav_ros.vision.markers.results import NO_WINDOW, Window
 
@@ -25,9 +26,9 @@ def look_into_windows(
         window = NO_WINDOW
         if not (marker.unseen or marker.returning):
             look = marker.look
-            radius = max(frame.search_radius, math.ceil(look.radius + EDGE))
+            radius = max(frame.parameters.search_radius, math.ceil(look.radius + EDGE))
             x, y = memory.predicted[2 * index], memory.predicted[2 * index + 1]
-            window = window_around(x, y, radius, frame.size)
+            window = Window.around(x, y, radius, frame.size)
             # The background changes slowly: every third frame is enough to look at it.
             pull = look.pull if (index + frame.number) % 3 else None
             spot = frame.meter.measure(frame.cut, window, frame.size, pull)
@@ -42,7 +43,7 @@ def look_into_windows(
 
 def _is_usual(look: AppearanceModel, spot: Detection, window: Window, frame: Frame) -> bool:
     """Whether nothing has happened to a light, nor does the window cut it."""
-    if not look.is_usual(spot.area, spot.spread) or not frame.fits(spot.area):
+    if not look.is_usual(spot.area, spot.spread) or not area_fits(spot.area, frame.parameters):
         return False
     x0, x1, y0, y1 = window
     right, bottom = frame.size[0] - 1, frame.size[1] - 1
@@ -50,18 +51,3 @@ def _is_usual(look: AppearanceModel, spot: Detection, window: Window, frame: Fra
     x, y = spot.x, spot.y
     cut_x = x - reach < x0 > 0 or x + reach > x1 < right
     return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)
-
-
-def window_around(x: float, y: float, radius: int, size: tuple[int, int]) -> Window:
-    """As `thesis_tracker.window_around`, in less time; the place may be anywhere."""
-    if not (-FAR_OFF < x < FAR_OFF and -FAR_OFF < y < FAR_OFF):
-        return NO_WINDOW
-    column, row = math.floor(x + 0.50001), math.floor(y + 0.50001)
-    x0, x1, y0, y1 = column - radius, column + radius, row - radius, row + radius
-    width, height = size
-    return Window(
-        x0 if x0 > 0 else 0,
-        x1 if x1 < width else width - 1,
-        y0 if y0 > 0 else 0,
-        y1 if y1 < height else height - 1,
-    )
