@@ -15,14 +15,12 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.grouping import GroupingError
 from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL
 from mvuav_ros.vision.markers.identity.assignment import Expectation
-from mvuav_ros.vision.markers.identity.attempts import CONFIRMED, Attempts
-from mvuav_ros.vision.markers.identity.clutter import Clutter
+from mvuav_ros.vision.markers.identity.clutter import Clutter, Rejections
 from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.identity.initialization import Named, initialize
+from mvuav_ros.vision.markers.identity.initialization import CONFIRMED, Attempts, Named, initialize
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.identity.recovery import Recovery
-from mvuav_ros.vision.markers.identity.rejection import Rejections
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
 from mvuav_ros.vision.markers.identity.windows import look_into_windows
@@ -83,7 +81,7 @@ class IdentityTracker:
         self._recovery = Recovery()
         self._rejections = Rejections()
         self._attempts = Attempts(self._count)
-        self._doubts = self._suspicions = self._unexplained = 0
+        self._doubts = self._unexplained = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
         """Find the body's markers in the next frame.
@@ -158,7 +156,7 @@ class IdentityTracker:
         if len(consensus.kept) == self._count:
             faults.commit(places_of(found))
             self._rejections.clear()
-            self._doubts = self._suspicions = self._unexplained = 0
+            self._doubts = self._unexplained = 0
             memory.remember(frame.time, spots, {})
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
@@ -168,10 +166,6 @@ class IdentityTracker:
         faults.contested = memory.contested
         motion = memory.motion(self._lens)
         search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
-        self._suspicions = self._suspicions + 1 if search.suspects else 0
-        if self._suspicions > PATIENCE:
-            self._suspicions = 0
-            search.start_over()
         around = memory.told if consensus.kept else ()
         status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - memory.newest > GIVEN_UP:
