@@ -34,17 +34,11 @@ TUNING = ExaminationTuning()
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A turn after which a rig looks the same but for the names.
+    """A turn after which a rig looks the same but for the names."""
 
-    Attributes:
-        exchanged: the cycles of names: each marker comes to lie where the next one was.
-        axis: of the turn, in the body's frame.
-        angle_deg: of the turn.
-    """
-
-    exchanged: Cycles
-    axis: tuple[float, float, float]
-    angle_deg: float
+    exchanged: Cycles  # the cycles of names: each marker comes to lie where the next one was
+    axis: tuple[float, float, float]  # of the turn, in the body's frame
+    angle_deg: float  # of the turn
 
     def __str__(self) -> str:
         cycles = ', '.join(' -> '.join(cycle) for cycle in self.exchanged)

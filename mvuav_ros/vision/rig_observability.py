@@ -29,40 +29,24 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class PoseError:
-    """What to expect of a pose (1 sigma), at one distance from straight behind.
+    """What to expect of a pose (1 sigma), at one distance from straight behind."""
 
-    Attributes:
-        distance: from the camera to the middle of the markers, m.
-        span: of the markers on the image, px.
-        along: of the distance, m.
-        across: sideways, the larger of x and y, m.
-        roll: about the camera's axis, deg.
-        tilt: of the body's axis, the larger of pitch and yaw, deg.
-    """
-
-    distance: float
-    span: float
-    along: float
-    across: float
-    roll: float
-    tilt: float
+    distance: float  # from the camera to the middle of the markers, m
+    span: float  # of the markers on the image, px
+    along: float  # of the distance, m
+    across: float  # sideways, the larger of x and y, m
+    roll: float  # about the camera's axis, deg
+    tilt: float  # of the body's axis, the larger of pitch and yaw, deg
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """Names that could be exchanged.
+    """Names that could be exchanged."""
 
-    Attributes:
-        names: the cycles that are exchanged.
-        residual: root mean square that the best pose with the wrong names leaves, px.
-        pitch_deg: of the view in which it is least.
-        yaw_deg: of the body there.
-    """
-
-    names: tuple[tuple[str, ...], ...]
-    residual: float
-    pitch_deg: float
-    yaw_deg: float
+    names: tuple[tuple[str, ...], ...]  # the cycles that are exchanged
+    residual: float  # root mean square that the best pose with the wrong names leaves, px
+    pitch_deg: float  # of the view in which it is least
+    yaw_deg: float  # of the body there
 
 
 def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: float) -> PoseError:

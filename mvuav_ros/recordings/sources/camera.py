@@ -27,23 +27,14 @@ _CONTROLS = {
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """What a camera is asked for; a field's default leaves the camera as it is.
+    """What a camera is asked for; a field's default leaves the camera as it is."""
 
-    Attributes:
-        width: px.
-        height: px.
-        fps: frames per second.
-        pixel_format: V4L2's four letters, such as YUYV, MJPG or GREY.
-        exposure_time_absolute: V4L2's control, 100 µs.
-        gain: V4L2's control, in the driver's own unit; negative: as it is.
-    """
-
-    width: int = 0
-    height: int = 0
-    fps: float = 0.0
-    pixel_format: str = ''
-    exposure_time_absolute: int = 0
-    gain: int = -1
+    width: int = 0  # px
+    height: int = 0  # px
+    fps: float = 0.0  # frames per second
+    pixel_format: str = ''  # V4L2's four letters, such as YUYV, MJPG or GREY
+    exposure_time_absolute: int = 0  # V4L2's control, 100 µs
+    gain: int = -1  # V4L2's control, in the driver's own unit; negative: as it is
 
 
 class Camera:

@@ -58,17 +58,11 @@ _TRIED_AMONG_MANY = 10
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """One way of naming the lights.
+    """One way of naming the lights."""
 
-    Attributes:
-        chosen: (n,), for each of the body's lights the index of the spot.
-        view: fitted to them.
-        cost: the less, the more probable.
-    """
-
-    chosen: tuple[int, ...]
-    view: ViewState
-    cost: float
+    chosen: tuple[int, ...]  # (n,), for each of the body's lights the index of the spot
+    view: ViewState  # fitted to them
+    cost: float  # the less, the more probable
 
 
 def guess_start(

@@ -62,18 +62,12 @@ _PAIRS_UP_TO = 8
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """What a set of named lights agrees on.
+    """What a set of named lights agrees on."""
 
-    Attributes:
-        view: by the markers that agree.
-        kept: those markers.
-        dropped: the ones that contradict them.
-        suspects: one of which, or some, must be another light; which ones, later frames tell.
-    """
-
-    view: ViewState
-    kept: tuple[int, ...]
-    dropped: tuple[int, ...] = ()
+    view: ViewState  # by the markers that agree
+    kept: tuple[int, ...]  # those markers
+    dropped: tuple[int, ...] = ()  # the ones that contradict them
+    # one of which, or some, must be another light; which ones, later frames tell.
     suspects: tuple[int, ...] = ()
 
 

@@ -46,23 +46,15 @@ that of a light that is no marker does not."""
 
 
 class Named(NamedTuple):
-    """All markers of a body, by name.
+    """All markers of a body, by name."""
 
-    Attributes:
-        spots: in the rig's order, px without distortion; empty if they cannot be named.
-        view: fitted to them.
-        certain: whether one frame is enough to believe it.
-        fits: whether the body is what its rig says.
-        odd: whether one of the lights may well be another one.
-        remark: why they cannot be named, or what was left out.
-    """
-
+    # in the rig's order, px without distortion; empty if they cannot be named.
     spots: tuple[Detection, ...] = ()
-    view: ViewState | None = None
-    certain: bool = False
-    fits: bool = True
-    odd: bool = False
-    remark: str = ''
+    view: ViewState | None = None  # fitted to them
+    certain: bool = False  # whether one frame is enough to believe it
+    fits: bool = True  # whether the body is what its rig says
+    odd: bool = False  # whether one of the lights may well be another one
+    remark: str = ''  # why they cannot be named, or what was left out
 
 
 def initialize(
@@ -140,17 +132,11 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
 
 @dataclass
 class Attempts:
-    """When to name a whole body: the more often that failed, the less often it is tried.
+    """When to name a whole body: the more often that failed, the less often it is tried."""
 
-    Attributes:
-        count: markers of the body.
-        agreed: frames in a row that named the body alike.
-        last: places of its markers in the last one.
-    """
-
-    count: int
-    agreed: int = 0
-    last: tuple[Detection, ...] = ()
+    count: int  # markers of the body
+    agreed: int = 0  # frames in a row that named the body alike
+    last: tuple[Detection, ...] = ()  # places of its markers in the last one
     _failures: int = 0
     _rest: int = 0
     _lights: int = 0

@@ -32,36 +32,22 @@ FORGOTTEN = 10
 
 
 class Motion(NamedTuple):
-    """What the markers' own motion says of a frame.
+    """What the markers' own motion says of a frame."""
 
-    Attributes:
-        expected: where every marker should be, px without distortion.
-        unseen: frames since each marker was seen; 0 where its motion is known.
-    """
-
-    expected: Sequence[Expectation]
-    unseen: Sequence[int]
+    expected: Sequence[Expectation]  # where every marker should be, px without distortion
+    unseen: Sequence[int]  # frames since each marker was seen; 0 where its motion is known
 
 
 @dataclass
 class KnownMarker:
-    """What is remembered of one marker.
+    """What is remembered of one marker."""
 
-    Attributes:
-        look: of its light.
-        last_seen: s.
-        unseen: frames since then.
-        returning: frames until its motion is known again.
-        contested: frames in which its light may be another one.
-        returned: frames in which it may be another one that shines in its place.
-    """
-
-    look: AppearanceModel
-    last_seen: float = -math.inf
-    unseen: int = 0
-    returning: int = RETURNING
-    contested: int = 0
-    returned: int = 0
+    look: AppearanceModel  # of its light
+    last_seen: float = -math.inf  # s
+    unseen: int = 0  # frames since then
+    returning: int = RETURNING  # frames until its motion is known again
+    contested: int = 0  # frames in which its light may be another one
+    returned: int = 0  # frames in which it may be another one that shines in its place
 
 
 class MarkerMemory:

@@ -35,36 +35,23 @@ _SINGULAR = 1e-16
 
 
 class NamedPlaces(NamedTuple):
-    """Where some markers are seen, in m ways of naming lights.
+    """Where some markers are seen, in m ways of naming lights."""
 
-    Attributes:
-        markers: (m, k).
-        places: (m, k, 2), px, without distortion.
-        deviation: of a place from what the rig says (1 sigma, px per axis).
-    """
-
-    markers: NDArray[np.intp]
-    places: Array
-    deviation: float
+    markers: NDArray[np.intp]  # (m, k)
+    places: Array  # (m, k, 2), px, without distortion
+    deviation: float  # of a place from what the rig says (1 sigma, px per axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Views fitted to several ways of naming markers.
+    """Views fitted to several ways of naming markers."""
 
-    Attributes:
-        parameters: (m, 8), see `WeakPerspective.project`.
-        covariance: (m, 8, 8).
-        cost: (m,), squared residuals and squared distance from the prior, over their variances.
-        misfit: (m,), px, root mean square of the markers' distances.
-        surprise: (m, k), for each marker how far it lies from where all others put it: squared
-            distance over variance.
-    """
-
-    parameters: Array
-    covariance: Array
-    cost: Array
-    misfit: Array
+    parameters: Array  # (m, 8), see `WeakPerspective.project`
+    covariance: Array  # (m, 8, 8)
+    cost: Array  # (m,), squared residuals and squared distance from the prior, over their variances
+    misfit: Array  # (m,), px, root mean square of the markers' distances
+    # (m, k), for each marker how far it lies from where all others put it: squared distance over
+    # variance.
     surprise: Array
 
     def view(self, index: int = 0) -> ViewState:
