@@ -40,13 +40,9 @@ TUNING = AmbiguityTuning()
 def choose(
     solutions: Sequence[Solution], noise: float, count: int, last: Array | None
 ) -> Solution | None:
-    """The right one of all solutions, of which one fits at least; None where that is not clear.
+    """The right one of all solutions of a frame, of which one fits at least; None if not clear.
 
-    Args:
-        solutions: of one frame.
-        noise: of a marker's place, px per axis.
-        count: markers.
-        last: the rotation a short while ago, (3, 3), if there was a pose.
+    The noise of a marker's place is in px per axis; the last rotation (3, 3) is a short while old.
     """
     least = min(squares for _, _, squares in solutions)
     limit = TUNING.alike * least + 2 * count * noise**2

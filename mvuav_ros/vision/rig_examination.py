@@ -47,14 +47,7 @@ class Symmetry:
 
 
 def examine(rig: MarkerRig) -> tuple[str, ...]:
-    """What a rig leaves in doubt; empty where nothing.
-
-    Args:
-        rig: with markers in different places.
-
-    Returns:
-        One line for each reason for which names or a pose cannot be certain.
-    """
+    """Why names or a pose cannot be certain with a rig: a line for each reason; empty for none."""
     if len(rig.names) < 3:
         return (f'{len(rig.names)} markers are too few for a pose, which needs three',)
     if is_straight(rig):

@@ -29,11 +29,7 @@ class CdrWriter:
     __slots__ = ('_data',)
 
     def __init__(self, start: bytes = _ENCAPSULATION) -> None:
-        """Begin a message.
-
-        Args:
-            start: what it begins with, such as a `cdr_header`.
-        """
+        """Begin a message with some bytes, such as a `cdr_header`."""
         self._data = bytearray(start)
 
     def numbers(self, layout: str, *values: float) -> None:

@@ -78,14 +78,10 @@ def view_compressed_image(message: bytes | memoryview) -> SerializedCompressedIm
 
 
 def serialize_image(image: Image, header: bytes) -> bytes:
-    """An image as a serialized sensor_msgs/Image, its pixels copied once.
+    """An image as a serialized sensor_msgs/Image behind a `cdr_header`, its pixels copied once.
 
-    rclpy publishes the bytes as they are. By way of a message object the pixels are copied three
-    times before they reach DDS.
-
-    Args:
-        image: is written little endian and without row padding.
-        header: `cdr_header`.
+    rclpy publishes the bytes as they are; by way of a message object the pixels are copied three
+    times before they reach DDS. They are little endian and without row padding.
     """
     pixels = np.ascontiguousarray(image.pixels)
     data = pixels.data.cast('B')
@@ -100,13 +96,7 @@ def serialize_image(image: Image, header: bytes) -> bytes:
 
 
 def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
-    """A serialized sensor_msgs/CompressedImage.
-
-    Args:
-        kind: its format, such as ``jpeg``.
-        data: the compressed image.
-        header: `cdr_header`.
-    """
+    """A serialized sensor_msgs/CompressedImage of a kind such as ``jpeg`` behind a `cdr_header`."""
     writer = CdrWriter(header)
     writer.text(kind)
     writer.octets(data)

@@ -25,13 +25,7 @@ class ImageFolder:
     live = False
 
     def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
-        """Take the files that are images.
-
-        Args:
-            name: folder or glob, for people.
-            files: in any order.
-            rate: frames per second; 30 where not given.
-        """
+        """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
         self.name = f'images {name}'
         self.rate: float | None = rate or DEFAULT_RATE
         self.errors: list[str] = []

@@ -58,8 +58,7 @@ class _Pairing(Generic[InfoT, ImageT]):
     def take(self, *, wait: bool) -> tuple[InfoT | None, ImageT] | None:
         """The next image that need not be held back, and what belongs to it, if that is known.
 
-        Args:
-            wait: whether more may yet come; otherwise the first image goes as it is.
+        Unless more may yet come, and it is to wait for it, the first image goes as it is.
         """
         if not self._images:
             return None

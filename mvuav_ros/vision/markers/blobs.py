@@ -78,10 +78,6 @@ class Blobs:
     def measure_all(self, level: float, weighted: bool) -> NDArray[np.float64]:
         """All pieces' places, as `measure` finds each of them, in less time than one by one.
 
-        Args:
-            level: threshold, fraction of full scale.
-            weighted: or binary.
-
         Returns:
             (n, 3): x and y (px), area (px).
         """
@@ -136,14 +132,8 @@ class Blobs:
     ) -> tuple[Detection, Detection]:
         """A piece that is two lights: where each of them is; spread 0, as it is not known.
 
-        Two equal lights at a distance s along a direction have their own variance plus s²/4
-        along it.
-
-        Args:
-            box: the piece.
-            dx: from the first light to the second, roughly, px.
-            dy: likewise.
-            variance: of one light's pixels along any direction, px².
+        Two equal lights at a distance s along a direction have their own variance (px², along any
+        direction) plus s²/4 along it. From the first to the second it is roughly (dx, dy), px.
         """
         own = self._numbers[box.y0 : box.y1 + 1, box.x0 : box.x1 + 1] == box.number
         y, x = np.nonzero(own)

@@ -42,11 +42,7 @@ def find_clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Clu
 
 
 def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
-    """The same as an array, (n, 3): x and y (px), area (px).
-
-    Raises:
-        GroupingError: the frame is too bright or too noisy to hold markers.
-    """
+    """The same as an array, (n, 3): x and y (px), area (px)."""
     gray = image.gray()
     if parameters.by_components:
         lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
@@ -57,15 +53,10 @@ def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
 
 
 def weigh(gray: Pixels, lights: Array, level: float) -> Array:
-    """The same lights at their places by intensity.
+    """The lights (n, 3) of x, y and area (px) at their places by intensity.
 
     A light with others around it keeps its binary centroid, and so do all of them where they
-    are too many to be looked at one by one.
-
-    Args:
-        gray: (height, width).
-        lights: (n, 3): x and y (px), area (px).
-        level: threshold, fraction of full scale.
+    are too many to be looked at one by one. The level is a fraction of full scale.
     """
     if not 0 < len(lights) <= MAX_BLOBS:
         return lights

@@ -78,24 +78,12 @@ def group_pixels(
 
 
 def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
-    """The same of all of a mask's bright pixels.
-
-    Returns:
-        (n, 3): x, y (px) and area (px) of the clusters in scan order of their seeds.
-
-    Raises:
-        GroupingError: more than 5 % of the frame is bright, or there are more than
-            `MAX_CLUSTERS`.
-    """
+    """The same of all of a mask's bright pixels: (n, 3), x, y (px) and area (px)."""
     return _group(mask, grouping_distance) if count_bright(mask) else np.empty((0, 3))
 
 
 def count_bright(mask: Mask) -> int:
-    """The number of a mask's bright pixels.
-
-    Raises:
-        GroupingError: more than 5 % of the frame is bright.
-    """
+    """The number of a mask's bright pixels; raises where they are more than 5 % of the frame."""
     count = cv2.countNonZero(mask)
     if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
         raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
@@ -134,10 +122,7 @@ def _group(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _powers(reach: int) -> NDArray[np.floating]:
-    """(pixels, 3): 1, x and y from the first column and row of a group's window, px.
-
-    Of a type that holds any sum of them exactly.
-    """
+    """(pixels, 3): 1, x, y in a group's window, px; of a type that holds any sum exactly."""
     x, y = np.indices((reach + 1, 2 * reach + 1)).reshape(2, -1)
     powers = np.stack((np.ones(len(x)), x, y), axis=-1)
     return powers.astype(np.float32 if powers.sum(axis=0).max() < 2**24 else np.float64)

@@ -23,12 +23,7 @@ class Lens:
     """
 
     def __init__(self, size: tuple[int, int], camera: CameraModel | None = None) -> None:
-        """Prepare for images of a size.
-
-        Args:
-            size: width and height, px.
-            camera: of images of that size; not used where it is not calibrated for them.
-        """
+        """For images of a size (px); a camera that is not calibrated for them is not used."""
         if camera is not None:
             try:
                 camera.check(*size)

@@ -37,13 +37,8 @@ class Lights:
     ) -> None:
         """Measure the lights of a frame.
 
-        Args:
-            blobs: of the frame.
-            cut: gives its intensity.
-            meter: how they are measured.
-            lens: of the camera.
-            around: x and y of places in turn, px: of very many lights the nearest to them are
-                measured; the largest, which tell what is small, if there are none.
+        Of very many the nearest to some places (x and y in turn, px) are measured; the largest,
+        which tell what is small, if there are none.
         """
         boxes = [box for box in blobs.boxes if may_be_light(box)]
         if len(boxes) > MOST_MEASURED:
@@ -133,15 +128,6 @@ class Frame:
         return self.time - self.parameters.lost_timeout
 
     def lights(self, lens: Lens, around: Sequence[float] = ()) -> Lights:
-        """The lights of the whole frame.
-
-        Args:
-            lens: of the camera.
-            around: x and y of places in turn, px: of very many lights the nearest to them are
-                measured; the largest if there are none.
-
-        Raises:
-            GroupingError: it is too bright or too noisy to hold markers.
-        """
+        """The lights of the whole frame (see `Lights`), or a `GroupingError`."""
         blobs = Blobs(self._image.gray(), self.parameters)
         return Lights(blobs, self.cut, self.meter, lens, around)

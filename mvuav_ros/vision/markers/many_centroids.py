@@ -68,11 +68,7 @@ def measure_pixels(
 
 
 def _look_into(gray: Pixels, windows: Integers) -> tuple[Integers, Array, Array, Array]:
-    """All windows' pixels, one window after the other.
-
-    Returns:
-        The window's number, the place from its middle (x and y, px), and the intensity.
-    """
+    """All windows' pixels in turn: the window, x and y from its middle (px), and value."""
     x0, x1, y0, y1 = windows.T.astype(np.int32)
     widths, heights = x1 - x0 + 1, y1 - y0 + 1
     sizes = widths * heights

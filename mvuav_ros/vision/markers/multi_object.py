@@ -74,13 +74,7 @@ class MultiObjectTracker:
         self._newest_id = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
-        """Find the lights of the next frame.
-
-        Args:
-            image: the frame.
-            time: its stamp, s, later than the last frame's.
-            parameters: may change from frame to frame.
-        """
+        """Find the lights of the next frame, of a later time (s) than the last one."""
         predicted = np.array(self._motion.predict(time, parameters.prediction)).reshape(-1, 2)
         status = ''
         try:

@@ -73,14 +73,9 @@ def guess_start(
 ) -> list[Guess]:
     """All probable ways of seeing the whole body in a number of spots, most probable first.
 
-    Three markers are tried on all threes of spots, in every order; the two views of each that
-    follow tell where the other markers are, and the best are fitted.
-
-    Args:
-        shape: the body.
-        spots: at most `MAX_CANDIDATES`, px without distortion.
-        roll: expected, rad.
-        roll_deviation: of that (1 sigma, rad).
+    Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
+    distortion), in every order; the two views of each that follow tell where the other markers
+    are, and the best are fitted. The roll is the expected one, with its deviation (1 sigma), rad.
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
     starts = _rough_guesses(shape, places, roll, roll_deviation)

@@ -33,13 +33,8 @@ def assign(
 ) -> dict[int, Detection]:
     """Name the spots that lie where exactly one marker is expected.
 
-    All ways of giving the spots to the markers are weighed; a marker is named where every way
-    that costs little more than the best gives it the same spot.
-
-    Args:
-        expected: the markers that have no spot yet.
-        spots: that have no name yet.
-        fits: leaves out what cannot be.
+    All ways of giving the spots to the markers that ``fits`` does not rule out are weighed; a
+    marker is named where every way that costs little more than the best gives it the same spot.
     """
     costs: dict[int, dict[int, float]] = {}
     for marker, place in expected.items():

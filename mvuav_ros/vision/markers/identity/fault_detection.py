@@ -146,10 +146,7 @@ class FaultDetector:
         return self._greedy(found)
 
     def _moved_oddly(self, found: Mapping[int, Point]) -> bool:
-        """Whether markers never out of sight fit the rig, though not where the view expected them.
-
-        Then it is the motion that was not foreseen, which the view is told.
-        """
+        """Whether all fit the rig but not where expected: a motion not foreseen, now told."""
         if 2 * len(found) < TUNING.fewest_free:
             return False
         before = self.views.bank
@@ -235,12 +232,10 @@ class FaultDetector:
     def unverified(
         self, found: Mapping[int, Point], returned: Collection[int], contested: Collection[int] = ()
     ) -> set[int]:
-        """Which markers lie where the others do not tell their places.
+        """Which of the markers found lie where the others do not tell their places.
 
-        Args:
-            found: the markers, px without distortion.
-            returned: those that were out of sight shortly before.
-            contested: those that were not alone shortly before; they count where few are in sight.
+        Asked are those that were out of sight shortly before, and where few are in sight also those
+        that were not alone.
         """
         few = len(found) < TUNING.fewest_agreeing
         asked = {*returned, *contested} if few else set(returned)

@@ -65,13 +65,8 @@ def initialize(
 ) -> Named:
     """Name a whole body of which no marker is known.
 
-    Args:
-        shape: the body.
-        lights: of the frame.
-        names: the markers'.
-        before: the roll before a loss and how far it may have changed (1 sigma, rad); None at
-            the start, when an upright body is likelier than one upside down, and how exact the
-            rig is must be seen.
+    Before a loss it had a roll, which may have changed (1 sigma, rad); at the start (None) an
+    upright body is likelier than one upside down, and how exact the rig is must be seen.
     """
     count = len(names)
     spots = lights.candidates(count)

@@ -40,10 +40,7 @@ class Jumps:
         self._usual = 1.0
 
     def update(self, away: Mapping[int, tuple[float, float]]) -> int | None:
-        """Take a frame.
-
-        Args:
-            away: from where its own motion takes each marker to where its light is, px.
+        """Take from where its own motion takes each marker to where its light is, px.
 
         Returns:
             The marker whose light has jumped in this frame, if one has.

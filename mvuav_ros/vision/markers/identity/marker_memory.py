@@ -123,11 +123,7 @@ class MarkerMemory:
             self.markers[jumped].contested = PROBATION
 
     def contest(self, seen: Mapping[int, Detection]) -> dict[int, int]:
-        """Doubt those that were expected in their windows and are not seen there.
-
-        Returns:
-            For each of them in how many frames its light was doubted before.
-        """
+        """Doubt those expected and not seen; for how many frames each was doubted before."""
         before: dict[int, int] = {}
         for index, known in enumerate(self.markers):
             if not (index in seen or (known.returning and not known.unseen)):
@@ -159,13 +155,9 @@ class MarkerMemory:
         expected: Mapping[int, Expectation],
         unverified: Collection[int] = (),
     ) -> None:
-        """Learn from a frame.
+        """Learn from a frame's spots of all markers, and where those should be that have none.
 
-        Args:
-            time: s.
-            spots: of every marker.
-            expected: where those should be that were not found.
-            unverified: of those found, the ones that the others cannot contradict.
+        Those found that the others cannot contradict are unverified.
         """
         positions: list[float | None] = []
         for index, (marker, spot) in enumerate(zip(self.markers, spots, strict=True)):

@@ -35,19 +35,13 @@ def reacquire(
 ) -> dict[int, Detection] | None:
     """Find a body again of which nothing is in sight where it was expected.
 
-    Every pair of spots is tried as every pair of markers, within what the time since the loss
-    allows of roll, size and place. A marker is named where every way that is about as probable
-    as the best names it so.
-
-    Args:
-        views: of the frame.
-        spots: px without distortion.
-        fits: leaves out what cannot be.
-        fewest: markers that must be found at least.
+    Every pair of spots (px without distortion) is tried as every pair of markers, within what the
+    time since the loss allows of roll, size and place. A marker is named where every way that is
+    about as probable as the best names it so.
 
     Returns:
         The markers named, none of them where it is not clear which they are; None where no way of
-        naming so many spots is possible.
+        naming the fewest spots is possible.
     """
     if len(spots) < fewest:
         return {}
@@ -69,19 +63,11 @@ def extend(
     spots: Sequence[Detection],
     fits: Fits,
 ) -> dict[int, Detection]:
-    """Name more markers where some are known, which do not tell the others' places well.
+    """The markers found, and more where those do not tell the others' places well.
 
-    All ways of giving the spots to the missing markers are weighed, each by the view that
-    follows; a marker is named where every way that is about as probable as the best does so.
-
-    Args:
-        views: of the frame.
-        found: markers known, px without distortion.
-        spots: that have no name, likewise.
-        fits: leaves out what cannot be.
-
-    Returns:
-        The markers known, and those that were named.
+    All ways of giving the spots without a name (px without distortion) to the missing markers are
+    weighed, each by the view that follows; a marker is named where every way that is about as
+    probable as the best does so.
     """
     known = tuple(zip(found, range(len(found)), strict=True))
     places, deviations = views.places(views.look({m: (s.x, s.y) for m, s in found.items()}))
@@ -106,10 +92,7 @@ def extend(
 def _agreed(
     views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
 ) -> dict[int, Detection] | None:
-    """What all ways of naming the spots have in common that are about as probable as the best.
-
-    None where no way is possible.
-    """
+    """What all ways share that are about as probable as the best; None where no way is possible."""
     everything = len(views.shape.points)
     weighed = [
         (view.cost + NOTHING * (everything - len(way)), dict(way))

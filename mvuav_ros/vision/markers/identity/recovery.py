@@ -45,15 +45,9 @@ class Recovery:
         spots: Sequence[Detection],
         fits: Fits,
     ) -> dict[int, Detection]:
-        """The markers known, and those that fit the rig with them in one way only.
+        """The markers found, and spots without a name that fit the rig with them in one way only.
 
         Where any are named, the views have become as uncertain as that takes.
-
-        Args:
-            views: of the frame.
-            found: markers known, px without distortion.
-            spots: that have no name, likewise.
-            fits: leaves out what cannot be.
         """
         fewest = max(-(-FAULTS.fewest_free // 2), len(found) + TUNING.fewest_new)
         if len(found) + min(len(spots), MOST_EXTENDED) < fewest:

@@ -47,15 +47,10 @@ class Reporter:
         windows: Sequence[Window] = (),
         remark: str = '',
     ) -> MarkerResult:
-        """What is told of a frame.
+        """What is told of a frame, by the memory that holds it already.
 
-        Args:
-            memory: of the markers, with this frame.
-            spots: of every marker, px.
-            earliest: when a marker out of sight must have been seen to be predicted, s.
-            expected: where those should be that were not found, px.
-            windows: searched.
-            remark: for the status.
+        A marker without a spot is predicted where it is expected (px) if it was seen since the
+        earliest time (s).
         """
         velocity, acceleration = memory.predictor.motions()
         markers = []

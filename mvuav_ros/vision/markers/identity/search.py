@@ -81,16 +81,9 @@ class Search:
         return [index for index in range(len(self._looks)) if index not in self.found]
 
     def name(self, lights: Lights, clutter: Clutter, fewest: int, recovery: Recovery) -> int:
-        """Give names to the lights of the frame.
+        """Give names to the lights of the frame; how many lights have none.
 
-        Args:
-            lights: of the frame.
-            clutter: lights that have long been there.
-            fewest: markers without which a body that is out of sight is not found again.
-            recovery: names what the motion did not foresee.
-
-        Returns:
-            How many round lights have no name.
+        A body that is out of sight is found again by the fewest markers or more.
         """
         self._clutter = clutter
         self._free = [
@@ -229,10 +222,7 @@ class Search:
             self.faults.upset()
 
     def _forget_lone(self) -> None:
-        """Take back the one name of a frame if the light is new and its place was hardly known.
-
-        Nothing would contradict it.
-        """
+        """Take back a frame's one name if it is new and its place was hardly known."""
         if len(self.found) == 1 and not self._known:
             (place,) = self._expectations(self.found, self.views.view).values()
             if place.deviation > KNOWN_PLACE:

@@ -84,13 +84,7 @@ class IdentityTracker:
         self._doubts = self._unexplained = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
-        """Find the body's markers in the next frame.
-
-        Args:
-            image: the frame.
-            time: its stamp, s, later than the last frame's.
-            parameters: may change from frame to frame.
-        """
+        """Find the body's markers in the next frame, of a later time (s) than the last one."""
         self._tick += 1
         frame = Frame(image, time, self._tick, parameters)
         if frame.size != self._size:
@@ -197,17 +191,7 @@ class IdentityTracker:
         in_image: dict[Detection, Detection],
         around: Sequence[float],
     ) -> str:
-        """Name the lights of the whole frame, some markers being known already.
-
-        Args:
-            frame: where.
-            search: takes the names.
-            in_image: every light where the image shows it; is added to.
-            around: where the markers should be (see `Frame.lights`).
-
-        Returns:
-            What is wrong with the frame, or nothing.
-        """
+        """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
         try:
             lights = frame.lights(self._lens, around)
@@ -226,10 +210,7 @@ class IdentityTracker:
         return ''
 
     def _name_afresh(self, search: Search, lights: Lights) -> None:
-        """Name a body that is not quite its rig as at the start, or not at all.
-
-        Its view, carried over a gap, tells too little to name a part of it.
-        """
+        """Name a body that is not quite its rig as at the start: its old view tells too little."""
         search.found.clear()
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is not None and named.certain:

@@ -71,11 +71,9 @@ class Competition:
         np.add(rows[_KALMAN], self.vibration.predict(), rows[_VIBRATION])
 
     def prediction(self, method: str, hidden: Mask | None) -> Array:
-        """Of the newest frame, (2 n,) px.
+        """Of the newest frame, (2 n,) px, by one of `METHODS`, or by all of them by their merit.
 
-        Args:
-            method: one of `METHODS`, or anything else for all of them by their merit.
-            hidden: (2 n,), true for lights out of sight, which the Kalman filter alone predicts.
+        The Kalman filter alone predicts lights out of sight (2 n, where hidden).
         """
         if method in METHODS:
             return np.asarray(self._rows[METHODS.index(method)])

@@ -63,9 +63,7 @@ class KalmanFilter:
     def gains(self, seen: NDArray[np.intp], gap: NDArray[np.intp]) -> Array:
         """The gain of every marker's next measurement, (3, n).
 
-        Args:
-            seen: (n,), earlier measurements.
-            gap: (n,), frames since the last of them, before this one.
+        By its earlier measurements (n,), and the frames since the last of them (n,).
         """
         new = _STARTING_GAINS[np.minimum(seen, len(_STARTING_GAINS) - 1), :, 0]
         returned = _GAINS_AFTER_GAPS[np.minimum(gap, len(_GAINS_AFTER_GAPS) - 1), :, 0]

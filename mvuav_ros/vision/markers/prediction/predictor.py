@@ -79,11 +79,9 @@ class MotionPredictor:
         return int(self._record.unseen[index])
 
     def predict(self, time: float, method: str = 'kalman') -> list[float]:
-        """Go on to the next frame.
+        """Go on to the next frame, of a later time (s).
 
-        Args:
-            time: s, later than the last frame's.
-            method: ``kalman`` for all predictions by their merit, or one of `METHODS`.
+        By ``kalman``, which is all predictions by their merit, or by one of `METHODS`.
 
         Returns:
             x and y of every light in turn, px; meaningless for one that was never seen.
@@ -147,11 +145,7 @@ class MotionPredictor:
         return [velocity.tolist(), np.where(seen < 3, math.nan, state[2]).tolist()]
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
-        """Take the newest frame's measurements.
-
-        Args:
-            positions: x and y of every light in turn, px; None or NaN twice for one not seen.
-        """
+        """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""
         assert self.time is not None
         measured = np.array(positions, np.float64)
         if self._steady and not np.isnan(measured.sum()):

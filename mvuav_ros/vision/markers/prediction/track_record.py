@@ -85,9 +85,8 @@ class TrackRecord:
     def deviations(self, skipped: int, level: float) -> Array:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis.
 
-        Args:
-            skipped: frames that never came before it.
-            level: variance of what vibrates, px², which can be told of the next frame only.
+        Before it some frames were skipped; the level (px²) is of what vibrates, which can be
+        foretold for the next frame only.
         """
         frames = 1 + self.unseen + skipped
         least = np.where(frames > 1, level, TUNING.least_deviation**2)

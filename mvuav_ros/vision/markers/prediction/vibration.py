@@ -89,13 +89,9 @@ class VibrationPredictor:
         self.lagged = self.lagged[:, columns]
 
     def learn(self, lagged: Array, innovation: Array, predicted: Array, solve: bool) -> None:
-        """Improve the coefficients by some markers' newest innovations.
+        """Improve the coefficients by some markers' newest innovations and their predictions, (m,).
 
-        Args:
-            lagged: (lags, m) px, before `remember`.
-            innovation: (m,) px.
-            predicted: (m,) px, of it.
-            solve: whether now is the time to solve for the coefficients.
+        They follow from the lagged ones (lags, m), before `remember`; solving takes time.
         """
         memory = TUNING.memory
         self._normal *= memory

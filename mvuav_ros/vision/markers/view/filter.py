@@ -109,13 +109,9 @@ class ViewFilter:
         time: float,
         before: ViewFilter | None = None,
     ) -> None:
-        """Begin with a view of all markers.
+        """Begin at a time (s) with a view fitted to all markers.
 
-        Args:
-            shape: the rig.
-            view: fitted to all of its markers.
-            time: s.
-            before: of this very rig, whose exactness and motion it has learnt.
+        The filter before of this very rig has learnt its exactness and motion.
         """
         self.shape = shape
         self.time = time
@@ -187,11 +183,9 @@ class ViewFilter:
         return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
 
     def correct(self, found: Mapping[int, Point], contested: NDArray[np.bool_]) -> Correction:
-        """What each filter makes of the named lights.
+        """What each filter makes of the named lights, px without distortion.
 
-        Args:
-            found: the markers, px without distortion.
-            contested: (k,), for each of them whether all filters all but ignore it.
+        All filters all but ignore the contested ones, (k,).
         """
         markers = np.array(list(found), np.intp)
         seen = NamedPlaces(markers[None], np.array(list(found.values())), self.deviation)

@@ -74,12 +74,8 @@ def fit(
 ) -> Fits:
     """Views after looking at some of the markers.
 
-    Args:
-        shape: the rig.
-        prior: parameters (1, 8) and their covariance (1, 8, 8) before.
-        seen: the markers.
-        starts: (m, 8), where to begin; the prior if None.
-        iterations: at most.
+    The prior is a view (1, 8) and its covariance (1, 8, 8); the steps begin at the starts (m, 8),
+    or at the prior.
     """
     m, k = seen.markers.shape
     mean, weight = prior[0], inverse(prior[1])[0]
