@@ -14,8 +14,7 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Array = NDArray[np.float64]
 
-FEWEST = 3
-"""Markers for a pose: with three there may be four solutions, all of which fit."""
+FEWEST = 3  # Markers for a pose: with three there may be four solutions, all of which fit
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]

@@ -18,12 +18,10 @@ from mvuav_ros.vision.rig_examination import cycles_of
 
 Array = NDArray[np.float64]
 
-TILTS_DEG = (-30.0, 0.0, 30.0)
-"""Pitch and yaw, each, of the views that are tried."""
+TILTS_DEG = (-30.0, 0.0, 30.0)  # Pitch and yaw, each, of the views that are tried
 FARTHEST_TILT_DEG = 60.0
 """A pose that is turned away further is not one seen from behind, and no confusion."""
-_MOST_MARKERS = 8
-"""Of a rig of which more than two names are exchanged at once."""
+_MOST_MARKERS = 8  # Of a rig of which more than two names are exchanged at once
 _STEP = 1e-6
 
 

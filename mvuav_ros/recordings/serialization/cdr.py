@@ -12,12 +12,10 @@ from functools import lru_cache
 
 from mvuav_ros.vision.image import ImageError
 
-_ENCAPSULATION = b'\0\1\0\0'
-"""Plain CDR, little endian."""
+_ENCAPSULATION = b'\0\1\0\0'  # Plain CDR, little endian
 LONGEST_NAME = 1024
 """Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
-_BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)
-"""Second byte of plain CDR, version 1 and 2."""
+_BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)  # Second byte of plain CDR, version 1 and 2
 _LENGTH = struct.Struct('<I')
 _STAMP = struct.Struct('<iI')
 _SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}

@@ -11,10 +11,8 @@ import cv2
 from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
 from mvuav_ros.vision.image import Image
 
-_MANUAL = 1
-"""Of V4L2's auto_exposure: manual mode."""
-_FPS_TOLERANCE = 0.05
-"""Of the frame rate; 29.97 is taken for 30."""
+_MANUAL = 1  # Of V4L2's auto_exposure: manual mode
+_FPS_TOLERANCE = 0.05  # Of the frame rate; 29.97 is taken for 30
 _CONTROLS = {
     'width': cv2.CAP_PROP_FRAME_WIDTH,
     'height': cv2.CAP_PROP_FRAME_HEIGHT,

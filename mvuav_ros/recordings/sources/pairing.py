@@ -11,15 +11,13 @@ from mvuav_ros.vision.approach.attitude import Attitude
 InfoT = TypeVar('InfoT')
 ImageT = TypeVar('ImageT')
 
-MOST_HELD = 5
-"""Images held back at a time."""
+MOST_HELD = 5  # Images held back at a time
 _MOST_IN_VAIN = 3
 _MOST_INFOS = 50
 _MOST_ATTITUDES = 2000
 _WIDEST_GAP_NS = 250_000_000
 """Between two attitudes, for one in between to be interpolated."""
-_OLDEST_NS = 50_000_000
-"""Of an attitude after which none has come: older ones are stale."""
+_OLDEST_NS = 50_000_000  # Of an attitude after which none has come: older ones are stale
 
 
 class _Pairing(Generic[InfoT, ImageT]):

@@ -19,8 +19,7 @@ from mvuav_ros.vision.point_operations import Pixels, threshold
 MAX_BLOBS = 400
 LONGEST = 3.0
 """Sides of the box around a piece that may still be a light, one over the other."""
-LEAST_FILLED = 0.4
-"""Part of its box that a light fills; a disc fills 0.79."""
+LEAST_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
 class Blob(NamedTuple):

@@ -26,8 +26,7 @@ from mvuav_ros.vision.point_operations import Pixels, threshold
 
 Array = NDArray[np.float64]
 
-DARK_EDGE = 4.0
-"""px around a light that belong to its window."""
+DARK_EDGE = 4.0  # px around a light that belong to its window
 DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
 

@@ -10,10 +10,8 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-IMPOSSIBLE = 1e6
-"""The cost of a pair that cannot be, and a distance beyond all others (px)."""
-MOST_CHOICES = 8
-"""Detections, the nearest, that a known light is held against."""
+IMPOSSIBLE = 1e6  # The cost of a pair that cannot be, and a distance beyond all others (px)
+MOST_CHOICES = 8  # Detections, the nearest, that a known light is held against
 _JUMPS_TRIED = 5
 
 

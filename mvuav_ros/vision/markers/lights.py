@@ -12,8 +12,7 @@ from mvuav_ros.vision.markers.blobs import Blob, Blobs, may_be_light
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection, cutter
 from mvuav_ros.vision.markers.lens import Lens
 
-ROUND = 1.4
-"""Spread of a spot that may be a light."""
+ROUND = 1.4  # Spread of a spot that may be a light
 LEAST_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
 MOST_MEASURED = 24

@@ -27,8 +27,7 @@ from mvuav_ros.vision.markers.results import (
 )
 from mvuav_ros.vision.point_operations import threshold
 
-WHOLE_FRAMES = 3
-"""Frames searched whole before tracking: an acceleration needs three positions."""
+WHOLE_FRAMES = 3  # Frames searched whole before tracking: an acceleration needs three positions
 
 
 class ThesisTracker:

@@ -30,26 +30,18 @@ from mvuav_ros.vision.markers.view.weak_perspective import (
     Y,
 )
 
-ANY_ROLL = 1.6
-"""rad, 1 sigma: at the start an upright body is likelier than one upside down."""
-TILT = 0.4
-"""rad, 1 sigma: the camera looks at the body from behind, give or take."""
-BARREL_DEVIATION = 0.1
-"""1 sigma, of what a lens that is not calibrated does at half the diagonal."""
-MODEL_ERROR = 0.004
-"""By how much a body may differ from its rig, in units of its size (1 sigma)."""
-DOUBT = 6.0
-"""Two ways of naming the lights whose costs differ by less than this are both possible."""
+ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down
+TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or take
+BARREL_DEVIATION = 0.1  # 1 sigma, of what a lens that is not calibrated does at half the diagonal
+MODEL_ERROR = 0.004  # By how much a body may differ from its rig, in units of its size (1 sigma)
+DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 MAX_CANDIDATES = 12
 _USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
 across), and how far its logarithm may be off (1 sigma)."""
-_REACH = 0.17
-"""How far from its expected place a light is looked for, in units of the body's size."""
-_ROUGH = 0.02
-"""The same, 1 sigma, where three lights tell the view."""
-_MOST_TILTED = 1.2
-"""rad, from straight behind."""
+_REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
+_ROUGH = 0.02  # The same, 1 sigma, where three lights tell the view
+_MOST_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10

@@ -9,10 +9,8 @@ from typing import NamedTuple
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.acquisition import DOUBT
 
-GATE = 16.0
-"""Squared distance over variance at which a light is too far from a marker's place."""
-NOTHING = GATE + DOUBT
-"""What it costs to leave a marker without a light."""
+GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
+NOTHING = GATE + DOUBT  # What it costs to leave a marker without a light
 MOST_WAYS = 1000
 
 

@@ -8,20 +8,14 @@ from collections.abc import Mapping, Sequence
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 
-STRANGE = 3
-"""Frames without a name after which a light is a stranger."""
-REMEMBERED = 150
-"""Frames for which lights may be strangers after one has been seen."""
-STRANGER_STEP = 8.0
-"""px that a stranger may move in a frame, as the camera shakes."""
-REJECTED_FOR = 45
-"""Frames for which a light is not taken again for the marker that it was not."""
-STEP = 10.0
-"""px that it may move in a frame."""
+STRANGE = 3  # Frames without a name after which a light is a stranger
+REMEMBERED = 150  # Frames for which lights may be strangers after one has been seen
+STRANGER_STEP = 8.0  # px that a stranger may move in a frame, as the camera shakes
+REJECTED_FOR = 45  # Frames for which a light is not taken again for the marker that it was not
+STEP = 10.0  # px that it may move in a frame
 RELEASED = 2.0
 """Deviations within which it lies where the others put the marker: then it is the marker."""
-SURE = 5.0
-"""px (1 sigma): how well that place must be known."""
+SURE = 5.0  # px (1 sigma): how well that place must be known
 
 
 class Clutter:

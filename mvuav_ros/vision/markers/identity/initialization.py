@@ -23,8 +23,7 @@ from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.view.fit import NamedPlaces, fit
 from mvuav_ros.vision.markers.view.weak_perspective import ViewState, WeakPerspective, X, Y
 
-MOST_RATIO = 8.0
-"""Areas of a body's largest and smallest marker, one over the other."""
+MOST_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 LONE_MISFIT = 0.06
@@ -32,12 +31,9 @@ LONE_MISFIT = 0.06
 not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
-OTHER_BODY_MISFIT = 0.15
-"""The same for five lights that the thesis's assumption alone must name."""
-LONGEST_REST = 15
-"""Frames between two attempts to name lights that could not be named, at most."""
-CONFIRMED = 3
-"""Frames in which a body must be named alike where one frame does not make it certain."""
+OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
+LONGEST_REST = 15  # Frames between two attempts to name lights that could not be named, at most
+CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
 SAME_MISFIT = (0.2, 0.25)

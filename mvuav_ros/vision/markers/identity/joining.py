@@ -9,10 +9,8 @@ import numpy as np
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 
-PLACE_NOISE = 0.5
-"""px (1 sigma): of a joined light's middle, and of a marker's place in its view."""
-GATE = 16.0
-"""Squared distance over variance at which the light is something else."""
+PLACE_NOISE = 0.5  # px (1 sigma): of a joined light's middle, and of a marker's place in its view
+GATE = 16.0  # Squared distance over variance at which the light is something else
 SURE_SIDE = 2.0
 """Deviations that the two must lie apart, so that it is clear which is on which side."""
 

@@ -23,12 +23,10 @@ Array = NDArray[np.float64]
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
-SURE_PLACE = 2.0
-"""px (1 sigma): a place known this well stands in for a measurement."""
+SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
-FORGOTTEN = 10
-"""Frames unseen after which a light's own motion tells nothing any more."""
+FORGOTTEN = 10  # Frames unseen after which a light's own motion tells nothing any more
 
 
 class Motion(NamedTuple):

@@ -22,8 +22,7 @@ MOST_COST = 24.0
 MOST_REFITTED = 24
 MOST_EXTENDED = 3
 """Lights without a name that are weighed together."""
-MOST_PERMUTED = 7
-"""Markers of a rig, and lights, up to which all threes are tried."""
+MOST_PERMUTED = 7  # Markers of a rig, and lights, up to which all threes are tried
 MOST_OF_THREE = 24
 MOST_BENT = 0.15
 """By how much three markers may look distorted, in units of their size (1 sigma)."""

@@ -20,16 +20,14 @@ from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.view.weak_perspective import ViewState
 
-KNOWN_PLACE = 5.0
-"""px (1 sigma): where a marker's place is known better, even a stranger may be it."""
+KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even a stranger may be it
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
 GATE_OF_FEW = 6.0
 """Squared distance over variance at which a light is too far where later frames could not tell."""
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
-MOST_RETURNED = 10
-"""Lights among which a body that was out of sight is looked for."""
+MOST_RETURNED = 10  # Lights among which a body that was out of sight is looked for
 
 
 class Search:

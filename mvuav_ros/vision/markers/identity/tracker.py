@@ -31,18 +31,12 @@ from mvuav_ros.vision.markers.view.filter import ViewFilter
 from mvuav_ros.vision.markers.view.weak_perspective import ROLL, WeakPerspective
 from mvuav_ros.vision.rig import MarkerRig
 
-SAME_SPOT = 3.0
-"""Two markers closer than this (px) are one light."""
-GIVEN_UP = 10.0
-"""Seconds without any marker after which nothing is known of the body any more."""
-WIDEST = 200.0
-"""px, by which a search window grows at most."""
-YOUNG = 1.0
-"""s without any marker up to which two are enough to find the body again."""
-PATIENCE = 5
-"""Frames in doubt after which the whole body is named afresh, as at the start."""
-NEARBY_ROLL = 0.5
-"""rad (1 sigma), of the roll from the last frame to this one, or over a loss."""
+SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
+GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
+WIDEST = 200.0  # px, by which a search window grows at most
+YOUNG = 1.0  # s without any marker up to which two are enough to find the body again
+PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
+NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
 EXACT = 4.0
 """Deviations of a marker from its rig's place (root mean square) at which a body that was known
 before is another one."""

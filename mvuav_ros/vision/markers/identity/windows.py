@@ -11,8 +11,7 @@ from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.lights import Frame
 from mvuav_ros.vision.markers.results import NO_WINDOW, Window
 
-EDGE = 4.0
-"""px of dark that a window shows around a light."""
+EDGE = 4.0  # px of dark that a window shows around a light
 
 
 def look_into_windows(

@@ -17,10 +17,8 @@ Mask = NDArray[np.bool_]
 PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
 """Of each prediction's weight, the thesis's methods first, then the Kalman filter without and
 with the prediction of vibration. Lights that stand still are rarer."""
-YOUNG = 100
-"""Frames in which the vibration is learnt from every frame, later from every other."""
-_KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1
-"""Rows of the predictions after the thesis's."""
+YOUNG = 100  # Frames in which the vibration is learnt from every frame, later from every other
+_KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1  # Rows of the predictions after the thesis's
 
 
 class Competition:

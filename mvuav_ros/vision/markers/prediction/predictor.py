@@ -16,8 +16,7 @@ from mvuav_ros.vision.markers.prediction.vibration import TUNING as VIBRATION
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SAME_STEP = 1e-6
-"""Part of a step between frames that makes no difference to the gains."""
+_SAME_STEP = 1e-6  # Part of a step between frames that makes no difference to the gains
 
 
 class MotionPredictor:

@@ -28,10 +28,8 @@ _SHARED: Array = np.zeros(COUNT)
 _SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
 SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
-_LONGEST_STEP = 0.5
-"""rad, and logarithms."""
-_SINGULAR = 1e-16
-"""Determinant of what other markers tell of a place over what all tell, at least."""
+_LONGEST_STEP = 0.5  # rad, and logarithms
+_SINGULAR = 1e-16  # Determinant of what other markers tell of a place over what all tell, at least
 
 
 class NamedPlaces(NamedTuple):
