@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.grouping import area_fits
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.jumps import Jumps
 from mvuav_ros.vision.markers.lens import Lens
+from mvuav_ros.vision.markers.lights import Frame
 from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
-from mvuav_ros.vision.markers.results import FAR_OFF
+from mvuav_ros.vision.markers.results import FAR_OFF, NO_WINDOW, Window
 
 Array = NDArray[np.float64]
 
@@ -26,6 +28,7 @@ window is placed, is not known yet."""
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
+EDGE = 4.0  # px of dark that a window shows around a light
 FORGOTTEN = 10  # Frames unseen after which a light's own motion tells nothing any more
 
 
@@ -110,6 +113,29 @@ class MarkerMemory:
             [max(marker.unseen, marker.returning) for marker in self.markers],
         )
 
+    def look(self, frame: Frame) -> tuple[list[Detection | None], list[Window]]:
+        """The usual frame: the markers to which nothing has happened in their windows, or None."""
+        windows: list[Window] = []
+        spots: list[Detection | None] = []
+        for index, marker in enumerate(self.markers):
+            spot = None
+            window = NO_WINDOW
+            if not (marker.unseen or marker.returning):
+                look = marker.look
+                radius = max(frame.parameters.search_radius, math.ceil(look.radius + EDGE))
+                x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
+                window = Window.around(x, y, radius, frame.size)
+                # The background changes slowly: every third frame is enough to look at it.
+                pull = look.pull if (index + frame.number) % 3 else None
+                spot = frame.meter.measure(frame.cut, window, frame.size, pull)
+                if pull is None:
+                    look.pull = frame.meter.pull
+                if spot is not None and not _is_usual(look, spot, window, frame):
+                    spot = None
+            windows.append(window)
+            spots.append(spot)
+        return spots, windows
+
     def watch(self, seen: Mapping[int, Detection]) -> None:
         """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
         away = {
@@ -180,3 +206,15 @@ class MarkerMemory:
                 if self.predictor.unseen(index) > FORGOTTEN:
                     self.predictor.forget(index)
         self.predictor.update(positions)
+
+
+def _is_usual(look: AppearanceModel, spot: Detection, window: Window, frame: Frame) -> bool:
+    """Whether nothing has happened to a light, nor does the window cut it."""
+    if not look.is_usual(spot.area, spot.spread) or not area_fits(spot.area, frame.parameters):
+        return False
+    x0, x1, y0, y1 = window
+    right, bottom = frame.size[0] - 1, frame.size[1] - 1
+    reach = look.radius + 1.0
+    x, y = spot.x, spot.y
+    cut_x = x - reach < x0 > 0 or x + reach > x1 < right
+    return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)

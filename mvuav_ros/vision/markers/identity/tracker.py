@@ -23,7 +23,6 @@ from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
-from mvuav_ros.vision.markers.identity.windows import look_into_windows
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.lights import Frame, Lights, are_close, places_of, straightened
 from mvuav_ros.vision.markers.results import MarkerResult, Window
@@ -131,7 +130,7 @@ class IdentityTracker:
         if any(marker.unseen for marker in memory.markers):
             places, deviations = faults.views.places()
             memory.tell(self._lens.to_image(places), deviations)
-        spots, windows = look_into_windows(frame, memory)
+        spots, windows = memory.look(frame)
         seen = {index: spot for index, spot in enumerate(spots) if spot is not None}
         for a, b in combinations(list(seen), 2):
             if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
