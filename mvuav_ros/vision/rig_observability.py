@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.reprojection import rotation_of
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.rig_examination import cycles_of
 
@@ -65,7 +66,7 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
         sides = [
             _project(
                 points,
-                _rotation(sign * step[3:]) @ rotation,
+                rotation_of(sign * step[3:]) @ rotation,
                 translation + sign * step[:3],
                 camera,
             )
@@ -93,7 +94,7 @@ def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Con
     translation = np.array((0.0, 0.0, distance))
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
-        turn = _rotation(np.radians((pitch, yaw, 0.0)))
+        turn = rotation_of(np.radians((pitch, yaw, 0.0)))
         views.append((_project(points, turn @ OPTICAL_FROM_BODY, translation, camera), pitch, yaw))
     found = []
     for order in _exchanges(len(points)):
@@ -139,7 +140,7 @@ def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
         rvec, tvec = cv2.solvePnPRefineLM(
             points, seen, camera.matrix, camera.distortion, rvec, tvec
         )
-        rotation = np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
+        rotation = rotation_of(np.asarray(rvec, np.float64))
         # The body's x axis is to point away from the camera.
         if rotation[2, 0] < math.cos(math.radians(FARTHEST_TILT_DEG)):
             continue
@@ -153,7 +154,3 @@ def _project(points: Array, rotation: Array, translation: Array, camera: CameraM
     rvec = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
     seen = cv2.projectPoints(points, rvec, translation, camera.matrix, camera.distortion)[0]
     return np.asarray(seen, np.float64).reshape(-1, 2)
-
-
-def _rotation(rvec: Array) -> Array:
-    return np.asarray(cv2.Rodrigues(np.asarray(rvec, np.float64))[0], np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from mvuav_ros.recordings.errors import MalformedMessageError
@@ -11,7 +11,7 @@ from mvuav_ros.recordings.reading import Recording
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.messages import decode_camera_info, decode_imu, stamp_ns_of
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.vision.camera import CameraModel
 
@@ -63,9 +63,13 @@ class Companions:
                 return
             self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
 
-    def add(self, frame: AnyFrame) -> None:
-        """A frame that may have to wait."""
-        self._cameras.add_image(frame.stamp_ns, frame)
+    def add(self, frames: Iterable[AnyFrame | BadFrame]) -> Iterator[BadFrame]:
+        """Frames that may have to wait; gives those that cannot be used."""
+        for frame in frames:
+            if isinstance(frame, BadFrame):
+                yield frame
+            else:
+                self._cameras.add_image(frame.stamp_ns, frame)
 
     def ready(self, *, wait: bool) -> Iterator[AnyFrame]:
         """Frames that need not wait any more."""

@@ -92,7 +92,7 @@ class IdentityTracker:
     def _start(self, frame: Frame) -> MarkerResult:
         """Name all markers in a whole frame."""
         try:
-            lights = frame.lights(self._lens)
+            lights = Lights(frame, self._lens)
         except GroupingError as error:
             self._attempts.fail()
             return self._report.nothing(str(error))
@@ -159,6 +159,19 @@ class IdentityTracker:
             self._start_again()
             return self._report.nothing('no marker in view')
         memory.acquit(doubted, search.alone)
+        return self._conclude(frame, search, in_image, windows, status)
+
+    def _conclude(
+        self,
+        frame: Frame,
+        search: Search,
+        in_image: Mapping[Detection, Detection],
+        windows: list[Window],
+        status: str,
+    ) -> MarkerResult:
+        """Remember and tell what a search has found."""
+        assert self._body is not None
+        memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
         few = len(search.reacquired) < FAULTS.fewest_agreeing and self._clutter.is_about
         trusted = set() if few else search.reacquired
@@ -166,7 +179,9 @@ class IdentityTracker:
             places_of(search.found), memory.returned - trusted, memory.contested - trusted
         )
         expected = self._in_image(search.finish())
-        self._widen(windows, expected, frame.parameters.search_radius)
+        for index, (x, y, deviation) in expected.items():
+            radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
+            windows[index] = Window.around(x, y, radius, self._size)
         named = {index: in_image[spot] for index, spot in search.found.items()}
         spots = [named.get(index) for index in range(self._count)]
         memory.trust(trusted)
@@ -187,7 +202,7 @@ class IdentityTracker:
         """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
         try:
-            lights = frame.lights(self._lens, around)
+            lights = Lights(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
         fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
@@ -247,14 +262,6 @@ class IdentityTracker:
         self._rejections.clear()
         self._attempts = Attempts(self._count)
         self._doubts = 0
-
-    def _widen(
-        self, windows: list[Window], expected: Mapping[int, Expectation], search_radius: int
-    ) -> None:
-        """The windows in which markers are looked for that were not found, px of the image."""
-        for index, (x, y, deviation) in expected.items():
-            radius = search_radius + math.ceil(min(3.0 * deviation, WIDEST))
-            windows[index] = Window.around(x, y, radius, self._size)
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
         """Expectations where the image would show them."""

@@ -89,39 +89,26 @@ class KalmanFilter:
         self.state = self.state[:, columns]
 
 
-def _transition() -> tuple[Array, Array]:
-    """State transition over one frame, and the process noise's covariance; frames and px."""
+def _gain_tables() -> tuple[Array, Array]:
+    """Gains (31, 3, 1) of a marker's first measurements until they settle, and after gaps.
+
+    The latter (n + 1, 3, 1) are those of the first measurement after up to n frames without.
+    """
+    # Frames and px.
     transition = np.array([(1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)])
     effect = np.array((0.5, 1.0, 1.0))
-    return transition, TUNING.maneuver**2 * np.outer(effect, effect)
-
-
-def _starting_gains() -> Array:
-    """Gains (31, 3, 1) of a marker's first, second ... measurement until they settle."""
-    transition, noise = _transition()
+    noise = TUNING.maneuver**2 * np.outer(effect, effect)
     covariance: Array = np.diag((1.0, 1e4, 1.0))
-    gains = [np.array([(1.0,), (0.0,), (0.0,)])]
-    for _ in range(30):
-        covariance = transition @ covariance @ transition.T + noise
-        gains.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
-        covariance = covariance - gains[-1] @ covariance[:1]
-    return np.array(gains)
-
-
-def _gains_after_gaps() -> Array:
-    """Gains (n + 1, 3, 1) of the first measurement after up to n frames without."""
-    transition, noise = _transition()
-    covariance: Array = np.diag((1.0, 1e4, 1.0))
+    starting, after = [np.array([(1.0,), (0.0,), (0.0,)])], []
     for _ in range(100):
         covariance = transition @ covariance @ transition.T + noise
-        gain = covariance[:, :1] / (covariance[0, 0] + 1.0)
-        covariance = np.asarray(covariance - gain @ covariance[:1])
-    gains = []
+        starting.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
+        covariance = np.asarray(covariance - starting[-1] @ covariance[:1])
     for _ in range(TUNING.longest_gap + 1):
         covariance = transition @ covariance @ transition.T + noise
-        gains.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
-    return np.array(gains)
+        after.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
+    return np.array(starting[:31]), np.array(after)
 
 
 # Computed here, as the first frame has no time for it.
-_STARTING_GAINS, _GAINS_AFTER_GAPS = _starting_gains(), _gains_after_gaps()
+_STARTING_GAINS, _GAINS_AFTER_GAPS = _gain_tables()
