@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, count_bright
-from mvuav_ros.vision.markers.many_centroids import measure_pixels, measure_windows
+from mvuav_ros.vision.markers.many_centroids import clipped, measure_pixels, measure_windows
 from mvuav_ros.vision.point_operations import Pixels, threshold
 
 MAX_BLOBS = 400
@@ -82,16 +82,7 @@ class Blobs:
         """
         measured = np.empty((len(self), 3))
         x, y, width, height, area = self._stats.T.astype(np.intp)
-        right, bottom = self._size[0] - 1, self._size[1] - 1
-        windows = np.stack(
-            (
-                np.maximum(x - 1, 0),
-                np.minimum(x + width, right),
-                np.maximum(y - 1, 0),
-                np.minimum(y + height, bottom),
-            ),
-            axis=-1,
-        )
+        windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
         # The window around a thin slanting line would be far larger than the line.
         compact = np.flatnonzero((width + 2) * (height + 2) <= 4 * area + 64)
         measured[compact] = measure_windows(self._gray, windows[compact], level, weighted)

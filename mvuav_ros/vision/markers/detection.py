@@ -12,7 +12,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
 from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, group_mask
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
-from mvuav_ros.vision.markers.many_centroids import measure_windows
+from mvuav_ros.vision.markers.many_centroids import clipped, measure_windows
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,
@@ -61,17 +61,8 @@ def weigh(gray: Pixels, lights: Array, level: float) -> Array:
         return lights
     x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
-    height, width = gray.shape
-    windows = np.stack(
-        (
-            np.maximum(np.round(x - reach), 0),
-            np.minimum(np.round(x + reach), width - 1),
-            np.maximum(np.round(y - reach), 0),
-            np.minimum(np.round(y + reach), height - 1),
-        ),
-        axis=-1,
-    )
-    measured = measure_windows(gray, windows.astype(np.intp), level, weighted=True)
+    bounds = np.round((x - reach, x + reach, y - reach, y + reach))
+    measured = measure_windows(gray, clipped(bounds, gray), level, weighted=True)
     return np.where((measured[:, 2] == area)[:, None], measured, lights)
 
 

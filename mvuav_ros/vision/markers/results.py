@@ -23,13 +23,7 @@ class Label(IntEnum):
     UNLABELLED = 255
 
 
-TANKER_LABELS = (
-    Label.LEFT_WING,
-    Label.LEFT_STABILIZER,
-    Label.RUDDER,
-    Label.RIGHT_STABILIZER,
-    Label.RIGHT_WING,
-)
+TANKER_LABELS = tuple(Label)[: Label.RIGHT_WING + 1]
 TANKER_NAMES = tuple(label.name.lower() for label in TANKER_LABELS)
 
 

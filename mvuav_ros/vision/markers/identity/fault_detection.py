@@ -188,7 +188,7 @@ class FaultDetector:
             kept = tuple(m for m in found if m not in suspects)
             return Consensus(correction.view(1 + worst), kept, (), suspects)
         kept = tuple(m for m in found if m != worst)
-        self.views.believe(1 + worst)
+        self.views.bank = self.views.bank.all_as(1 + worst)
         self._evidence = 0 * self._evidence
         return Consensus(self.views.look({m: found[m] for m in kept}), kept, (worst,))
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 
 PLACE_NOISE = 0.5  # px (1 sigma): of a joined light's middle, and of a marker's place in its view
@@ -46,3 +48,19 @@ def offset_in(
     if not SURE_SIDE * widest < math.hypot(x1 - x0, y1 - y0) <= touching:
         return None
     return x1 - x0, y1 - y0
+
+
+def is_joined(
+    index: int,
+    spot: Detection,
+    looks: Sequence[AppearanceModel],
+    expected: Mapping[int, Expectation],
+) -> bool:
+    """Whether a spot is probably this marker and another of those expected together."""
+    if not looks[index].may_be_joined(spot):
+        return False
+    return any(
+        math.hypot(spot.x - place.x, spot.y - place.y) < spot.radius + looks[other].radius + 3.0
+        for other, place in expected.items()
+        if other != index
+    )

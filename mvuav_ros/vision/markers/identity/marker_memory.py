@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
+KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even a stranger may be it
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
@@ -37,6 +38,17 @@ class Motion(NamedTuple):
 
     expected: Sequence[Expectation]  # where every marker should be, px without distortion
     unseen: Sequence[int]  # frames since each marker was seen; 0 where its motion is known
+
+    def refine(self, index: int, by_view: Expectation) -> Expectation:
+        """Where a marker should be by its own motion, if that tells more than the view."""
+        # The others tell how the camera shakes; a marker's own motion does not, when it is old.
+        unseen, far = self.unseen[index], by_view.deviation
+        if unseen == 0 or (far > KNOWN_PLACE and unseen < FORGOTTEN):
+            moved = self.expected[index]
+            apart = math.hypot(moved.x - by_view.x, moved.y - by_view.y)
+            if moved.deviation < far and apart < 3.0 * math.hypot(moved.deviation, far):
+                return moved
+        return by_view
 
 
 @dataclass

@@ -13,14 +13,13 @@ from mvuav_ros.vision.markers.identity.clutter import Clutter, Rejections
 from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import Named
-from mvuav_ros.vision.markers.identity.joining import offset_in
-from mvuav_ros.vision.markers.identity.marker_memory import FORGOTTEN, Motion
+from mvuav_ros.vision.markers.identity.joining import is_joined, offset_in
+from mvuav_ros.vision.markers.identity.marker_memory import KNOWN_PLACE, Motion
 from mvuav_ros.vision.markers.identity.reacquisition import extend, reacquire
 from mvuav_ros.vision.markers.identity.recovery import Recovery
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.view.weak_perspective import ViewState
 
-KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even a stranger may be it
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
 GATE_OF_FEW = 6.0
@@ -134,7 +133,9 @@ class Search:
             def fits(index: int, spot: Detection, gates: dict[int, Expectation] = gates) -> bool:
                 if gates[index].deviation > KNOWN_PLACE and self._clutter.include(spot):
                     return False
-                return self._is_likely(index, spot) and not self._is_joined(index, spot, gates)
+                return self._is_likely(index, spot) and not is_joined(
+                    index, spot, self._looks, gates
+                )
 
             named = assign(gates, self._free, fits)
             if not named:
@@ -180,7 +181,7 @@ class Search:
         """Name lights that are not where they were expected, as the rig alone tells."""
         new = [spot for spot in self._free if not self._clutter.is_stranger(spot)]
         # Lights that fit the rig together are its markers, whatever was thought of one of them.
-        found = recovery.name(self.views, self.found, new, self._looks_alike)
+        found = recovery.name(self.views, self.found, new, lambda m, s: self._looks[m].is_likely(s))
         if len(found) > len(self.found):
             self._known = tuple(found)
             self._take(found)
@@ -248,37 +249,11 @@ class Search:
         places, deviations = self.views.places(view or self._view)
         x, y = places.T.tolist()
         by_view = deviations.tolist()
+        expected = {i: Expectation(x[i], y[i], by_view[i]) for i in markers}
         return {
-            index: self._by_motion(index, Expectation(x[index], y[index], by_view[index]))
-            for index in markers
+            i: place if i in self._distrusted else self._motion.refine(i, place)
+            for i, place in expected.items()
         }
 
-    def _by_motion(self, index: int, by_view: Expectation) -> Expectation:
-        """By a marker's own motion, where that tells more."""
-        if index in self._distrusted:
-            return by_view
-        # The others tell how the camera shakes; a marker's own motion does not, when it is old.
-        unseen, far = self._motion.unseen[index], by_view.deviation
-        if unseen == 0 or (far > KNOWN_PLACE and unseen < FORGOTTEN):
-            moved = self._motion.expected[index]
-            apart = math.hypot(moved.x - by_view.x, moved.y - by_view.y)
-            if moved.deviation < far and apart < 3.0 * math.hypot(moved.deviation, far):
-                return moved
-        return by_view
-
     def _is_likely(self, index: int, spot: Detection) -> bool:
-        return self._looks_alike(index, spot) and not self._rejections.concern(index, spot)
-
-    def _looks_alike(self, index: int, spot: Detection) -> bool:
-        return self._looks[index].is_likely(spot)
-
-    def _is_joined(self, index: int, spot: Detection, gates: dict[int, Expectation]) -> bool:
-        """Whether the spot is probably this marker and another missing one together."""
-        if not self._looks[index].may_be_joined(spot):
-            return False
-        return any(
-            math.hypot(spot.x - place.x, spot.y - place.y)
-            < spot.radius + self._looks[other].radius + 3.0
-            for other, place in gates.items()
-            if other != index
-        )
+        return self._looks[index].is_likely(spot) and not self._rejections.concern(index, spot)

@@ -44,11 +44,6 @@ class MotionPredictor:
         self._skipped = 0
         self._steady = False
 
-    @property
-    def count(self) -> int:
-        """Number of lights."""
-        return len(self._record.seen)
-
     def add(self, places: Array) -> None:
         """Append lights that were first seen in the newest frame, (k, 2) px."""
         self._predictions.add(np.asarray(places, np.float64).ravel())
@@ -107,19 +102,16 @@ class MotionPredictor:
 
     def _count_steps(self, elapsed: float) -> int:
         """How many frames on this one is, by the usual time between two."""
-        if self._step is None or elapsed < 0.7 * self._step:
-            # A first step, or the one before it had frames missing.
-            self._set_step(elapsed)
-            return 1
-        steps = max(1, round(elapsed / self._step))
-        if steps <= 3:
-            self._set_step(self._step + 0.05 * (elapsed / steps - self._step))
-        return steps
-
-    def _set_step(self, step: float) -> None:
+        steps, step = 1, elapsed
+        # Otherwise a first step, or the one before it had frames missing.
+        if self._step is not None and elapsed >= 0.7 * self._step:
+            steps, step = max(1, round(elapsed / self._step)), self._step
+            if steps <= 3:
+                step += 0.05 * (elapsed / steps - step)
         if self._step is None or abs(step - self._step) > _SAME_STEP * step:
             self._step = step
             self._predictions.kalman.set_step(step)
+        return steps
 
     def deviations(self) -> Array:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis."""

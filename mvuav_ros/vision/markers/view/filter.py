@@ -193,10 +193,6 @@ class ViewFilter:
         variances = np.where(doubting, self.doubted_deviation**2, self.deviation**2)
         return self.bank.corrected(self.shape, seen, variances)
 
-    def believe(self, index: int) -> None:
-        """Go on with what one of the filters has found."""
-        self.bank = self.bank.all_as(index)
-
     def upset(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
