@@ -12,13 +12,13 @@ from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.companions import Companions, camera_topic_of, imu_topic_of
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame, stamp_ns_of_image
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 
 _NS = 1_000_000_000
 
 
-class BagImages:
+class BagImages(FrameSource):
     """Image or CompressedImage messages with their own stamps and frames.
 
     Attributes:
@@ -30,7 +30,6 @@ class BagImages:
         count: number of the images read by the newest pass; an estimate until it ends.
     """
 
-    live = False
     rate: float | None = None
 
     def __init__(self, path: Path, topic: str | None = None) -> None:

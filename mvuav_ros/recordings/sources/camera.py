@@ -8,7 +8,13 @@ from dataclasses import dataclass
 
 import cv2
 
-from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import (
+    OPTICAL_FRAME,
+    BadFrame,
+    Frame,
+    FrameSource,
+    SourceError,
+)
 from mvuav_ros.vision.image import Image
 
 _MANUAL = 1  # Of V4L2's auto_exposure: manual mode
@@ -35,7 +41,7 @@ class CameraSettings:
     gain: int = -1  # V4L2's control, in the driver's own unit; negative: as it is
 
 
-class Camera:
+class Camera(FrameSource):
     """A camera by index or device; frames carry the time at which they arrived."""
 
     live = True

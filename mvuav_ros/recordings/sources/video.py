@@ -10,16 +10,20 @@ from typing import Any
 import numpy as np
 
 from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
-from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import (
+    OPTICAL_FRAME,
+    BadFrame,
+    Frame,
+    FrameSource,
+    SourceError,
+)
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
 
 
-class VideoFile:
+class VideoFile(FrameSource):
     """A video file; frames carry their own times, counted from the first, and stand upright."""
-
-    live = False
 
     def __init__(self, path: Path, rate: float | None = None) -> None:
         """Open the file.
@@ -88,9 +92,6 @@ class VideoFile:
             self.errors.append(f'{damaged} packets of the video do not decode')
         if packets < self._promised:
             self.errors.append(f'the video ended after {packets} of {self._promised} frames')
-
-    def close(self) -> None:
-        """Nothing to let go of: `frames` closes what it opens."""
 
 
 class _Stamps:

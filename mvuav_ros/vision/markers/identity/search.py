@@ -7,16 +7,14 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
+from mvuav_ros.vision.markers.identity.appearance import AppearanceModel, is_joined, offset_in
 from mvuav_ros.vision.markers.identity.assignment import GATE, Expectation, assign
 from mvuav_ros.vision.markers.identity.clutter import Clutter, Rejections
 from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import Named
-from mvuav_ros.vision.markers.identity.joining import is_joined, offset_in
 from mvuav_ros.vision.markers.identity.marker_memory import KNOWN_PLACE, Motion
-from mvuav_ros.vision.markers.identity.reacquisition import extend, reacquire
-from mvuav_ros.vision.markers.identity.recovery import Recovery
+from mvuav_ros.vision.markers.identity.reacquisition import Recovery, extend, reacquire
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
 from mvuav_ros.vision.markers.view.weak_perspective import ViewState
 

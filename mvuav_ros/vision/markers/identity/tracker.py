@@ -20,7 +20,7 @@ from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.identity.initialization import CONFIRMED, Attempts, Named, initialize
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
-from mvuav_ros.vision.markers.identity.recovery import Recovery
+from mvuav_ros.vision.markers.identity.reacquisition import Recovery
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
 from mvuav_ros.vision.markers.lens import Lens
