@@ -47,12 +47,7 @@ class Frame:
 
 
 class Lights:
-    """The spots of a frame that may be lights, measured.
-
-    Attributes:
-        spots: their places in px without distortion.
-        measured: where the image shows them.
-    """
+    """The spots of a frame that may be lights, measured."""
 
     def __init__(self, frame: Frame, lens: Lens, around: Sequence[float] = ()) -> None:
         """Measure the lights of a frame.
@@ -68,8 +63,8 @@ class Lights:
         if len(boxes) > MOST_MEASURED:
             boxes = _most_useful(boxes, around)
         measured = [blobs.measure(box, frame.cut, frame.meter) for box in boxes]
-        self.spots = straightened(lens, measured)
-        self.measured = dict(zip(self.spots, measured, strict=True))
+        self.spots = straightened(lens, measured)  # their places in px without distortion
+        self.measured = dict(zip(self.spots, measured, strict=True))  # where the image shows them
         self._boxes = dict(zip(self.spots, boxes, strict=True))
         self._blobs = blobs
         self._lens = lens

@@ -77,17 +77,14 @@ class FaultDetector:
     How far a marker lies from where the filter that ignores it expects it, frame after frame, is
     the evidence that it is another light; and when that is enough, that filter has not been led
     astray by it.
-
-    Attributes:
-        views: how the rig is seen.
-        contested: markers that were out of sight or not alone shortly before, whose lights may
-            be others; where enough others are not, they hardly take part.
-        jumps: evidence that markers' lights are others since a moment ago (see `Jumps`).
     """
 
     def __init__(self, views: ViewFilter) -> None:
-        self.views = views
+        self.views = views  # how the rig is seen
+        # Markers that were out of sight or not alone shortly before, whose lights may be others;
+        # where enough others are not, they hardly take part.
         self.contested: set[int] = set()
+        # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._evidence: Array = np.zeros(views.doubted)
         self._corrected: tuple[object, Correction] | None = None

@@ -28,14 +28,11 @@ TUNING = JumpTuning()
 
 
 class Jumps:
-    """How far lights lie from where their own motion takes them, against what is usual.
-
-    Attributes:
-        evidence: that a marker's light is another one since a moment ago: the square of how many
-            times farther than usual it was.
-    """
+    """How far lights lie from where their own motion takes them, against what is usual."""
 
     def __init__(self) -> None:
+        # That a marker's light is another one since a moment ago: the square of how many times
+        # farther than usual it was.
         self.evidence: dict[int, float] = {}
         self._usual = 1.0
 

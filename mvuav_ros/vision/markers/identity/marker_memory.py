@@ -64,22 +64,16 @@ class KnownMarker:
 
 
 class MarkerMemory:
-    """All of a body's markers.
-
-    Attributes:
-        markers: in the rig's order.
-        predictor: of their motions.
-        predicted: x and y of every marker in turn in the newest frame, by its own motion, px.
-        told: the same, but where markers out of sight should be by all that is known.
-        jumps: of their lights.
-    """
+    """All of a body's markers."""
 
     def __init__(self, time: float, spots: Sequence[Detection]) -> None:
         """Begin with all of them, at a time (s), px of the image."""
-        self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]
-        self.predictor = MotionPredictor(len(spots))
-        self.jumps = Jumps()
+        self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]  # in the rig's order
+        self.predictor = MotionPredictor(len(spots))  # of their motions
+        self.jumps = Jumps()  # of their lights
         self.predict(time)
+        # x and y of every marker in turn in the newest frame, px, by its own motion; and where
+        # those out of sight should be by all that is known.
         self.predicted = self.told = [math.nan] * (2 * len(spots))
         self.remember(time, spots, {})
 

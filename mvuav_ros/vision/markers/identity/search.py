@@ -28,19 +28,7 @@ MOST_RETURNED = 10  # Lights among which a body that was out of sight is looked 
 
 
 class Search:
-    """Names the lights of a frame by the body's geometry, some markers being known already.
-
-    Attributes:
-        found: the markers named, by their place in the rig, px without distortion.
-        faults: what speaks against each marker.
-        views: at this frame's time.
-        suspects: those of them of which one or some must be another light.
-        unexplained: lights that may be markers and have no name.
-        is_contradicted: whether lights without a name cannot be markers that return: false where
-            it is only not clear which they are.
-        reacquired: markers found again together, after hardly any was in sight.
-        alone: markers beside whose lights no other light is near.
-    """
+    """Names the lights of a frame by the body's geometry, some markers being known already."""
 
     def __init__(
         self,
@@ -55,14 +43,19 @@ class Search:
         self._rejections = rejections
         for marker in consensus.dropped:
             rejections.add(marker, found[marker])
+        # The markers named, by their place in the rig, px without distortion.
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
         self._known = tuple(self.found)
-        self.faults = faults
-        self.views = faults.views
+        self.faults = faults  # what speaks against each marker
+        self.views = faults.views  # at this frame's time
+        # Those of the found of which one or some must be another light.
         self.suspects = set(consensus.suspects)
+        # Markers found again together, after hardly any was in sight.
         self.reacquired: set[int] = set()
-        self.alone: set[int] = set()
-        self.unexplained = 0
+        self.alone: set[int] = set()  # markers beside whose lights no other light is near
+        self.unexplained = 0  # lights that may be markers and have no name
+        # Whether lights without a name cannot be markers that return: false where it is only not
+        # clear which they are.
         self.is_contradicted = True
         self._looks = looks
         self._motion = motion

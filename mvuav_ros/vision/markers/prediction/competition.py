@@ -48,14 +48,11 @@ class PredictionMixture:
     of a model whose errors have an unknown variance, from n frames. Where few frames make up
     most of the squares, as after the start of a gust, n is that few: (sum of squares)² over the
     sum of their squares, as for weighted samples (L. Kish, Survey Sampling, 1965).
-
-    Attributes:
-        weights: (k,), sum 1.
     """
 
     def __init__(self, prior: Sequence[float]) -> None:
         self._prior = tuple(prior)
-        self.weights: Array = np.array(prior) / sum(prior)
+        self.weights: Array = np.array(prior) / sum(prior)  # (k,), sum 1
         self._share: Array = np.empty(0)
         self._losses = [0.0] * len(prior)
         self._sum = self._sum_of_squares = 0.0
@@ -85,18 +82,12 @@ class PredictionMixture:
 
 
 class Competition:
-    """The predictions, and how far each of them counts by its errors so far on all lights.
-
-    Attributes:
-        kalman: one of them, which also tells places and motions.
-        vibration: what a vibrating camera will do.
-        frames: seen.
-    """
+    """The predictions, and how far each of them counts by its errors so far on all lights."""
 
     def __init__(self, count: int) -> None:
-        self.kalman = KalmanFilter(count)
-        self.vibration = VibrationPredictor(count)
-        self.frames = 0
+        self.kalman = KalmanFilter(count)  # one of them, which also tells places and motions
+        self.vibration = VibrationPredictor(count)  # what a vibrating camera will do
+        self.frames = 0  # seen
         self._extrapolation = Extrapolation(count)
         self._mixture = PredictionMixture(PRIOR)
         self._rows: Array = np.zeros((len(PRIOR), 2 * count))

@@ -18,12 +18,10 @@ class Extrapolation:
 
     A marker out of sight goes on in a straight line at its last velocity; when it returns, the
     line from its last place to the new one is its velocity, as in `Motion`.
-
-    Attributes:
-        last: (2 n,) px, where each marker was last measured, x and y in turn.
     """
 
     def __init__(self, count: int) -> None:
+        # (2 n,) px, where each marker was last measured, x and y in turn.
         self.last: Array = np.zeros(2 * count)
         self._last_time: Array = np.zeros(2 * count)
         self._places: Array = np.zeros((3, 2 * count))

@@ -35,16 +35,13 @@ class KalmanFilter:
     The process noise is white jerk. With frames in regular steps the gains settle, so they are
     taken from tables: for the n-th measurement of a new marker, and for the first one after n
     frames without.
-
-    Attributes:
-        state: (3, 2 n): position (px), velocity (px/s) and acceleration (px/s²) by x and y of
-            every marker in turn.
-        settled: (3, 1), the gain when nothing has been missed.
     """
 
     def __init__(self, count: int) -> None:
+        # (3, 2 n): position (px), velocity (px/s) and acceleration (px/s²) by x and y of every
+        # marker in turn.
         self.state: Array = np.zeros((3, 2 * count))
-        self.settled: Array = _STARTING_GAINS[-1]
+        self.settled: Array = _STARTING_GAINS[-1]  # (3, 1), the gain when nothing has been missed
         self._per_frame: Array = np.ones((3, 1))
         self._transition: Array = np.eye(3)
 

@@ -29,13 +29,10 @@ class MotionPredictor:
 
     A frame that was dropped is stepped over as one in which nothing was seen. A light out of
     sight is predicted by the Kalman filter alone.
-
-    Attributes:
-        time: of the newest frame, s; None before the first.
     """
 
     def __init__(self, count: int) -> None:
-        self.time: float | None = None
+        self.time: float | None = None  # of the newest frame, s; None before the first
         self._step: float | None = None
         self._predictions = Competition(count)
         self._record = TrackRecord(count)

@@ -28,20 +28,15 @@ TUNING = RecordTuning()
 
 
 class TrackRecord:
-    """What has been seen of every light.
-
-    Attributes:
-        seen: (n,), measurements since its first.
-        unseen: (n,), frames since the last one.
-        in_row: (n,), measurements without a gap, less the first three, whose innovations tell
-            of the new filter and not of the camera.
-        variance: (2 n,) px², of its predictions, x and y in turn.
-    """
+    """What has been seen of every light."""
 
     def __init__(self, count: int) -> None:
-        self.seen = np.zeros(count, np.intp)
-        self.unseen = np.zeros(count, np.intp)
+        self.seen = np.zeros(count, np.intp)  # (n,), measurements since its first
+        self.unseen = np.zeros(count, np.intp)  # (n,), frames since the last one
+        # (n,), measurements without a gap, less the first three, whose innovations tell of the new
+        # filter and not of the camera.
         self.in_row = np.zeros(count, np.intp)
+        # (2 n,) px², of its predictions, x and y in turn.
         self.variance: Array = np.full(2 * count, TUNING.first_deviation**2)
 
     def add(self, count: int) -> None:

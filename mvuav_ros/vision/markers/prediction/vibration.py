@@ -36,16 +36,12 @@ class VibrationPredictor:
     its model, moves all markers alike and comes again: the next innovation is predicted from the
     last six, with coefficients learnt from all markers by recursive least squares (a Kalman
     filter of its own, whose state is the coefficients). White jitter leaves them at zero.
-
-    Attributes:
-        predicted: (2 n,) px, the next innovation.
-        level: mean square of the innovations, px².
-        left: of it, what the predictions leave, px².
     """
 
     def __init__(self, count: int) -> None:
         self.lagged: Array = np.zeros((TUNING.lags, 2 * count))
-        self.predicted: Array = np.zeros(2 * count)
+        self.predicted: Array = np.zeros(2 * count)  # (2 n,) px, the next innovation
+        # Mean square of the innovations, and of what the predictions leave of them, px².
         self.level = self.left = 0.01
         self._coefficients: Array = np.zeros(TUNING.lags)
         self._normal: Array = np.zeros((TUNING.lags, TUNING.lags))

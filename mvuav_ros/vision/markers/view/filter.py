@@ -93,13 +93,6 @@ class ViewFilter:
 
     Beside the filter that believes every marker there is one for each marker that all but
     ignores it, so that it is not led astray where that marker is another light.
-
-    Attributes:
-        shape: the rig, with what lies beside it on a body that is not what its rig says.
-        time: s.
-        rig_error: of a marker's place on the rig, in units of its size (1 sigma).
-        doubted: markers that have a filter which ignores them: all, or none of a large rig.
-        bank: the filters.
     """
 
     def __init__(
@@ -113,16 +106,19 @@ class ViewFilter:
 
         The filter before of this very rig has learnt its exactness and motion.
         """
+        # The rig, with what lies beside it on a body that is not what its rig says.
         self.shape = shape
-        self.time = time
+        self.time = time  # s
         count = len(shape.points)
+        # Markers that have a filter which ignores them: all, or none of a large rig.
         self.doubted = count if count <= _MOST_DOUBTED else 0
-        self.bank = FilterBank.of(view, 1 + self.doubted, _STATIONARY)
+        self.bank = FilterBank.of(view, 1 + self.doubted, _STATIONARY)  # the filters
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.least_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
             # As the view changes, so does what lies beside the rig.
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
+        # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
         self._seen = count
         self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
