@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.reprojection import FEWEST, Solution, likeness, rotation_of
+from mvuav_ros.vision.reprojection import FEWEST, Solution, rotation_of
 
 Array = NDArray[np.float64]
 
@@ -94,4 +94,5 @@ def _tilt(solution: Solution) -> float:
 
 
 def _angle(rotation: Array, rvec: Array) -> float:
-    return math.acos(min(1.0, max(-1.0, 0.5 * (likeness(rotation, rvec) - 1.0))))
+    trace = float(np.sum(rotation * rotation_of(rvec)))
+    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))

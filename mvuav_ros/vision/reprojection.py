@@ -105,11 +105,6 @@ class Reprojection:
         return np.hstack((by_place, by_turn))
 
 
-def likeness(rotation: Array, rvec: Array) -> float:
-    """1 + 2 cos of the angle between two rotations."""
-    return float(np.sum(rotation * rotation_of(rvec)))
-
-
 def rotation_of(rvec: Array) -> Array:
     """Rotation matrix of a rotation vector."""
     return np.asarray(cv2.Rodrigues(rvec)[0], np.float64)

@@ -90,7 +90,7 @@ def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
         status = f'{len(clusters)} clusters in view, the five largest were used'
         clusters = [clusters[i] for i in sorted(by_area[:5])]
     markers = tuple(
-        _detected(label, clusters[index])
+        detected(label, clusters[index])
         for label, index in zip(TANKER_LABELS, label_five(clusters), strict=True)
     )
     return MarkerResult(markers, roll_of(markers[0], markers[-1]), status)
@@ -106,9 +106,10 @@ def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResul
         clusters = find_clusters(image, parameters)
     except GroupingError as error:
         return MarkerResult((), status=str(error))
-    markers = tuple(_detected(Label.UNLABELLED, cluster) for cluster in clusters)
+    markers = tuple(detected(Label.UNLABELLED, cluster) for cluster in clusters)
     return MarkerResult(markers, status='' if markers else 'no cluster in view')
 
 
-def _detected(label: int, cluster: Cluster) -> Marker:
+def detected(label: int, cluster: Cluster) -> Marker:
+    """A cluster as a marker that does not move."""
     return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)

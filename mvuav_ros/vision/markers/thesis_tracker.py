@@ -9,7 +9,7 @@ import cv2
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
-from mvuav_ros.vision.markers.detection import detect
+from mvuav_ros.vision.markers.detection import detect, detected
 from mvuav_ros.vision.markers.grouping import area_fits
 from mvuav_ros.vision.markers.labelling import roll_of
 from mvuav_ros.vision.markers.motion import Motion
@@ -75,9 +75,8 @@ class ThesisTracker:
         self._whole_frames += 1
         markers = []
         for marker, motion in zip(found.markers, self._motions, strict=True):
-            cluster = Cluster(marker.x, marker.y, int(marker.area))
-            motion.add(time, cluster.x, cluster.y)
-            markers.append(_seen(marker.label, cluster, motion))
+            motion.add(time, marker.x, marker.y)
+            markers.append(_moving(marker, motion))
         return MarkerResult(tuple(markers), found.roll, found.status)
 
     def _search_windows(
@@ -102,15 +101,14 @@ class ThesisTracker:
         if cluster is not None:
             motion.add(time, cluster.x, cluster.y)
             self._unseen[label] = 0
-            marker = _seen(label, cluster, motion)
+            marker = detected(label, cluster)
         elif time - motion.last_seen > parameters.lost_timeout:
             self._lost[label] = True
-            marker = LOST_TANKER[label]
+            return LOST_TANKER[label], window, (x, y)
         else:
             self._unseen[label] += 1
-            moving = *motion.velocity, *motion.acceleration
-            marker = Marker(label, MarkerState.PREDICTED, x, y, *moving)
-        return marker, window, (x, y)
+            marker = Marker(label, MarkerState.PREDICTED, x, y)
+        return _moving(marker, motion), window, (x, y)
 
 
 def measure_window(
@@ -136,6 +134,6 @@ def measure_window(
     return Cluster(x0 + moments['m10'] / mass, y0 + moments['m01'] / mass, area)
 
 
-def _seen(label: int, cluster: Cluster, motion: Motion) -> Marker:
-    x, y, area = cluster
-    return Marker(label, MarkerState.DETECTED, x, y, *motion.velocity, *motion.acceleration, area)
+def _moving(marker: Marker, motion: Motion) -> Marker:
+    (vx, vy), (ax, ay) = motion.velocity, motion.acceleration
+    return marker._replace(vx=vx, vy=vy, ax=ax, ay=ay)
