@@ -135,5 +135,5 @@ def measure_window(
 
 
 def _moving(marker: Marker, motion: Motion) -> Marker:
-    (vx, vy), (ax, ay) = motion.velocity, motion.acceleration
-    return marker._replace(vx=vx, vy=vy, ax=ax, ay=ay)
+    label, state, x, y, *_, area = marker
+    return Marker(label, state, x, y, *motion.velocity, *motion.acceleration, area)
