@@ -9,6 +9,7 @@ import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import GATE, Expectation
+from mvuav_ros.vision.markers.view.weak_perspective import Array
 
 USUAL_AREA = (0.6, 1.6)
 USUAL_SPREAD = 1.06
@@ -64,7 +65,7 @@ class AppearanceModel:
 
 
 def offset_in(
-    spot: Detection, areas: tuple[float, float], first: Expectation, second: Expectation
+    spot: Detection, areas: tuple[float, float], places: Array, spread: Array
 ) -> tuple[float, float] | None:
     """From the first to the second of two markers that make up one light.
 
@@ -72,12 +73,15 @@ def offset_in(
     expected places is mostly wrong with both alike, and that the light's place takes out (a
     Kalman filter's update).
 
+    Args:
+        spot: the light.
+        areas: of the markers, px.
+        places: (4,), expected, px.
+        spread: (4, 4), the places' covariance, px².
+
     Returns:
-        px, or None where the light is not where it should be, the sides are not sure, or the two
-        would not touch.
+        px, or None where the light is not where it should be, or the sides are not sure.
     """
-    places = np.array((first.x, first.y, second.x, second.y))
-    spread = np.diag(np.repeat((first.deviation**2, second.deviation**2), 2))
     share = areas[0] / (areas[0] + areas[1])
     middle = np.hstack((share * np.eye(2), (1.0 - share) * np.eye(2)))
     spread = spread + PLACE_NOISE**2 * np.eye(4)
@@ -90,10 +94,8 @@ def offset_in(
     spread = spread - gain @ middle @ spread
     apart = np.hstack((-np.eye(2), np.eye(2)))
     widest = math.sqrt(max(float(np.linalg.eigvalsh(apart @ spread @ apart.T)[-1]), 0.0))
-    touching = sum(math.sqrt(area / math.pi) for area in areas) + 3.0
-    if not SURE_SIDE * widest < math.hypot(x1 - x0, y1 - y0) <= touching:
-        return None
-    return x1 - x0, y1 - y0
+    sure = math.hypot(x1 - x0, y1 - y0) > SURE_SIDE * widest
+    return (x1 - x0, y1 - y0) if sure else None
 
 
 def is_joined(

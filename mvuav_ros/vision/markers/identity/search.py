@@ -6,6 +6,8 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 
+import numpy as np
+
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel, is_joined, offset_in
 from mvuav_ros.vision.markers.identity.assignment import GATE, Expectation, assign
@@ -16,7 +18,7 @@ from mvuav_ros.vision.markers.identity.initialization import Named
 from mvuav_ros.vision.markers.identity.marker_memory import KNOWN_PLACE, Motion
 from mvuav_ros.vision.markers.identity.reacquisition import Recovery, extend, reacquire
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
-from mvuav_ros.vision.markers.view.weak_perspective import ViewState
+from mvuav_ros.vision.markers.view.weak_perspective import COUNT, ViewState
 
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
@@ -152,7 +154,7 @@ class Search:
                 (spot, offset)
                 for spot in self._free
                 if 1.2 * max(areas) < spot.area < 1.3 * both
-                and (offset := offset_in(spot, areas, expected[a], expected[b])) is not None
+                and (offset := self._offset_in(spot, areas, expected, [a, b])) is not None
             ]
             if len(joined) == 1:
                 spot, offset = joined[0]
@@ -160,6 +162,28 @@ class Search:
                 variance = 0.125 * both / math.pi
                 self.found[a], self.found[b] = lights.split(spot, *offset, variance)
                 self._look()
+
+    def _offset_in(
+        self,
+        spot: Detection,
+        areas: tuple[float, float],
+        expected: Mapping[int, Expectation],
+        pair: list[int],
+    ) -> tuple[float, float] | None:
+        """From one marker to the other in a spot that may be both, px."""
+        first, second = (expected[marker] for marker in pair)
+        places = np.array((first.x, first.y, second.x, second.y))
+        spread = np.diag(np.repeat((first.deviation**2, second.deviation**2), 2))
+        offset = offset_in(spot, areas, places, spread)
+        by_view = self.views.places(self._view)[1][pair]
+        if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
+            # Not as they moved, or their motions do not tell the sides; the others' places may.
+            seen, jacobian = self.views.shape.linearize(self._view.parameters)
+            slopes = jacobian[pair].reshape(4, COUNT)
+            spread = slopes @ self._view.covariance @ slopes.T
+            offset = offset_in(spot, areas, seen[pair].ravel(), spread)
+        touching = sum(math.sqrt(area / math.pi) for area in areas) + 3.0
+        return None if offset is None or math.hypot(*offset) > touching else offset
 
     def _name_together(self) -> None:
         """Name lights where the markers in sight hardly tell where the others are."""
