@@ -60,9 +60,9 @@ MUTATIONS = (
     ),
     Mutation(
         'window clipping',
-        f'{MARKERS}/thesis_tracker.py',
-        'min(column + radius, width - 1)',
-        'column + radius',
+        f'{MARKERS}/results.py',
+        'x1 if x1 < right else right',
+        'x1',
         ('test/vision/markers/test_thesis_tracker.py',),
     ),
     Mutation(

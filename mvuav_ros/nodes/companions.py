@@ -11,10 +11,8 @@ from sensor_msgs.msg import CameraInfo, Imu
 
 from mvuav_ros.nodes.received_image import ReceivedImage
 from mvuav_ros.nodes.subscriptions import subscribe
-from mvuav_ros.recordings.serialization.imu import decode_imu
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
-from mvuav_ros.recordings.sources.attitude_pairing import AttitudePairing
-from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of
+from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
 
 LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
@@ -30,13 +28,10 @@ class Companion:
         self.subscription = subscribe(node, kind, topic)
         self._kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
-        self._add: Callable[[int, Any], None]
         if kind is CameraInfo:
-            self._pairing, self._field = (infos := StampPairing[Any, ReceivedImage]()), 'info'
-            self._add = infos.add_info
+            self._pairing, self._field = StampPairing(), 'info'
         else:
-            self._pairing, self._field = (attitudes := AttitudePairing[ReceivedImage]()), 'attitude'
-            self._add = lambda stamp_ns, imu: attitudes.add_attitude(stamp_ns, decode_imu(imu))
+            self._pairing, self._field = AttitudePairing(), 'attitude'
 
     @property
     def holds(self) -> bool:
@@ -48,7 +43,9 @@ class Companion:
         if self.subscription.handle.pointer not in ready:
             return
         while (taken := self.subscription.handle.take_message(self._kind, False)) is not None:
-            self._add(stamp_ns_of(taken[0].header), taken[0])
+            message: Any = taken[0]
+            info = decode_imu(message) if self._kind is Imu else message
+            self._pairing.add_info(stamp_ns_of(message.header), info)
 
     def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
         """The images, in their order, that need not wait any more, with what belongs to them."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from mvuav_ros.nodes.received_image import ReceivedImage
-from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image
+from mvuav_ros.recordings.serialization.messages import decode_camera_info
 from mvuav_ros.recordings.serialization.raw_image import RawImageDecoder
 from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image
 from mvuav_ros.recordings.serialization.video_packet import (

@@ -13,8 +13,8 @@ from std_msgs.msg import Header
 from mvuav_ros.nodes.result_publishers import create_result_publisher, is_heard
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
-from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
 from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.messages import decode_camera_info
 from mvuav_ros.recordings.serialization.serialized_image import (
     serialize_compressed_image,
     serialize_image,

@@ -17,8 +17,8 @@ from mvuav_ros.processing.messages.points import PointLayout
 from mvuav_ros.processing.messages.runway import LINE
 from mvuav_ros.processing.messages.sensors import encode_camera_info, encode_imu, make_header
 from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
+from mvuav_ros.recordings.serialization.messages import type_name
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.serialization.type_name import type_name
 from mvuav_ros.simulation.attitude_sensor import measured_attitude
 from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.runway_truth import RunwayTruth

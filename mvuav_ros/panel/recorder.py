@@ -16,7 +16,7 @@ from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.serialization.type_name import type_name
+from mvuav_ros.recordings.serialization.messages import type_name
 from mvuav_ros.recordings.writing import RecordingWriter
 
 LONGEST = 600.0

@@ -16,7 +16,7 @@ from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 
 _NS = 1_000_000_000
 POSE_COLUMNS = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')

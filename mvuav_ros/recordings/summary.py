@@ -22,7 +22,7 @@ from mvuav_ros.recordings.serialization.image_decoding import (
     check_compressed_image,
     decode_image,
 )
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
 from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.frame import BadFrame

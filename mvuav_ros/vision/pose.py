@@ -32,25 +32,20 @@ class PoseTuning:
 
     Chosen on the simulator's docking approaches with 0.02 to 0.6 px of noise, and on flights on
     which other lights take the markers' names.
-
-    Attributes:
-        holds: s, for which the last pose tells which of several solutions is the right one.
-        most_misfit: px, root mean square per axis, above which the names or the calibration must
-            be wrong, in any frame.
-        most_relative_misfit: the same over the image's span of the markers, for large images.
-        unusual: times the usual noise: a misfit from there on is looked into.
-        most_distance_error: of the distance (1 sigma), above which a pose is kept back.
-        most_turn_error: rad (1 sigma), likewise.
-        of_three: part of both from which on a pose of three lights is kept back: two solutions
-            are about to meet, and the errors are no longer those of the one.
     """
 
+    # s, for which the last pose tells which of several solutions is the right one.
     holds: float = 1.0
+    # px, root mean square per axis, above which the names or the calibration must be wrong, in any
+    # frame.
     most_misfit: float = 1.0
+    # The same over the image's span of the markers, for large images.
     most_relative_misfit: float = 0.004
-    unusual: float = 4.0
-    most_distance_error: float = 0.015
-    most_turn_error: float = math.radians(1.5)
+    unusual: float = 4.0  # times the usual noise: a misfit from there on is looked into
+    most_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
+    most_turn_error: float = math.radians(1.5)  # rad (1 sigma), likewise
+    # Part of both from which on a pose of three lights is kept back: two solutions are about to
+    # meet, and the errors are no longer those of the one.
     of_three: float = 0.4
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.reprojection import FEWEST, Solution, likeness, rotation_of
+from mvuav_ros.vision.reprojection import FEWEST, Solution, rotation_of
 
 Array = NDArray[np.float64]
 
@@ -20,25 +20,18 @@ class AmbiguityTuning:
 
     Chosen with `mvuav_ros.vision.pose.PoseTuning`; those of three lights on seeds 0 to 29 of
     flights of random rigs.
-
-    Attributes:
-        alike: of two solutions' squared residuals, up to where both fit.
-        same: rad, up to which two rotations are one solution.
-        decisive: difference of two solutions' squared residuals, over the noise's variance, from
-            which on the less one is right.
-        nearer: rad, by which a solution must be nearer to the last pose than the next one.
-        most_tilt: rad, from straight behind, of three lights' first pose.
-        one: rad, up to which two solutions of three lights are the same.
-        meeting: rad, up to which two of them may be taken for each other.
     """
 
-    alike: float = 4.0
-    same: float = math.radians(5.0)
+    alike: float = 4.0  # of two solutions' squared residuals, up to where both fit
+    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
+    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
+    # less one is right.
     decisive: float = 12.0
+    # rad, by which a solution must be nearer to the last pose than the next one.
     nearer: float = math.radians(3.0)
-    most_tilt: float = math.radians(45.0)
-    one: float = math.radians(0.5)
-    meeting: float = math.radians(8.0)
+    most_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
+    one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
+    meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
 
 
 TUNING = AmbiguityTuning()
@@ -47,13 +40,9 @@ TUNING = AmbiguityTuning()
 def choose(
     solutions: Sequence[Solution], noise: float, count: int, last: Array | None
 ) -> Solution | None:
-    """The right one of all solutions, of which one fits at least; None where that is not clear.
+    """The right one of all solutions of a frame, of which one fits at least; None if not clear.
 
-    Args:
-        solutions: of one frame.
-        noise: of a marker's place, px per axis.
-        count: markers.
-        last: the rotation a short while ago, (3, 3), if there was a pose.
+    The noise of a marker's place is in px per axis; the last rotation (3, 3) is a short while old.
     """
     least = min(squares for _, _, squares in solutions)
     limit = TUNING.alike * least + 2 * count * noise**2
@@ -105,4 +94,5 @@ def _tilt(solution: Solution) -> float:
 
 
 def _angle(rotation: Array, rvec: Array) -> float:
-    return math.acos(min(1.0, max(-1.0, 0.5 * (likeness(rotation, rvec) - 1.0))))
+    trace = float(np.sum(rotation * rotation_of(rvec)))
+    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))

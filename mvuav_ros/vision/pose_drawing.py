@@ -22,11 +22,7 @@ _SHIFT = 4
 def draw_pose(image: NDArray[np.uint8], pose: Pose, camera: CameraModel, rig: MarkerRig) -> None:
     """Draw the axes at the body's dock point, and a cross at each light's reprojection.
 
-    Args:
-        image: (height, width, 3), blue first; is drawn on.
-        pose: of the body.
-        camera: calibrated.
-        rig: of the body.
+    The image (height, width, 3), blue first, is drawn on.
     """
     origin = np.array(rig.dock)
     length = _AXIS_PART * rig.reach

@@ -14,8 +14,7 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Array = NDArray[np.float64]
 
-FEWEST = 3
-"""Markers for a pose: with three there may be four solutions, all of which fit."""
+FEWEST = 3  # Markers for a pose: with three there may be four solutions, all of which fit
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
@@ -104,11 +103,6 @@ class Reprojection:
         points = np.repeat(self._points @ rotation_of(rvec).T, 2, axis=0)
         by_turn = points[:, _NEXT] * by_place[:, _LAST] - points[:, _LAST] * by_place[:, _NEXT]
         return np.hstack((by_place, by_turn))
-
-
-def likeness(rotation: Array, rvec: Array) -> float:
-    """1 + 2 cos of the angle between two rotations."""
-    return float(np.sum(rotation * rotation_of(rvec)))
 
 
 def rotation_of(rvec: Array) -> Array:

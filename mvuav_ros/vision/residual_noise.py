@@ -11,26 +11,16 @@ class NoiseTuning:
     """How fast the noise follows the residuals.
 
     Chosen with `mvuav_ros.vision.pose.PoseTuning`.
-
-    Attributes:
-        first_noise: px, assumed before residuals tell.
-        first_weight: degrees of freedom that this assumption is worth.
-        first_memory: of that, per frame.
-        memory: of the residuals, per frame.
-        recent_memory: of those that tell of an upset: back to normal in 15 frames.
-        upset: ratio of the recent noise to the usual one from which on it counts.
-        longest_upset: frames after which it is the usual noise that has changed.
-        steady_error: px, of a centroid, the same from frame to frame: the residuals do not show
-            all of it.
     """
 
-    first_noise: float = 0.3
-    first_weight: float = 4.0
-    first_memory: float = 0.9
-    memory: float = 0.999
-    recent_memory: float = 0.6
-    upset: float = 2.5
-    longest_upset: int = 60
+    first_noise: float = 0.3  # px, assumed before residuals tell
+    first_weight: float = 4.0  # degrees of freedom that this assumption is worth
+    first_memory: float = 0.9  # of that, per frame
+    memory: float = 0.999  # of the residuals, per frame
+    recent_memory: float = 0.6  # of those that tell of an upset: back to normal in 15 frames
+    upset: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
+    longest_upset: int = 60  # frames after which it is the usual noise that has changed
+    # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
     steady_error: float = 0.015
 
 

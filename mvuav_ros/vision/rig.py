@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 Point = tuple[float, float, float]
 
-SAME_PLACE = 1e-3
-"""Part of a rig's size within which two markers are in one place."""
+SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
 
 
 class RigError(ValueError):

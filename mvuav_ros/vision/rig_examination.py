@@ -18,17 +18,14 @@ Cycles = tuple[tuple[str, ...], ...]
 
 @dataclass(frozen=True)
 class ExaminationTuning:
-    """What counts as alike.
+    """What counts as alike."""
 
-    Attributes:
-        alike: part of the rig's size by which a turned marker may miss another one's place and
-            still be taken for it; twice what the start allows a body among other lights.
-        straight: part of the rig's length by which markers on one line may lie beside it.
-        farthest_tilt_deg: between the camera's axis and the body's, when it is seen from behind.
-    """
-
+    # Part of the rig's size by which a turned marker may miss another one's place and still be
+    # taken for it; twice what the start allows a body among other lights.
     alike: float = 0.02
+    # Part of the rig's length by which markers on one line may lie beside it.
     straight: float = 0.01
+    # Between the camera's axis and the body's, when it is seen from behind.
     farthest_tilt_deg: float = 40.0
 
 
@@ -37,17 +34,11 @@ TUNING = ExaminationTuning()
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A turn after which a rig looks the same but for the names.
+    """A turn after which a rig looks the same but for the names."""
 
-    Attributes:
-        exchanged: the cycles of names: each marker comes to lie where the next one was.
-        axis: of the turn, in the body's frame.
-        angle_deg: of the turn.
-    """
-
-    exchanged: Cycles
-    axis: tuple[float, float, float]
-    angle_deg: float
+    exchanged: Cycles  # the cycles of names: each marker comes to lie where the next one was
+    axis: tuple[float, float, float]  # of the turn, in the body's frame
+    angle_deg: float  # of the turn
 
     def __str__(self) -> str:
         cycles = ', '.join(' -> '.join(cycle) for cycle in self.exchanged)
@@ -56,14 +47,7 @@ class Symmetry:
 
 
 def examine(rig: MarkerRig) -> tuple[str, ...]:
-    """What a rig leaves in doubt; empty where nothing.
-
-    Args:
-        rig: with markers in different places.
-
-    Returns:
-        One line for each reason for which names or a pose cannot be certain.
-    """
+    """Why names or a pose cannot be certain with a rig: a line for each reason; empty for none."""
     if len(rig.names) < 3:
         return (f'{len(rig.names)} markers are too few for a pose, which needs three',)
     if is_straight(rig):

@@ -13,56 +13,39 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+from mvuav_ros.vision.reprojection import rotation_of
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.rig_examination import cycles_of
 
 Array = NDArray[np.float64]
 
-TILTS_DEG = (-30.0, 0.0, 30.0)
-"""Pitch and yaw, each, of the views that are tried."""
+TILTS_DEG = (-30.0, 0.0, 30.0)  # Pitch and yaw, each, of the views that are tried
 FARTHEST_TILT_DEG = 60.0
 """A pose that is turned away further is not one seen from behind, and no confusion."""
-_MOST_MARKERS = 8
-"""Of a rig of which more than two names are exchanged at once."""
+_MOST_MARKERS = 8  # Of a rig of which more than two names are exchanged at once
 _STEP = 1e-6
 
 
 @dataclass(frozen=True)
 class PoseError:
-    """What to expect of a pose (1 sigma), at one distance from straight behind.
+    """What to expect of a pose (1 sigma), at one distance from straight behind."""
 
-    Attributes:
-        distance: from the camera to the middle of the markers, m.
-        span: of the markers on the image, px.
-        along: of the distance, m.
-        across: sideways, the larger of x and y, m.
-        roll: about the camera's axis, deg.
-        tilt: of the body's axis, the larger of pitch and yaw, deg.
-    """
-
-    distance: float
-    span: float
-    along: float
-    across: float
-    roll: float
-    tilt: float
+    distance: float  # from the camera to the middle of the markers, m
+    span: float  # of the markers on the image, px
+    along: float  # of the distance, m
+    across: float  # sideways, the larger of x and y, m
+    roll: float  # about the camera's axis, deg
+    tilt: float  # of the body's axis, the larger of pitch and yaw, deg
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """Names that could be exchanged.
+    """Names that could be exchanged."""
 
-    Attributes:
-        names: the cycles that are exchanged.
-        residual: root mean square that the best pose with the wrong names leaves, px.
-        pitch_deg: of the view in which it is least.
-        yaw_deg: of the body there.
-    """
-
-    names: tuple[tuple[str, ...], ...]
-    residual: float
-    pitch_deg: float
-    yaw_deg: float
+    names: tuple[tuple[str, ...], ...]  # the cycles that are exchanged
+    residual: float  # root mean square that the best pose with the wrong names leaves, px
+    pitch_deg: float  # of the view in which it is least
+    yaw_deg: float  # of the body there
 
 
 def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: float) -> PoseError:
@@ -83,7 +66,7 @@ def pose_error(rig: MarkerRig, camera: CameraModel, distance: float, noise: floa
         sides = [
             _project(
                 points,
-                _rotation(sign * step[3:]) @ rotation,
+                rotation_of(sign * step[3:]) @ rotation,
                 translation + sign * step[:3],
                 camera,
             )
@@ -111,7 +94,7 @@ def confusions(rig: MarkerRig, camera: CameraModel, distance: float) -> list[Con
     translation = np.array((0.0, 0.0, distance))
     views = []
     for pitch, yaw in product(TILTS_DEG, TILTS_DEG):
-        turn = _rotation(np.radians((pitch, yaw, 0.0)))
+        turn = rotation_of(np.radians((pitch, yaw, 0.0)))
         views.append((_project(points, turn @ OPTICAL_FROM_BODY, translation, camera), pitch, yaw))
     found = []
     for order in _exchanges(len(points)):
@@ -157,7 +140,7 @@ def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
         rvec, tvec = cv2.solvePnPRefineLM(
             points, seen, camera.matrix, camera.distortion, rvec, tvec
         )
-        rotation = np.asarray(cv2.Rodrigues(rvec)[0], np.float64)
+        rotation = rotation_of(np.asarray(rvec, np.float64))
         # The body's x axis is to point away from the camera.
         if rotation[2, 0] < math.cos(math.radians(FARTHEST_TILT_DEG)):
             continue
@@ -171,7 +154,3 @@ def _project(points: Array, rotation: Array, translation: Array, camera: CameraM
     rvec = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
     seen = cv2.projectPoints(points, rvec, translation, camera.matrix, camera.distortion)[0]
     return np.asarray(seen, np.float64).reshape(-1, 2)
-
-
-def _rotation(rvec: Array) -> Array:
-    return np.asarray(cv2.Rodrigues(np.asarray(rvec, np.float64))[0], np.float64)

@@ -10,8 +10,8 @@ from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, explain_no
 from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState
 from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
 from mvuav_ros.vision.image import Image
 
 

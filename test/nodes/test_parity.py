@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker
 
 from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.writing import RecordingWriter
 
 TANKER = Path(ROOT) / 'bags' / 'tanker.mcap'

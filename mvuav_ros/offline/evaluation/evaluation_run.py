@@ -22,7 +22,7 @@ from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
+from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.sources.simulated import FRAME_ID, PREFIX, make_flight

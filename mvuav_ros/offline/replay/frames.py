@@ -11,7 +11,7 @@ from mvuav_ros.processing.processor import DuplicateStampError, Output, Processo
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.type_name import type_name
+from mvuav_ros.recordings.serialization.messages import type_name
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.image import ImageError

@@ -21,12 +21,11 @@ from mvuav_ros.offline.thesis.videos import read_avi, write_avi
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.detection import area_fits
-from mvuav_ros.vision.markers.grouping import bright_pixels, group_pixels
+from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.motion import Motion
 from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
-from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window, window_around
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, threshold
 
@@ -117,9 +116,10 @@ def _windows(
     motions: Sequence[Motion], time: float, image: Image, parameters: MarkerTrackerParameters
 ) -> list[Window]:
     """Where the markers are searched."""
-    reach = (parameters.search_radius, image.width, image.height)
+    radius, size = parameters.search_radius, (image.width, image.height)
     return [
-        window_around(*motion.predict(time, parameters.prediction), *reach) for motion in motions
+        Window.around(*motion.predict(time, parameters.prediction), radius, size)
+        for motion in motions
     ]
 
 

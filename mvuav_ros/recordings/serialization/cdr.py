@@ -1,4 +1,4 @@
-"""Results as CDR, the bytes in which DDS carries and bags keep a message.
+"""CDR, the bytes in which DDS carries and bags keep a message.
 
 By way of rclpy's objects a frame's results take longer than finding the markers, and the padding
 holds chance bytes of memory. Written field by field they take a quarter of that, and the same
@@ -10,8 +10,12 @@ from __future__ import annotations
 import struct
 from functools import lru_cache
 
-_ENCAPSULATION = b'\0\1\0\0'
-"""Plain CDR, little endian."""
+from mvuav_ros.vision.image import ImageError
+
+_ENCAPSULATION = b'\0\1\0\0'  # Plain CDR, little endian
+LONGEST_NAME = 1024
+"""Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
+_BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)  # Second byte of plain CDR, version 1 and 2
 _LENGTH = struct.Struct('<I')
 _STAMP = struct.Struct('<iI')
 _SIZES = {'B': 1, 'f': 4, 'i': 4, 'I': 4, 'd': 8, 'Q': 8}
@@ -23,11 +27,7 @@ class CdrWriter:
     __slots__ = ('_data',)
 
     def __init__(self, start: bytes = _ENCAPSULATION) -> None:
-        """Begin a message.
-
-        Args:
-            start: what it begins with, such as a `cdr_header`.
-        """
+        """Begin a message with some bytes, such as a `cdr_header`."""
         self._data = bytearray(start)
 
     def numbers(self, layout: str, *values: float) -> None:
@@ -89,3 +89,59 @@ def _text(text: str) -> bytes:
 def without_encapsulation(message: bytes) -> bytes:
     """A message's fields, to become part of another one."""
     return message[len(_ENCAPSULATION) :]
+
+
+class CdrReader:
+    """Walks through a message's CDR bytes; alignment counts from the end of the encapsulation."""
+
+    def __init__(self, message: bytes | memoryview) -> None:
+        if len(message) < len(_ENCAPSULATION) or message[0] != 0:
+            raise ImageError(f'{len(message)} bytes are no CDR message')
+        if message[1] in _LITTLE_ENDIAN:
+            self._order = '<'
+        elif message[1] in _BIG_ENDIAN:
+            self._order = '>'
+        else:
+            raise ImageError(f'CDR representation {message[1]} is not known')
+        self._view = memoryview(message)
+        self._position = len(_ENCAPSULATION)
+
+    def numbers(self, layout: str) -> tuple[int, ...]:
+        """Numbers of one size each aligned to it, such as ``II``."""
+        size = _SIZES[layout[0]]
+        position = self._position + -(self._position - len(_ENCAPSULATION)) % size
+        self._position = position + size * len(layout)
+        try:
+            return struct.unpack_from(self._order + layout, self._view, position)
+        except struct.error:
+            raise ImageError(f'the message ends after {len(self._view)} bytes') from None
+
+    def text(self, name: str) -> str:
+        """A string, `LONGEST_NAME` at most; ``name`` is for the error."""
+        (length,) = self.numbers('I')
+        if length > LONGEST_NAME:
+            raise ImageError(f'{name} has {length} bytes')
+        return str(self._take(length), 'utf-8', 'replace').split('\0', 1)[0]
+
+    def octets(self) -> memoryview:
+        """A sequence of bytes, as a view."""
+        (length,) = self.numbers('I')
+        return self._take(length)
+
+    def _take(self, length: int) -> memoryview:
+        end = self._position + length
+        if end > len(self._view):
+            raise ImageError(
+                f'the message ends after {len(self._view)} bytes, its fields need {end}'
+            )
+        taken = self._view[self._position : end]
+        self._position = end
+        return taken
+
+    def header(self) -> tuple[int, str]:
+        """The stamp (ns) and frame of a std_msgs/Header."""
+        (sec,) = self.numbers('i')
+        (nanosec,) = self.numbers('I')
+        if nanosec >= 1_000_000_000:
+            raise ImageError(f'the stamp has {nanosec} nanoseconds in a second')
+        return sec * 1_000_000_000 + nanosec, self.text('frame_id')

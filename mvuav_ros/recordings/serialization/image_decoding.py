@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from mvuav_ros.recordings.serialization.compressed_size import compressed_size
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
-MAX_PIXELS = 1 << 26
-"""64 megapixels: beyond this a header is taken for damaged, not for a camera's."""
+MAX_PIXELS = 1 << 26  # 64 megapixels: beyond this a header is taken for damaged, not for a camera's
 
 
 _MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')

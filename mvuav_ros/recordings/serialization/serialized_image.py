@@ -7,22 +7,13 @@ of the message is looked at before it is believed.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mvuav_ros.recordings.serialization.cdr import CdrWriter
-from mvuav_ros.vision.image import Image, ImageError
-
-LONGEST_NAME = 1024
-"""Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
-
-_ENCAPSULATION = 4
-_SIZES = {'B': 1, 'i': 4, 'I': 4, 'Q': 8}
-_BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)
-"""Second byte of plain CDR, version 1 and 2."""
+from mvuav_ros.recordings.serialization.cdr import CdrReader, CdrWriter
+from mvuav_ros.vision.image import Image
 
 
 @dataclass(slots=True)
@@ -47,62 +38,6 @@ class SerializedCompressedImage:
     frame_id: str
     format: str
     data: Any
-
-
-class CdrReader:
-    """Walks through a message's CDR bytes; alignment counts from the end of the encapsulation."""
-
-    def __init__(self, message: bytes | memoryview) -> None:
-        if len(message) < _ENCAPSULATION or message[0] != 0:
-            raise ImageError(f'{len(message)} bytes are no CDR message')
-        if message[1] in _LITTLE_ENDIAN:
-            self._order = '<'
-        elif message[1] in _BIG_ENDIAN:
-            self._order = '>'
-        else:
-            raise ImageError(f'CDR representation {message[1]} is not known')
-        self._view = memoryview(message)
-        self._position = _ENCAPSULATION
-
-    def numbers(self, layout: str) -> tuple[int, ...]:
-        """Numbers of one size each aligned to it, such as ``II``."""
-        size = _SIZES[layout[0]]
-        position = self._position + -(self._position - _ENCAPSULATION) % size
-        self._position = position + size * len(layout)
-        try:
-            return struct.unpack_from(self._order + layout, self._view, position)
-        except struct.error:
-            raise ImageError(f'the message ends after {len(self._view)} bytes') from None
-
-    def text(self, name: str) -> str:
-        """A string, `LONGEST_NAME` at most; ``name`` is for the error."""
-        (length,) = self.numbers('I')
-        if length > LONGEST_NAME:
-            raise ImageError(f'{name} has {length} bytes')
-        return str(self._take(length), 'utf-8', 'replace').split('\0', 1)[0]
-
-    def octets(self) -> memoryview:
-        """A sequence of bytes, as a view."""
-        (length,) = self.numbers('I')
-        return self._take(length)
-
-    def _take(self, length: int) -> memoryview:
-        end = self._position + length
-        if end > len(self._view):
-            raise ImageError(
-                f'the message ends after {len(self._view)} bytes, its fields need {end}'
-            )
-        taken = self._view[self._position : end]
-        self._position = end
-        return taken
-
-    def header(self) -> tuple[int, str]:
-        """The stamp (ns) and frame of a std_msgs/Header."""
-        (sec,) = self.numbers('i')
-        (nanosec,) = self.numbers('I')
-        if nanosec >= 1_000_000_000:
-            raise ImageError(f'the stamp has {nanosec} nanoseconds in a second')
-        return sec * 1_000_000_000 + nanosec, self.text('frame_id')
 
 
 def stamp_ns_in(message: bytes) -> int:
@@ -143,14 +78,10 @@ def view_compressed_image(message: bytes | memoryview) -> SerializedCompressedIm
 
 
 def serialize_image(image: Image, header: bytes) -> bytes:
-    """An image as a serialized sensor_msgs/Image, its pixels copied once.
+    """An image as a serialized sensor_msgs/Image behind a `cdr_header`, its pixels copied once.
 
-    rclpy publishes the bytes as they are. By way of a message object the pixels are copied three
-    times before they reach DDS.
-
-    Args:
-        image: is written little endian and without row padding.
-        header: `cdr_header`.
+    rclpy publishes the bytes as they are; by way of a message object the pixels are copied three
+    times before they reach DDS. They are little endian and without row padding.
     """
     pixels = np.ascontiguousarray(image.pixels)
     data = pixels.data.cast('B')
@@ -165,13 +96,7 @@ def serialize_image(image: Image, header: bytes) -> bytes:
 
 
 def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
-    """A serialized sensor_msgs/CompressedImage.
-
-    Args:
-        kind: its format, such as ``jpeg``.
-        data: the compressed image.
-        header: `cdr_header`.
-    """
+    """A serialized sensor_msgs/CompressedImage of a kind such as ``jpeg`` behind a `cdr_header`."""
     writer = CdrWriter(header)
     writer.text(kind)
     writer.octets(data)

@@ -12,13 +12,13 @@ from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.sources.coded_video import VideoTopic
 from mvuav_ros.recordings.sources.companions import Companions, camera_topic_of, imu_topic_of
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame, stamp_ns_of_image
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 
 _NS = 1_000_000_000
 
 
-class BagImages:
+class BagImages(FrameSource):
     """Image or CompressedImage messages with their own stamps and frames.
 
     Attributes:
@@ -30,7 +30,6 @@ class BagImages:
         count: number of the images read by the newest pass; an estimate until it ends.
     """
 
-    live = False
     rate: float | None = None
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
@@ -126,26 +125,19 @@ class BagImages:
         video = VideoTopic()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
-        wanted = {self.topic, *companions.topics}
-        for message in recording.messages(None if others else wanted, *window):
+        topics = None if others else {self.topic, *companions.topics}
+        for message in recording.messages(topics, *window):
             if others:
                 yield message
             companions.take(message)
             if message.topic == self.topic and is_image_type(message.type):
-                for frame in _frames(message, video, images % selection.every == 0):
-                    if isinstance(frame, BadFrame):
-                        yield frame
-                    else:
-                        companions.add(frame)
+                wanted = images % selection.every == 0
+                yield from companions.add(_frames(message, video, wanted))
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
             yield from companions.ready(wait=True)
-        for frame in video.end():
-            if isinstance(frame, BadFrame):
-                yield frame
-            else:
-                companions.add(frame)
+        yield from companions.add(video.end())
         yield from companions.ready(wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:

@@ -24,9 +24,8 @@ class VideoTopic:
     def __init__(self, *, low_delay: bool = False) -> None:
         """Begin a topic.
 
-        Args:
-            low_delay: the frames come in the order of their packets, as live encoders send
-                them; none is held back to see whether one from before it will yet come.
+        With low delay the frames come in the order of their packets, as live encoders send them:
+        none is held back to see whether one from before it will yet come.
         """
         self._low_delay = low_delay
         self._codec = ''

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from mvuav_ros.recordings.errors import MalformedMessageError
 from mvuav_ros.recordings.images import CAMERA_INFO, IMU, decode_message
 from mvuav_ros.recordings.reading import Recording
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.camera_info import decode_camera_info
-from mvuav_ros.recordings.serialization.imu import decode_imu
-from mvuav_ros.recordings.serialization.stamp import stamp_ns_of
-from mvuav_ros.recordings.sources.attitude_pairing import AttitudePairing
+from mvuav_ros.recordings.serialization.messages import decode_camera_info, decode_imu, stamp_ns_of
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.recordings.sources.stamp_pairing import StampPairing
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.vision.camera import CameraModel
 
 AnyFrame = EncodedFrame | Frame
@@ -64,11 +61,15 @@ class Companions:
                 decoded = decode_message(message.type, message.data)
             except MalformedMessageError:
                 return
-            self._attitudes.add_attitude(stamp_ns_of(decoded.header), decode_imu(decoded))
+            self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
 
-    def add(self, frame: AnyFrame) -> None:
-        """A frame that may have to wait."""
-        self._cameras.add_image(frame.stamp_ns, frame)
+    def add(self, frames: Iterable[AnyFrame | BadFrame]) -> Iterator[BadFrame]:
+        """Frames that may have to wait; gives those that cannot be used."""
+        for frame in frames:
+            if isinstance(frame, BadFrame):
+                yield frame
+            else:
+                self._cameras.add_image(frame.stamp_ns, frame)
 
     def ready(self, *, wait: bool) -> Iterator[AnyFrame]:
         """Frames that need not wait any more."""

@@ -22,19 +22,12 @@ _END_OF_TIME = 1 << 31
 
 @dataclass(frozen=True)
 class EncodedFrame:
-    """A frame whose image is still the message that was recorded.
+    """A frame whose image is still the message that was recorded."""
 
-    Attributes:
-        recorded: the message.
-        stamp_ns: the image's own, or the recording's where the driver set none.
-        camera: as in `Frame`.
-        attitude: as in `Frame`.
-    """
-
-    recorded: RecordedMessage
-    stamp_ns: int
-    camera: CameraModel | None = None
-    attitude: Attitude | None = None
+    recorded: RecordedMessage  # the message
+    stamp_ns: int  # the image's own, or the recording's where the driver set none
+    camera: CameraModel | None = None  # as in `Frame`
+    attitude: Attitude | None = None  # as in `Frame`
 
     @property
     def is_compressed(self) -> bool:

@@ -56,7 +56,7 @@ class FrameSource(Protocol):
     name: str
     rate: float | None
     count: int | None
-    live: bool
+    live: bool = False
     errors: list[str]
 
     def frames(self) -> Iterator[Frame | BadFrame]:
@@ -64,5 +64,5 @@ class FrameSource(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the device or file."""
-        ...
+        """Let go of the device or file, if one is held open."""
+        return

@@ -17,9 +17,7 @@ def gamma_corrected(
 ) -> Generator[ItemT | Frame | BadFrame, None, None]:
     """The items with the image of every frame corrected; whatever is no frame goes through.
 
-    Args:
-        items: closed when this is.
-        gamma: greater than 0; above 1 darkens, 1 changes nothing.
+    A gamma above 1 darkens, 1 changes nothing. The items are closed when this is.
     """
     try:
         for item in items:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from mvuav_ros.recordings.serialization.image_decoding import decode_image_file
-from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, FrameSource
 from mvuav_ros.recordings.sources.video import DEFAULT_RATE
 from mvuav_ros.vision.image import ImageError
 
@@ -19,19 +19,11 @@ IMAGE_SUFFIXES = frozenset(
 )
 
 
-class ImageFolder:
+class ImageFolder(FrameSource):
     """Image files in the order of the numbers in their names; file k has the stamp k / rate."""
 
-    live = False
-
     def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
-        """Take the files that are images.
-
-        Args:
-            name: folder or glob, for people.
-            files: in any order.
-            rate: frames per second; 30 where not given.
-        """
+        """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
         self.name = f'images {name}'
         self.rate: float | None = rate or DEFAULT_RATE
         self.errors: list[str] = []
@@ -49,9 +41,6 @@ class ImageFolder:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
                 yield Frame(stamp_ns, OPTICAL_FRAME, image)
-
-    def close(self) -> None:
-        """Nothing is held open."""
 
 
 def is_image_file(file: Path) -> bool:

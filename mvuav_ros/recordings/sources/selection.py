@@ -12,17 +12,11 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Selection:
-    """A stretch of time, and every N-th frame of it.
+    """A stretch of time, and every N-th frame of it."""
 
-    Attributes:
-        start_s: seconds from the source's beginning; of a bag, from its first message.
-        duration_s: seconds from there; None: to the end.
-        every: only every N-th frame of that part, beginning with the first.
-    """
-
-    start_s: float = 0.0
-    duration_s: float | None = None
-    every: int = 1
+    start_s: float = 0.0  # seconds from the source's beginning; of a bag, from its first message
+    duration_s: float | None = None  # seconds from there; None: to the end
+    every: int = 1  # only every N-th frame of that part, beginning with the first
 
     @property
     def is_part(self) -> bool:

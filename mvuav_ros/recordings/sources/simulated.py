@@ -8,7 +8,13 @@ from urllib.parse import parse_qsl
 import yaml
 
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import (
+    OPTICAL_FRAME,
+    BadFrame,
+    Frame,
+    FrameSource,
+    SourceError,
+)
 from mvuav_ros.simulation.camera import PinholeCamera
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
@@ -20,10 +26,8 @@ PREFIX = 'sim:'
 FRAME_ID = OPTICAL_FRAME
 
 
-class SimulatedFlight:
+class SimulatedFlight(FrameSource):
     """The images of a synthetic flight; its calibration comes along."""
-
-    live = False
 
     def __init__(self, text: str, rate: float | None = None) -> None:
         """Plan the flight.
@@ -51,9 +55,6 @@ class SimulatedFlight:
         """Fly it from the start."""
         for frame in self._flight:
             yield Frame(frame.stamp_ns, FRAME_ID, frame.image, self._camera)
-
-    def close(self) -> None:
-        """Nothing is held open."""
 
 
 def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFlight:

@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 
 from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
-from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.frame import (
+    OPTICAL_FRAME,
+    BadFrame,
+    Frame,
+    FrameSource,
+    SourceError,
+)
 from mvuav_ros.vision.image import Image
 
 DEFAULT_RATE = 30.0
 _SHORTEST_LOSS_S = 0.5
 
 
-class VideoFile:
+class VideoFile(FrameSource):
     """A video file; frames carry their own times, counted from the first, and stand upright."""
-
-    live = False
 
     def __init__(self, path: Path, rate: float | None = None) -> None:
         """Open the file.
@@ -103,9 +107,6 @@ class VideoFile:
             self.errors.append(f'the video ended after {packets} of {self._promised} frames')
         elif self._promised == 0 and end_s < self._duration_s - _SHORTEST_LOSS_S:
             self.errors.append(f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s')
-
-    def close(self) -> None:
-        """Nothing to let go of: `frames` closes what it opens."""
 
 
 class _Stamps:

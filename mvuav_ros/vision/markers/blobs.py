@@ -12,19 +12,14 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
-from mvuav_ros.vision.markers.grouping import (
-    MAX_BRIGHT_FRACTION,
-    MAX_BRIGHT_SMALL_FRAME,
-    GroupingError,
-)
-from mvuav_ros.vision.markers.many_centroids import measure_pixels, measure_windows
+from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, count_bright
+from mvuav_ros.vision.markers.many_centroids import clipped, measure_pixels, measure_windows
 from mvuav_ros.vision.point_operations import Pixels, threshold
 
 MAX_BLOBS = 400
 LONGEST = 3.0
 """Sides of the box around a piece that may still be a light, one over the other."""
-LEAST_FILLED = 0.4
-"""Part of its box that a light fills; a disc fills 0.79."""
+LEAST_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
 class Blob(NamedTuple):
@@ -52,23 +47,15 @@ class Blobs:
             GroupingError: the frame is too bright or too noisy to hold markers.
         """
         mask = threshold(gray, parameters.threshold)
-        bright = cv2.countNonZero(mask)
-        if bright > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
-            share = 100 * bright / mask.size
-            raise GroupingError(f'{share:.0f} % of the frame is above the threshold')
         self._gray = gray
         self._size = (gray.shape[1], gray.shape[0])
         self._chosen = np.empty(0, np.intp)
         self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
-        if bright == 0:
+        if not count_bright(mask):
             return
         count, self._numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
         self._count = count
-        areas = stats[1:, cv2.CC_STAT_AREA]
-        fitting = areas >= parameters.min_area
-        if parameters.max_area:
-            fitting &= areas <= parameters.max_area
-        chosen = np.flatnonzero(fitting)
+        chosen = np.flatnonzero(area_fits(stats[1:, cv2.CC_STAT_AREA], parameters))
         if len(chosen) > MAX_BLOBS:
             raise GroupingError(f'{count - 1} clusters above the threshold')
         self._chosen = chosen + 1
@@ -90,25 +77,12 @@ class Blobs:
     def measure_all(self, level: float, weighted: bool) -> NDArray[np.float64]:
         """All pieces' places, as `measure` finds each of them, in less time than one by one.
 
-        Args:
-            level: threshold, fraction of full scale.
-            weighted: or binary.
-
         Returns:
             (n, 3): x and y (px), area (px).
         """
         measured = np.empty((len(self), 3))
         x, y, width, height, area = self._stats.T.astype(np.intp)
-        right, bottom = self._size[0] - 1, self._size[1] - 1
-        windows = np.stack(
-            (
-                np.maximum(x - 1, 0),
-                np.minimum(x + width, right),
-                np.maximum(y - 1, 0),
-                np.minimum(y + height, bottom),
-            ),
-            axis=-1,
-        )
+        windows = clipped((x - 1, x + width, y - 1, y + height), self._gray)
         # The window around a thin slanting line would be far larger than the line.
         compact = np.flatnonzero((width + 2) * (height + 2) <= 4 * area + 64)
         measured[compact] = measure_windows(self._gray, windows[compact], level, weighted)
@@ -148,14 +122,8 @@ class Blobs:
     ) -> tuple[Detection, Detection]:
         """A piece that is two lights: where each of them is; spread 0, as it is not known.
 
-        Two equal lights at a distance s along a direction have their own variance plus s²/4
-        along it.
-
-        Args:
-            box: the piece.
-            dx: from the first light to the second, roughly, px.
-            dy: likewise.
-            variance: of one light's pixels along any direction, px².
+        Two equal lights at a distance s along a direction have their own variance (px², along any
+        direction) plus s²/4 along it. From the first to the second it is roughly (dx, dy), px.
         """
         own = self._numbers[box.y0 : box.y1 + 1, box.x0 : box.x1 + 1] == box.number
         y, x = np.nonzero(own)

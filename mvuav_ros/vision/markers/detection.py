@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
-from mvuav_ros.vision.markers.grouping import GroupingError, group_mask
+from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, group_mask
 from mvuav_ros.vision.markers.labelling import label_five, roll_of
-from mvuav_ros.vision.markers.many_centroids import measure_windows
+from mvuav_ros.vision.markers.many_centroids import clipped, measure_windows
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,
@@ -26,8 +26,7 @@ from mvuav_ros.vision.point_operations import Pixels, threshold
 
 Array = NDArray[np.float64]
 
-DARK_EDGE = 4.0
-"""px around a light that belong to its window."""
+DARK_EDGE = 4.0  # px around a light that belong to its window
 DOUBTFUL_AREA = 0.5
 """A sixth cluster larger than this part of the fifth could be a marker just as well."""
 
@@ -42,56 +41,29 @@ def find_clusters(image: Image, parameters: MarkerTrackerParameters) -> list[Clu
 
 
 def find_lights(image: Image, parameters: MarkerTrackerParameters) -> Array:
-    """The same as an array, (n, 3): x and y (px), area (px).
-
-    Raises:
-        GroupingError: the frame is too bright or too noisy to hold markers.
-    """
+    """The same as an array, (n, 3): x and y (px), area (px)."""
     gray = image.gray()
     if parameters.by_components:
         lights = Blobs(gray, parameters).measure_all(parameters.threshold, parameters.weighted)
         return np.asarray(lights[np.lexsort((lights[:, 1], lights[:, 0]))])
     lights = group_mask(threshold(gray, parameters.threshold), parameters.grouping_distance)
-    area = lights[:, 2]
-    fitting = area >= parameters.min_area
-    if parameters.max_area:
-        fitting &= area <= parameters.max_area
-    lights = lights[fitting]
+    lights = lights[area_fits(lights[:, 2], parameters)]
     return weigh(gray, lights, parameters.threshold) if parameters.weighted else lights
 
 
 def weigh(gray: Pixels, lights: Array, level: float) -> Array:
-    """The same lights at their places by intensity.
+    """The lights (n, 3) of x, y and area (px) at their places by intensity.
 
     A light with others around it keeps its binary centroid, and so do all of them where they
-    are too many to be looked at one by one.
-
-    Args:
-        gray: (height, width).
-        lights: (n, 3): x and y (px), area (px).
-        level: threshold, fraction of full scale.
+    are too many to be looked at one by one. The level is a fraction of full scale.
     """
     if not 0 < len(lights) <= MAX_BLOBS:
         return lights
     x, y, area = lights.T
     reach = np.sqrt(area / math.pi) + DARK_EDGE
-    height, width = gray.shape
-    windows = np.stack(
-        (
-            np.maximum(np.round(x - reach), 0),
-            np.minimum(np.round(x + reach), width - 1),
-            np.maximum(np.round(y - reach), 0),
-            np.minimum(np.round(y + reach), height - 1),
-        ),
-        axis=-1,
-    )
-    measured = measure_windows(gray, windows.astype(np.intp), level, weighted=True)
+    bounds = np.round((x - reach, x + reach, y - reach, y + reach))
+    measured = measure_windows(gray, clipped(bounds, gray), level, weighted=True)
     return np.where((measured[:, 2] == area)[:, None], measured, lights)
-
-
-def area_fits(area: int, parameters: MarkerTrackerParameters) -> bool:
-    """Whether a cluster of that many pixels may be a marker."""
-    return area >= parameters.min_area and not 0 < parameters.max_area < area
 
 
 def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -118,16 +90,10 @@ def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
         status = f'{len(clusters)} clusters in view, the five largest were used'
         clusters = [clusters[i] for i in sorted(by_area[:5])]
     markers = tuple(
-        Marker(
-            label,
-            MarkerState.DETECTED,
-            x=clusters[index].x,
-            y=clusters[index].y,
-            area=clusters[index].area,
-        )
+        detected(label, clusters[index])
         for label, index in zip(TANKER_LABELS, label_five(clusters), strict=True)
     )
-    return MarkerResult(markers, roll_of(markers), status)
+    return MarkerResult(markers, roll_of(markers[0], markers[-1]), status)
 
 
 def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
@@ -140,7 +106,10 @@ def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResul
         clusters = find_clusters(image, parameters)
     except GroupingError as error:
         return MarkerResult((), status=str(error))
-    markers = tuple(
-        Marker(Label.UNLABELLED, MarkerState.DETECTED, x=c.x, y=c.y, area=c.area) for c in clusters
-    )
+    markers = tuple(detected(Label.UNLABELLED, cluster) for cluster in clusters)
     return MarkerResult(markers, status='' if markers else 'no cluster in view')
+
+
+def detected(label: int, cluster: Cluster) -> Marker:
+    """A cluster as a marker that does not move."""
+    return Marker(label, MarkerState.DETECTED, cluster.x, cluster.y, area=cluster.area)

@@ -10,10 +10,8 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-IMPOSSIBLE = 1e6
-"""The cost of a pair that cannot be, and a distance beyond all others (px)."""
-MOST_CHOICES = 8
-"""Detections, the nearest, that a known light is held against."""
+IMPOSSIBLE = 1e6  # The cost of a pair that cannot be, and a distance beyond all others (px)
+MOST_CHOICES = 8  # Detections, the nearest, that a known light is held against
 _JUMPS_TRIED = 5
 
 
@@ -25,15 +23,10 @@ def nearest_other(places: Array) -> Array:
 
 
 def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Integers]:
-    """The detections near each known light, at most `MOST_CHOICES`.
-
-    Args:
-        predicted: (n, 2) px.
-        seen: (m, 2) px.
-        widest: px, that a light may lie off its prediction.
+    """The detections (m, 2) near each known light (n, 2), px, at most `MOST_CHOICES`.
 
     Returns:
-        (n, k) their distances (px, infinite where there are fewer) and (n, k) their numbers.
+        (n, k) their distances (px, infinite beyond the widest) and (n, k) their numbers.
     """
     count = np.arange(1, min(MOST_CHOICES, len(seen)) + 1)
     apart, number = cKDTree(seen).query(predicted, k=count, distance_upper_bound=widest)

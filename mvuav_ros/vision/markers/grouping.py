@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.results import Cluster
 from mvuav_ros.vision.point_operations import Mask
 
@@ -19,6 +22,12 @@ MAX_CLUSTERS = 1000
 
 class GroupingError(ValueError):
     """The bright pixels are too many to be markers; the message says how many."""
+
+
+def area_fits(area: Any, parameters: MarkerTrackerParameters) -> Any:
+    """Whether a light of so many pixels (or each of an array of them) may be a marker."""
+    most = parameters.max_area or math.inf
+    return (parameters.min_area <= area) & (area <= most)
 
 
 def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -34,7 +43,7 @@ def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         GroupingError: more than 5 % of the frame is bright.
     """
     height = mask.shape[0]
-    if not _count_bright(mask):
+    if not count_bright(mask):
         return np.empty(0, np.int32), np.empty(0, np.int32)
     points = cv2.findNonZero(mask).reshape(-1, 2)
     x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
@@ -69,19 +78,12 @@ def group_pixels(
 
 
 def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
-    """The same of all of a mask's bright pixels.
-
-    Returns:
-        (n, 3): x, y (px) and area (px) of the clusters in scan order of their seeds.
-
-    Raises:
-        GroupingError: more than 5 % of the frame is bright, or there are more than
-            `MAX_CLUSTERS`.
-    """
-    return _group(mask, grouping_distance) if _count_bright(mask) else np.empty((0, 3))
+    """The same of all of a mask's bright pixels: (n, 3), x, y (px) and area (px)."""
+    return _group(mask, grouping_distance) if count_bright(mask) else np.empty((0, 3))
 
 
-def _count_bright(mask: Mask) -> int:
+def count_bright(mask: Mask) -> int:
+    """The number of a mask's bright pixels; raises where they are more than 5 % of the frame."""
     count = cv2.countNonZero(mask)
     if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
         raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
@@ -120,10 +122,7 @@ def _group(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _powers(reach: int) -> NDArray[np.floating]:
-    """(pixels, 3): 1, x and y from the first column and row of a group's window, px.
-
-    Of a type that holds any sum of them exactly.
-    """
+    """(pixels, 3): 1, x, y in a group's window, px; of a type that holds any sum exactly."""
     x, y = np.indices((reach + 1, 2 * reach + 1)).reshape(2, -1)
     powers = np.stack((np.ones(len(x)), x, y), axis=-1)
     return powers.astype(np.float32 if powers.sum(axis=0).max() < 2**24 else np.float64)

@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 
-from mvuav_ros.vision.markers.results import Cluster, Marker, MarkerState
-
-WING_LEFT, WING_RIGHT = 0, 4
+from mvuav_ros.vision.markers.results import Cluster, Marker
 
 
 def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
@@ -18,12 +16,9 @@ def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
     stabilizers; the point that remains is the rudder. Of a pair, left is the one that comes
     first in the scan (the smaller x), so the names hold for roll between -90° and 90°.
 
-    Args:
-        clusters: five, in scan order.
-
     Returns:
-        Indices into ``clusters`` of left wing, left stabilizer, rudder, right stabilizer and
-        right wing.
+        Indices into five clusters in scan order: left wing, left stabilizer, rudder, right
+        stabilizer and right wing.
 
     Raises:
         ValueError: there are not exactly five.
@@ -37,14 +32,8 @@ def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
     return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
 
 
-def roll_of(markers: Sequence[Marker]) -> float:
-    """Roll from the wings (rad): atan2 of right wing minus left wing, right wing down positive.
-
-    NaN while either wing is lost.
-    """
-    left, right = markers[WING_LEFT], markers[WING_RIGHT]
-    if MarkerState.LOST in (left.state, right.state):
-        return math.nan
+def roll_of(left: Marker, right: Marker) -> float:
+    """Roll from the wings (rad), right wing down positive; NaN while either is lost."""
     return math.atan2(right.y - left.y, right.x - left.x)
 
 

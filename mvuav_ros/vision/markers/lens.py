@@ -14,28 +14,20 @@ Array = NDArray[np.float64]
 
 
 class Lens:
-    """From the pixels of an image to those of a camera without distortion, and back.
-
-    Attributes:
-        focal: px, of that camera; None where the camera is not calibrated, whose pixels are taken
-            as they are.
-        centre: (2,), its principal point, px.
-    """
+    """From the pixels of an image to those of a camera without distortion, and back."""
 
     def __init__(self, size: tuple[int, int], camera: CameraModel | None = None) -> None:
-        """Prepare for images of a size.
-
-        Args:
-            size: width and height, px.
-            camera: of images of that size; not used where it is not calibrated for them.
-        """
+        """For images of a size (px); a camera that is not calibrated for them is not used."""
         if camera is not None:
             try:
                 camera.check(*size)
             except CalibrationError:
                 camera = None
         self._camera = camera
+        # px, of that camera; None where the camera is not calibrated, whose pixels are taken as
+        # they are.
         self.focal: float | None = None
+        # (2,), its principal point, px.
         self.centre: Array = np.array((0.5 * (size[0] - 1), 0.5 * (size[1] - 1)))
         self.half_diagonal = math.hypot(*size) / 2
         if camera is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,58 +9,68 @@ import numpy as np
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.blobs import Blob, Blobs, may_be_light
-from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection, cutter
+from mvuav_ros.vision.markers.centroid import CentroidMeter, Detection, cutter
 from mvuav_ros.vision.markers.lens import Lens
 
-ROUND = 1.4
-"""Spread of a spot that may be a light."""
+ROUND = 1.4  # Spread of a spot that may be a light
 LEAST_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
 MOST_MEASURED = 24
 
 
-class Lights:
-    """The spots of a frame that may be lights, measured.
+class Frame:
+    """One image, and how its lights are measured.
 
     Attributes:
-        spots: their places in px without distortion.
-        measured: where the image shows them.
+        image: its pixels.
+        time: its stamp, s.
+        number: of the frame.
+        size: width and height, px.
+        parameters: of the tracker.
+        meter: measures a light.
+        cut: gives parts of the image.
     """
 
     def __init__(
-        self,
-        blobs: Blobs,
-        cut: Cut,
-        meter: CentroidMeter,
-        lens: Lens,
-        around: Sequence[float] = (),
+        self, image: Image, time: float, number: int, parameters: MarkerTrackerParameters
     ) -> None:
+        self.image, self.time, self.number = image, time, number
+        self.size = image.width, image.height
+        self.meter = CentroidMeter(parameters.threshold, parameters.weighted)
+        self.cut = cutter(image)
+        self.parameters = parameters
+
+    @property
+    def earliest(self) -> float:
+        """When a marker out of sight must have been seen to be predicted, s."""
+        return self.time - self.parameters.lost_timeout
+
+
+class Lights:
+    """The spots of a frame that may be lights, measured."""
+
+    def __init__(self, frame: Frame, lens: Lens, around: Sequence[float] = ()) -> None:
         """Measure the lights of a frame.
 
-        Args:
-            blobs: of the frame.
-            cut: gives its intensity.
-            meter: how they are measured.
-            lens: of the camera.
-            around: x and y of places in turn, px: of very many lights the nearest to them are
-                measured; the largest, which tell what is small, if there are none.
+        Of very many the nearest to some places (x and y in turn, px) are measured; the largest,
+        which tell what is small, if there are none.
+
+        Raises:
+            GroupingError: it is too bright or too noisy to hold markers.
         """
+        blobs = Blobs(frame.image.gray(), frame.parameters)
         boxes = [box for box in blobs.boxes if may_be_light(box)]
         if len(boxes) > MOST_MEASURED:
             boxes = _most_useful(boxes, around)
-        measured = [blobs.measure(box, cut, meter) for box in boxes]
-        self.spots = straightened(lens, measured)
-        self.measured = dict(zip(self.spots, measured, strict=True))
+        measured = [blobs.measure(box, frame.cut, frame.meter) for box in boxes]
+        self.spots = straightened(lens, measured)  # their places in px without distortion
+        self.measured = dict(zip(self.spots, measured, strict=True))  # where the image shows them
         self._boxes = dict(zip(self.spots, boxes, strict=True))
         self._blobs = blobs
         self._lens = lens
 
     def __len__(self) -> int:
         return len(self.spots)
-
-    def in_image(self, spot: Detection) -> Detection:
-        """A spot where the image shows it."""
-        return self.measured[spot]
 
     def split(
         self, spot: Detection, dx: float, dy: float, variance: float
@@ -108,51 +117,3 @@ def places_of(found: Mapping[int, Detection]) -> dict[int, tuple[float, float]]:
 def are_close(a: Detection, b: Detection, distance: float) -> bool:
     """Whether two spots lie less than a distance (px) apart."""
     return (a.x - b.x) ** 2 + (a.y - b.y) ** 2 < distance * distance
-
-
-class Frame:
-    """One image, and how its lights are measured.
-
-    Attributes:
-        time: its stamp, s.
-        number: of the frame.
-        size: width and height, px.
-        search_radius: px, of a marker's window.
-        meter: measures a light.
-        cut: gives parts of the image.
-    """
-
-    def __init__(
-        self, image: Image, time: float, number: int, parameters: MarkerTrackerParameters
-    ) -> None:
-        self.time, self.number = time, number
-        self.size = image.width, image.height
-        self.search_radius = parameters.search_radius
-        self.meter = CentroidMeter(parameters.threshold, parameters.weighted)
-        self.cut = cutter(image)
-        self._image = image
-        self._parameters = parameters
-
-    def fits(self, area: int) -> bool:
-        """Whether a light of that many pixels may be a marker."""
-        most = self._parameters.max_area or math.inf
-        return self._parameters.min_area <= area <= most
-
-    @property
-    def earliest(self) -> float:
-        """When a marker out of sight must have been seen to be predicted, s."""
-        return self.time - self._parameters.lost_timeout
-
-    def lights(self, lens: Lens, around: Sequence[float] = ()) -> Lights:
-        """The lights of the whole frame.
-
-        Args:
-            lens: of the camera.
-            around: x and y of places in turn, px: of very many lights the nearest to them are
-                measured; the largest if there are none.
-
-        Raises:
-            GroupingError: it is too bright or too noisy to hold markers.
-        """
-        blobs = Blobs(self._image.gray(), self._parameters)
-        return Lights(blobs, self.cut, self.meter, lens, around)

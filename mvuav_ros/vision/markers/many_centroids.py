@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -15,14 +17,18 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 
+def clipped(bounds: Iterable[NDArray[Any]], gray: Pixels) -> Integers:
+    """Windows (n, 4) of x0, x1, y0, y1 (whole px), as much of them as lies within a frame."""
+    (x0, x1, y0, y1), (height, width) = bounds, gray.shape
+    x0, x1 = np.maximum(x0, 0), np.minimum(x1, width - 1)
+    y0, y1 = np.maximum(y0, 0), np.minimum(y1, height - 1)
+    return np.stack((x0, x1, y0, y1), axis=-1).astype(np.intp)
+
+
 def measure_windows(gray: Pixels, windows: Integers, level: float, weighted: bool) -> Array:
     """Measure the light in every window, as `CentroidMeter.measure` does in one.
 
-    Args:
-        gray: (height, width).
-        windows: (n, 4): x0, x1, y0, y1, inclusive px, within the frame.
-        level: threshold, fraction of full scale.
-        weighted: or binary.
+    Windows (n, 4) are x0, x1, y0, y1, inclusive px, within the frame.
 
     Returns:
         (n, 3): x and y (px; NaN where nothing is bright), area (px).
@@ -68,11 +74,7 @@ def measure_pixels(
 
 
 def _look_into(gray: Pixels, windows: Integers) -> tuple[Integers, Array, Array, Array]:
-    """All windows' pixels, one window after the other.
-
-    Returns:
-        The window's number, the place from its middle (x and y, px), and the intensity.
-    """
+    """All windows' pixels in turn: the window, x and y from its middle (px), and value."""
     x0, x1, y0, y1 = windows.T.astype(np.int32)
     widths, heights = x1 - x0 + 1, y1 - y0 + 1
     sizes = widths * heights

@@ -13,18 +13,15 @@ class Motion:
 
     Times are seconds on the images' own clock: the thesis's program took its processing time
     for the time step, so that one slow frame threw the estimate off by 8 to 10 px.
-
-    Attributes:
-        velocity: px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are
-            two.
-        acceleration: px/s² from the three newest positions (eqs 3.16, 3.17); NaN before there
-            are three. Each velocity belongs to the middle of its interval; with equal time steps
-            this is eq. 3.16 to the letter.
     """
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, float]] = []
+        # px/s between the two newest positions (eqs 3.14, 3.15); NaN before there are two.
         self.velocity: Vector = UNKNOWN
+        # px/s² from the three newest positions (eqs 3.16, 3.17); NaN before there are three. Each
+        # velocity belongs to the middle of its interval; with equal time steps this is eq. 3.16 to
+        # the letter.
         self.acceleration: Vector = UNKNOWN
 
     @property

@@ -32,34 +32,24 @@ class MultiObjectTuning:
     """What tells a known light from a new one.
 
     Chosen on the test scenes and on the two LED videos with three and five lights.
-
-    Attributes:
-        gate: standard deviations from its prediction at which a light is another one.
-        alone: part of the distance to the nearest other light within which a light is itself.
-        widest: px that a light may lie off its prediction, unless all jump together.
-        same_jump: px by which lights that jump together may differ.
-        size_weight: of the logarithm of a change in size; a light that changes its size is
-            likelier to be another one.
-        size_offset: px that soften that for the smallest lights.
-        size_memory: per sighting, of a light's usual size.
-        confirmed: sightings from which a light is more than a speck.
-        most_tentative: specks out of sight that are kept; with all of the following, so that
-            noise in every frame costs little more than in one.
-        most_voters: lights that are asked whether all have jumped.
-        most: lights that are kept.
     """
 
-    gate: float = 4.0
+    gate: float = 4.0  # standard deviations from its prediction at which a light is another one
+    # Part of the distance to the nearest other light within which a light is itself.
     alone: float = 0.45
-    widest: float = 60.0
-    same_jump: float = 5.0
+    widest: float = 60.0  # px that a light may lie off its prediction, unless all jump together
+    same_jump: float = 5.0  # px by which lights that jump together may differ
+    # Of the logarithm of a change in size; a light that changes its size is likelier to be another
+    # one.
     size_weight: float = 3.0
-    size_offset: float = 4.0
-    size_memory: float = 0.8
-    confirmed: int = 3
+    size_offset: float = 4.0  # px that soften that for the smallest lights
+    size_memory: float = 0.8  # per sighting, of a light's usual size
+    confirmed: int = 3  # sightings from which a light is more than a speck
+    # Specks out of sight that are kept; with all of the following, so that noise in every frame
+    # costs little more than in one.
     most_tentative: int = 50
-    most_voters: int = 40
-    most: int = 400
+    most_voters: int = 40  # lights that are asked whether all have jumped
+    most: int = 400  # lights that are kept
 
 
 TUNING = MultiObjectTuning()
@@ -84,13 +74,7 @@ class MultiObjectTracker:
         self._newest_id = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
-        """Find the lights of the next frame.
-
-        Args:
-            image: the frame.
-            time: its stamp, s, later than the last frame's.
-            parameters: may change from frame to frame.
-        """
+        """Find the lights of the next frame, of a later time (s) than the last one."""
         predicted = np.array(self._motion.predict(time, parameters.prediction)).reshape(-1, 2)
         status = ''
         try:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -20,13 +23,7 @@ class Label(IntEnum):
     UNLABELLED = 255
 
 
-TANKER_LABELS = (
-    Label.LEFT_WING,
-    Label.LEFT_STABILIZER,
-    Label.RUDDER,
-    Label.RIGHT_STABILIZER,
-    Label.RIGHT_WING,
-)
+TANKER_LABELS = tuple(Label)[: Label.RIGHT_WING + 1]
 TANKER_NAMES = tuple(label.name.lower() for label in TANKER_LABELS)
 
 
@@ -54,8 +51,30 @@ class Window(NamedTuple):
     y0: int
     y1: int
 
+    @classmethod
+    def around(cls, x: float, y: float, radius: int, size: tuple[int, int]) -> Window:
+        """2 radius + 1 px on a side around any position, in an image of a size (all px).
+
+        The centre is rounded to the nearest pixel, halves up; a hair below a half counts as one,
+        since stamps of whole nanoseconds make equal time steps unequal in the eighth digit.
+        """
+        if not (-FAR_OFF < x < FAR_OFF and -FAR_OFF < y < FAR_OFF):
+            return NO_WINDOW
+        column, row = math.floor(x + 0.50001), math.floor(y + 0.50001)
+        x0, x1, y0, y1 = column - radius, column + radius, row - radius, row + radius
+        right, bottom = size[0] - 1, size[1] - 1
+        # Conditions, as min and max take several times as long.
+        return cls(
+            x0 if x0 > 0 else 0,
+            x1 if x1 < right else right,
+            y0 if y0 > 0 else 0,
+            y1 if y1 < bottom else bottom,
+        )
+
 
 NO_WINDOW = Window(0, -1, 0, -1)
+FAR_OFF = 1e6
+"""px, beyond which a prediction tells nothing."""
 
 
 class Marker(NamedTuple):
@@ -104,3 +123,11 @@ class MarkerResult:
     predictions: tuple[tuple[float, float], ...] = ()
     has_wings: bool = True
     ids: tuple[int, ...] = ()
+
+
+def counts_of(markers: Sequence[Marker]) -> str:
+    """How many are in each state, in words."""
+    counts = Counter(marker.state for marker in markers)
+    return ', '.join(
+        f'{counts[state]} {state.name.lower()}' for state in MarkerState if counts[state]
+    )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 
 import cv2
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
-from mvuav_ros.vision.markers.detection import area_fits, detect
+from mvuav_ros.vision.markers.detection import detect, detected
+from mvuav_ros.vision.markers.grouping import area_fits
 from mvuav_ros.vision.markers.labelling import roll_of
 from mvuav_ros.vision.markers.motion import Motion
 from mvuav_ros.vision.markers.results import (
@@ -18,15 +18,16 @@ from mvuav_ros.vision.markers.results import (
     NO_WINDOW,
     TANKER_LABELS,
     Cluster,
+    Label,
     Marker,
     MarkerResult,
     MarkerState,
     Window,
+    counts_of,
 )
 from mvuav_ros.vision.point_operations import threshold
 
-WHOLE_FRAMES = 3
-"""Frames searched whole before tracking: an acceleration needs three positions."""
+WHOLE_FRAMES = 3  # Frames searched whole before tracking: an acceleration needs three positions
 
 
 class ThesisTracker:
@@ -48,13 +49,7 @@ class ThesisTracker:
         self._whole_frames = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
-        """Find the five markers in the next frame.
-
-        Args:
-            image: the frame.
-            time: its stamp, s, later than the last frame's.
-            parameters: may change from frame to frame.
-        """
+        """Find the five markers in the next frame, of a later time (s) than the last one."""
         if self._whole_frames < WHOLE_FRAMES:
             return self._search_whole_frame(image, time, parameters)
         result = self._search_windows(image, time, parameters)
@@ -81,60 +76,39 @@ class ThesisTracker:
         markers = []
         for marker, motion in zip(found.markers, self._motions, strict=True):
             motion.add(time, marker.x, marker.y)
-            markers.append(
-                _seen(marker.label, Cluster(marker.x, marker.y, int(marker.area)), motion)
-            )
+            markers.append(_moving(marker, motion))
         return MarkerResult(tuple(markers), found.roll, found.status)
 
     def _search_windows(
         self, image: Image, time: float, parameters: MarkerTrackerParameters
     ) -> MarkerResult:
-        markers: list[Marker] = []
-        windows: list[Window] = []
-        predictions: list[tuple[float, float]] = []
-        for index, motion in enumerate(self._motions):
-            if self._lost[index]:
-                markers.append(LOST_TANKER[index])
-                windows.append(NO_WINDOW)
-                predictions.append((math.nan, math.nan))
-                continue
-            x, y = motion.predict(time, parameters.prediction, self._unseen[index])
-            window = window_around(x, y, parameters.search_radius, image.width, image.height)
-            cluster = measure_window(image, window, parameters)
-            label = TANKER_LABELS[index]
-            if cluster is not None:
-                motion.add(time, cluster.x, cluster.y)
-                self._unseen[index] = 0
-                marker = _seen(label, cluster, motion)
-            elif time - motion.last_seen > parameters.lost_timeout:
-                self._lost[index] = True
-                marker = LOST_TANKER[index]
-            else:
-                self._unseen[index] += 1
-                marker = Marker(
-                    label, MarkerState.PREDICTED, x, y, *motion.velocity, *motion.acceleration
-                )
-            markers.append(marker)
-            windows.append(window)
-            predictions.append((x, y))
-        return MarkerResult(
-            tuple(markers), roll_of(markers), _status(markers), tuple(windows), tuple(predictions)
-        )
+        rows = [self._look_for(label, image, time, parameters) for label in TANKER_LABELS]
+        markers, windows, predictions = zip(*rows, strict=True)
+        complete = all(marker.state is MarkerState.DETECTED for marker in markers)
+        status = '' if complete else counts_of(markers)
+        return MarkerResult(markers, roll_of(markers[0], markers[-1]), status, windows, predictions)
 
-
-def window_around(x: float, y: float, radius: int, width: int, height: int) -> Window:
-    """The window of 2 radius + 1 px on a side around a position (px), clipped to the image.
-
-    The centre is rounded to the nearest pixel, halves up; a hair below a half counts as one,
-    since stamps of whole nanoseconds make equal time steps unequal in the eighth digit.
-    """
-    column, row = math.floor(x + 0.5 + 1e-5), math.floor(y + 0.5 + 1e-5)
-    return Window(
-        max(column - radius, 0),
-        min(column + radius, width - 1),
-        max(row - radius, 0),
-        min(row + radius, height - 1),
-    )
+    def _look_for(
+        self, label: Label, image: Image, time: float, parameters: MarkerTrackerParameters
+    ) -> tuple[Marker, Window, tuple[float, float]]:
+        """One marker, its window, and where it was expected."""
+        if self._lost[label]:
+            return LOST_TANKER[label], NO_WINDOW, (math.nan, math.nan)
+        motion = self._motions[label]
+        x, y = motion.predict(time, parameters.prediction, self._unseen[label])
+        window = Window.around(x, y, parameters.search_radius, (image.width, image.height))
+        cluster = measure_window(image, window, parameters)
+        if cluster is not None:
+            motion.add(time, cluster.x, cluster.y)
+            self._unseen[label] = 0
+            marker = detected(label, cluster)
+        elif time - motion.last_seen > parameters.lost_timeout:
+            self._lost[label] = True
+            return LOST_TANKER[label], window, (x, y)
+        else:
+            self._unseen[label] += 1
+            marker = Marker(label, MarkerState.PREDICTED, x, y)
+        return _moving(marker, motion), window, (x, y)
 
 
 def measure_window(
@@ -160,22 +134,6 @@ def measure_window(
     return Cluster(x0 + moments['m10'] / mass, y0 + moments['m01'] / mass, area)
 
 
-def _seen(label: int, cluster: Cluster, motion: Motion) -> Marker:
-    return Marker(
-        label,
-        MarkerState.DETECTED,
-        cluster.x,
-        cluster.y,
-        *motion.velocity,
-        *motion.acceleration,
-        cluster.area,
-    )
-
-
-def _status(markers: list[Marker]) -> str:
-    if all(marker.state is MarkerState.DETECTED for marker in markers):
-        return ''
-    states = Counter(marker.state for marker in markers)
-    return ', '.join(
-        f'{states[state]} {state.name.lower()}' for state in MarkerState if states[state]
-    )
+def _moving(marker: Marker, motion: Motion) -> Marker:
+    label, state, x, y, *_, area = marker
+    return Marker(label, state, x, y, *motion.velocity, *motion.acceleration, area)

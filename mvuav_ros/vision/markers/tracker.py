@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
     Tracker = ThesisTracker | IdentityTracker | MultiObjectTracker
 
-AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'
-"""Channels of a colour image."""
-WITHOUT_MEMORY = ('detect', 'detect_any')
-"""Modes that take each frame by itself."""
+AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'  # Channels of a colour image
+WITHOUT_MEMORY = ('detect', 'detect_any')  # Modes that take each frame by itself
 
 
 class MarkerTracker:

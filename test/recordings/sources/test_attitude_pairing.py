@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mvuav_ros.recordings.sources.attitude_pairing import MOST_HELD, AttitudePairing
+from mvuav_ros.recordings.sources.pairing import MOST_HELD, AttitudePairing
 from mvuav_ros.vision.approach.attitude import Attitude
 
 MS = 1_000_000
@@ -27,10 +27,10 @@ def taken(pairing, *, wait):
 
 def test_it_is_interpolated_to_the_images_stamp():
     pairing = AttitudePairing()
-    pairing.add_attitude(100 * MS, rolled(10.0))
+    pairing.add_info(100 * MS, rolled(10.0))
     pairing.add_image(105 * MS, 'image')
     assert taken(pairing, wait=True) == []
-    pairing.add_attitude(120 * MS, rolled(30.0))
+    pairing.add_info(120 * MS, rolled(30.0))
     ((attitude, image),) = taken(pairing, wait=True)
     assert image == 'image'
     assert roll_of(attitude) == pytest.approx(15.0, abs=0.05)
@@ -39,8 +39,8 @@ def test_it_is_interpolated_to_the_images_stamp():
 def test_opposite_quaternions_are_the_same_attitude():
     pairing = AttitudePairing()
     one = rolled(10.0)
-    pairing.add_attitude(0, one)
-    pairing.add_attitude(20 * MS, Attitude(-one.x, -one.y, -one.z, -one.w))
+    pairing.add_info(0, one)
+    pairing.add_info(20 * MS, Attitude(-one.x, -one.y, -one.z, -one.w))
     pairing.add_image(10 * MS, 0)
     assert roll_of(taken(pairing, wait=True)[0][0]) == pytest.approx(10.0)
 
@@ -48,13 +48,13 @@ def test_opposite_quaternions_are_the_same_attitude():
 def test_the_order_of_arrival_does_not_matter():
     early, late = AttitudePairing(), AttitudePairing()
     for stamp in range(0, 200, 20):
-        early.add_attitude(stamp * MS, rolled(stamp))
+        early.add_info(stamp * MS, rolled(stamp))
     results = []
     for stamp in (33, 66, 99):
         early.add_image(stamp * MS, stamp)
         late.add_image(stamp * MS, stamp)
     for stamp in range(0, 200, 20):
-        late.add_attitude(stamp * MS, rolled(stamp))
+        late.add_info(stamp * MS, rolled(stamp))
         results += taken(late, wait=True)
     assert results == taken(early, wait=True)
 
@@ -64,17 +64,17 @@ def test_the_order_of_arrival_does_not_matter():
 )
 def test_a_gap_or_a_stale_attitude_is_none(before, after, known):
     pairing = AttitudePairing()
-    pairing.add_attitude(before * MS, rolled(1.0))
+    pairing.add_info(before * MS, rolled(1.0))
     if after is not None:
-        pairing.add_attitude(after * MS, rolled(1.0))
+        pairing.add_info(after * MS, rolled(1.0))
     pairing.add_image(100 * MS, 0)
     assert (taken(pairing, wait=False)[0][0] is not None) is known
 
 
 def test_a_sensor_that_says_that_it_knows_none_is_believed():
     pairing = AttitudePairing()
-    pairing.add_attitude(0, rolled(1.0))
-    pairing.add_attitude(20 * MS, None)
+    pairing.add_info(0, rolled(1.0))
+    pairing.add_info(20 * MS, None)
     pairing.add_image(10 * MS, 0)
     assert taken(pairing, wait=True) == [(None, 0)]
 
@@ -91,8 +91,8 @@ def test_images_do_not_wait_for_ever():
 
 def test_a_jump_back_forgets_the_future():
     pairing = AttitudePairing()
-    pairing.add_attitude(1000 * MS, rolled(50.0))
-    pairing.add_attitude(0, rolled(1.0))
+    pairing.add_info(1000 * MS, rolled(50.0))
+    pairing.add_info(0, rolled(1.0))
     pairing.add_image(10 * MS, 0)
     assert taken(pairing, wait=True) == []
     assert roll_of(taken(pairing, wait=False)[0][0]) == pytest.approx(1.0)

@@ -1,6 +1,6 @@
 """Images wait for the calibration of their own stamp, though not for ever."""
 
-from mvuav_ros.recordings.sources.stamp_pairing import MOST_HELD, StampPairing
+from mvuav_ros.recordings.sources.pairing import MOST_HELD, StampPairing
 
 
 def taken(pairing, wait=True):

@@ -9,8 +9,7 @@ from support.marker_scenes import draw, image, tanker_at
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.motion import Motion
-from mvuav_ros.vision.markers.results import Label, MarkerState
-from mvuav_ros.vision.markers.thesis_tracker import window_around
+from mvuav_ros.vision.markers.results import Label, MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 LOST, DETECTED, PREDICTED = MarkerState.LOST, MarkerState.DETECTED, MarkerState.PREDICTED
@@ -122,10 +121,10 @@ def test_a_window_that_leaves_the_image_is_clipped():
 
 
 def test_windows_are_rounded_and_clipped():
-    assert window_around(100.5, 99.49, 10, 640, 480) == (91, 111, 89, 109)
-    assert window_around(3, 478, 10, 640, 480) == (0, 13, 468, 479)
-    assert window_around(637, 2, 10, 640, 480) == (627, 639, 0, 12)
-    outside = window_around(-50, 20, 10, 640, 480)
+    assert Window.around(100.5, 99.49, 10, (640, 480)) == (91, 111, 89, 109)
+    assert Window.around(3, 478, 10, (640, 480)) == (0, 13, 468, 479)
+    assert Window.around(637, 2, 10, (640, 480)) == (627, 639, 0, 12)
+    outside = Window.around(-50, 20, 10, (640, 480))
     assert outside.x1 < outside.x0
 
 

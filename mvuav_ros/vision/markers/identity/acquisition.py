@@ -30,26 +30,18 @@ from mvuav_ros.vision.markers.view.weak_perspective import (
     Y,
 )
 
-ANY_ROLL = 1.6
-"""rad, 1 sigma: at the start an upright body is likelier than one upside down."""
-TILT = 0.4
-"""rad, 1 sigma: the camera looks at the body from behind, give or take."""
-BARREL_DEVIATION = 0.1
-"""1 sigma, of what a lens that is not calibrated does at half the diagonal."""
-MODEL_ERROR = 0.004
-"""By how much a body may differ from its rig, in units of its size (1 sigma)."""
-DOUBT = 6.0
-"""Two ways of naming the lights whose costs differ by less than this are both possible."""
+ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down
+TILT = 0.4  # rad, 1 sigma: the camera looks at the body from behind, give or take
+BARREL_DEVIATION = 0.1  # 1 sigma, of what a lens that is not calibrated does at half the diagonal
+MODEL_ERROR = 0.004  # By how much a body may differ from its rig, in units of its size (1 sigma)
+DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 MAX_CANDIDATES = 12
 _USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
 across), and how far its logarithm may be off (1 sigma)."""
-_REACH = 0.17
-"""How far from its expected place a light is looked for, in units of the body's size."""
-_ROUGH = 0.02
-"""The same, 1 sigma, where three lights tell the view."""
-_MOST_TILTED = 1.2
-"""rad, from straight behind."""
+_REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
+_ROUGH = 0.02  # The same, 1 sigma, where three lights tell the view
+_MOST_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
@@ -58,17 +50,11 @@ _TRIED_AMONG_MANY = 10
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """One way of naming the lights.
+    """One way of naming the lights."""
 
-    Attributes:
-        chosen: (n,), for each of the body's lights the index of the spot.
-        view: fitted to them.
-        cost: the less, the more probable.
-    """
-
-    chosen: tuple[int, ...]
-    view: ViewState
-    cost: float
+    chosen: tuple[int, ...]  # (n,), for each of the body's lights the index of the spot
+    view: ViewState  # fitted to them
+    cost: float  # the less, the more probable
 
 
 def guess_start(
@@ -79,14 +65,9 @@ def guess_start(
 ) -> list[Guess]:
     """All probable ways of seeing the whole body in a number of spots, most probable first.
 
-    Three markers are tried on all threes of spots, in every order; the two views of each that
-    follow tell where the other markers are, and the best are fitted.
-
-    Args:
-        shape: the body.
-        spots: at most `MAX_CANDIDATES`, px without distortion.
-        roll: expected, rad.
-        roll_deviation: of that (1 sigma, rad).
+    Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
+    distortion), in every order; the two views of each that follow tell where the other markers
+    are, and the best are fitted. The roll is the expected one, with its deviation (1 sigma), rad.
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])
     starts = _rough_guesses(shape, places, roll, roll_deviation)

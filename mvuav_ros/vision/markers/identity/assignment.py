@@ -9,10 +9,8 @@ from typing import NamedTuple
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.acquisition import DOUBT
 
-GATE = 16.0
-"""Squared distance over variance at which a light is too far from a marker's place."""
-NOTHING = GATE + DOUBT
-"""What it costs to leave a marker without a light."""
+GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
+NOTHING = GATE + DOUBT  # What it costs to leave a marker without a light
 MOST_WAYS = 1000
 
 
@@ -33,13 +31,8 @@ def assign(
 ) -> dict[int, Detection]:
     """Name the spots that lie where exactly one marker is expected.
 
-    All ways of giving the spots to the markers are weighed; a marker is named where every way
-    that costs little more than the best gives it the same spot.
-
-    Args:
-        expected: the markers that have no spot yet.
-        spots: that have no name yet.
-        fits: leaves out what cannot be.
+    All ways of giving the spots to the markers that ``fits`` does not rule out are weighed; a
+    marker is named where every way that costs little more than the best gives it the same spot.
     """
     costs: dict[int, dict[int, float]] = {}
     for marker, place in expected.items():

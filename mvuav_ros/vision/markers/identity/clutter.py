@@ -1,4 +1,4 @@
-"""Lights that have stood about without a name: no markers that return."""
+"""Lights that are no markers: those long without a name, and those that lost one."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 
-STRANGE = 3
-"""Frames without a name after which a light is a stranger."""
-REMEMBERED = 150
-"""Frames for which lights may be strangers after one has been seen."""
-STRANGER_STEP = 8.0
-"""px that a stranger may move in a frame, as the camera shakes."""
+STRANGE = 3  # Frames without a name after which a light is a stranger
+REMEMBERED = 150  # Frames for which lights may be strangers after one has been seen
+STRANGER_STEP = 8.0  # px that a stranger may move in a frame, as the camera shakes
+REJECTED_FOR = 45  # Frames for which a light is not taken again for the marker that it was not
+STEP = 10.0  # px that it may move in a frame
+RELEASED = 2.0
+"""Deviations within which it lies where the others put the marker: then it is the marker."""
+SURE = 5.0  # px (1 sigma): how well that place must be known
 
 
 class Clutter:
@@ -31,36 +33,23 @@ class Clutter:
 
     def include(self, spot: Detection) -> bool:
         """Whether a light has stood there, or close by, for long."""
-        return any(
-            age >= STRANGE and abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-            for x, y, age in self._seen
-        )
+        return any(age >= STRANGE and _is_beside(spot, x, y) for x, y, age in self._seen)
 
     def is_stranger(self, spot: Detection) -> bool:
         """Whether a light was there already while all markers were elsewhere."""
-        return any(
-            abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-            for x, y in self._strangers
-        )
+        return any(_is_beside(spot, x, y) for x, y in self._strangers)
 
     def update(
         self, spots: Sequence[Detection], expected: Mapping[int, Expectation] | None
     ) -> None:
         """Take the lights of a frame that got no name.
 
-        Args:
-            spots: those lights.
-            expected: where the markers without a light should be; what lies far from all of them
-                is none. None where the body is out of sight: then only what was clutter before
-                is followed.
+        What lies far from all places where markers without a light are expected is none. Where the
+        body is out of sight (None), only what was clutter before is followed.
         """
         seen = []
         for spot in spots:
-            ages = [
-                age
-                for x, y, age in self._seen
-                if abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
-            ]
+            ages = [age for x, y, age in self._seen if _is_beside(spot, x, y)]
             if expected is not None:
                 near = any(_may_be_at(spot, place) for place in expected.values())
                 ages.append(0 if near else max(ages, default=0) + STRANGE)
@@ -74,6 +63,55 @@ class Clutter:
         self._frames_without = 0 if strange else self._frames_without + 1
 
 
+class Rejections:
+    """For each marker the light that others contradicted, followed by its place.
+
+    Without this the light would get the name back in the next frame, as it is still near.
+    """
+
+    def __init__(self) -> None:
+        self._lights: dict[int, tuple[Detection, int]] = {}
+
+    def __bool__(self) -> bool:
+        """Whether any light is remembered."""
+        return bool(self._lights)
+
+    def add(self, marker: int, light: Detection) -> None:
+        """This light is not that marker."""
+        self._lights[marker] = light, REJECTED_FOR
+
+    def clear(self) -> None:
+        """All names are new."""
+        self._lights.clear()
+
+    def concern(self, marker: int, light: Detection) -> bool:
+        """Whether this is the light that was not that marker."""
+        return marker in self._lights and _apart(self._lights[marker][0], light) < STEP
+
+    def follow(self, lights: list[Detection], expected: Mapping[int, Expectation]) -> None:
+        """Go on to the next frame's lights; expected are the markers without one (px, ideal)."""
+        kept: dict[int, tuple[Detection, int]] = {}
+        for marker, (light, left) in self._lights.items():
+            near = min(lights, key=lambda other: _apart(light, other), default=light)
+            near = near if _apart(light, near) < STEP else light
+            place = expected.get(marker)
+            if place is not None and place.deviation < SURE:
+                away = math.hypot(near.x - place.x, near.y - place.y)
+                if away < RELEASED * place.deviation:
+                    continue
+            if left > 1 and place is not None:
+                kept[marker] = near, left - 1
+        self._lights = kept
+
+
+def _is_beside(spot: Detection, x: float, y: float) -> bool:
+    return abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
+
+
 def _may_be_at(spot: Detection, place: Expectation) -> bool:
     reach = STRANGER_STEP + 4.0 * place.deviation
     return math.hypot(spot.x - place.x, spot.y - place.y) < reach
+
+
+def _apart(a: Detection, b: Detection) -> float:
+    return math.hypot(a.x - b.x, a.y - b.y)

@@ -22,49 +22,38 @@ class FaultTuning:
     Chosen on seeds 0 to 29 of flights of bare lights (`simulation.light_flights`) and on the
     simulator's docking approaches; `protected_by_few` and `fitting` on seeds 9000 to 9029 and 9500
     to 9529.
-
-    Attributes:
-        gate: squared distance over variance from which on a marker contradicts the others.
-        doubt: two explanations whose costs differ by less than this are both possible.
-        fewest_firm: markers, without which none can be doubted.
-        allowance: of a squared distance over variance, per frame: what is more is evidence.
-        enough: evidence from which on a marker contradicts the others.
-        most_evidence: to which the evidence against any marker can add up.
-        forgetting: per frame, of the evidence against a marker that is out of sight.
-        doubtful_share: of the evidence against the worst marker, by which another must have
-            less so that it is not a suspect as well.
-        contested: evidence that a marker has against it that was out of sight shortly before.
-        protected: px (1 sigma), of a marker's place by the others, up to which they would
-            contradict another light there.
-        protected_by_few: the same where too few are in sight to tell each other's places later.
-        fewest_telling: markers not out of sight before, by which alone others' places are told.
-        fewest_agreeing: markers that tell each other's places.
-        upset: by which all variances grow where what is seen makes no sense.
-        free: by which they grow to find out whether it is only the motion that was not foreseen.
-        fewest_free: coordinates for that.
-        fitting: squared residuals over their variances up to which markers then fit the rig, which
-            are more than can fit any other.
-        fitting_few: the same of as few as can tell.
     """
 
+    # Squared distance over variance from which on a marker contradicts the others.
     gate: float = 16.0
-    doubt: float = 6.0
-    fewest_firm: int = 3
+    doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
+    fewest_firm: int = 3  # markers, without which none can be doubted
+    # Of a squared distance over variance, per frame: what is more is evidence.
     allowance: float = 6.0
-    enough: float = 20.0
-    most_evidence: float = 100.0
-    forgetting: float = 0.9
+    enough: float = 20.0  # evidence from which on a marker contradicts the others
+    most_evidence: float = 100.0  # to which the evidence against any marker can add up
+    forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
+    # Of the evidence against the worst marker, by which another must have less so that it is not a
+    # suspect as well.
     doubtful_share: float = 0.1
+    # Evidence that a marker has against it that was out of sight shortly before.
     contested: float = 50.0
+    # px (1 sigma), of a marker's place by the others, up to which they would contradict another
+    # light there.
     protected: float = 4.0
+    # The same where too few are in sight to tell each other's places later.
     protected_by_few: float = 1.3
+    # Markers not out of sight before, by which alone others' places are told.
     fewest_telling: int = 2
-    fewest_agreeing: int = 4
-    upset: float = 4.0
+    fewest_agreeing: int = 4  # markers that tell each other's places
+    upset: float = 4.0  # by which all variances grow where what is seen makes no sense
+    # By which they grow to find out whether it is only the motion that was not foreseen.
     free: float = 1e3
-    fewest_free: int = 8
+    fewest_free: int = 8  # coordinates for that
+    # Squared residuals over their variances up to which markers then fit the rig, which are more
+    # than can fit any other.
     fitting: float = 12.0
-    fitting_few: float = 4.0
+    fitting_few: float = 4.0  # the same of as few as can tell
 
 
 TUNING = FaultTuning()
@@ -73,18 +62,12 @@ _PAIRS_UP_TO = 8
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """What a set of named lights agrees on.
+    """What a set of named lights agrees on."""
 
-    Attributes:
-        view: by the markers that agree.
-        kept: those markers.
-        dropped: the ones that contradict them.
-        suspects: one of which, or some, must be another light; which ones, later frames tell.
-    """
-
-    view: ViewState
-    kept: tuple[int, ...]
-    dropped: tuple[int, ...] = ()
+    view: ViewState  # by the markers that agree
+    kept: tuple[int, ...]  # those markers
+    dropped: tuple[int, ...] = ()  # the ones that contradict them
+    # one of which, or some, must be another light; which ones, later frames tell.
     suspects: tuple[int, ...] = ()
 
 
@@ -94,17 +77,14 @@ class FaultDetector:
     How far a marker lies from where the filter that ignores it expects it, frame after frame, is
     the evidence that it is another light; and when that is enough, that filter has not been led
     astray by it.
-
-    Attributes:
-        views: how the rig is seen.
-        contested: markers that were out of sight or not alone shortly before, whose lights may
-            be others; where enough others are not, they hardly take part.
-        jumps: evidence that markers' lights are others since a moment ago (see `Jumps`).
     """
 
     def __init__(self, views: ViewFilter) -> None:
-        self.views = views
+        self.views = views  # how the rig is seen
+        # Markers that were out of sight or not alone shortly before, whose lights may be others;
+        # where enough others are not, they hardly take part.
         self.contested: set[int] = set()
+        # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._evidence: Array = np.zeros(views.doubted)
         self._corrected: tuple[object, Correction] | None = None
@@ -163,10 +143,7 @@ class FaultDetector:
         return self._greedy(found)
 
     def _moved_oddly(self, found: Mapping[int, Point]) -> bool:
-        """Whether markers never out of sight fit the rig, though not where the view expected them.
-
-        Then it is the motion that was not foreseen, which the view is told.
-        """
+        """Whether all fit the rig but not where expected: a motion not foreseen, now told."""
         if 2 * len(found) < TUNING.fewest_free:
             return False
         before = self.views.bank
@@ -208,7 +185,7 @@ class FaultDetector:
             kept = tuple(m for m in found if m not in suspects)
             return Consensus(correction.view(1 + worst), kept, (), suspects)
         kept = tuple(m for m in found if m != worst)
-        self.views.believe(1 + worst)
+        self.views.bank = self.views.bank.all_as(1 + worst)
         self._evidence = 0 * self._evidence
         return Consensus(self.views.look({m: found[m] for m in kept}), kept, (worst,))
 
@@ -252,12 +229,10 @@ class FaultDetector:
     def unverified(
         self, found: Mapping[int, Point], returned: Collection[int], contested: Collection[int] = ()
     ) -> set[int]:
-        """Which markers lie where the others do not tell their places.
+        """Which of the markers found lie where the others do not tell their places.
 
-        Args:
-            found: the markers, px without distortion.
-            returned: those that were out of sight shortly before.
-            contested: those that were not alone shortly before; they count where few are in sight.
+        Asked are those that were out of sight shortly before, and where few are in sight also those
+        that were not alone.
         """
         few = len(found) < TUNING.fewest_agreeing
         asked = {*returned, *contested} if few else set(returned)

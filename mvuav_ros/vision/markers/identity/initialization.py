@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,13 +18,12 @@ from mvuav_ros.vision.markers.identity.acquisition import (
     guess_start,
 )
 from mvuav_ros.vision.markers.labelling import label_five
-from mvuav_ros.vision.markers.lights import Lights
+from mvuav_ros.vision.markers.lights import Lights, are_close
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.view.fit import NamedPlaces, fit
 from mvuav_ros.vision.markers.view.weak_perspective import ViewState, WeakPerspective, X, Y
 
-MOST_RATIO = 8.0
-"""Areas of a body's largest and smallest marker, one over the other."""
+MOST_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 LONE_MISFIT = 0.06
@@ -31,28 +31,26 @@ LONE_MISFIT = 0.06
 not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
-OTHER_BODY_MISFIT = 0.15
-"""The same for five lights that the thesis's assumption alone must name."""
+OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
+LONGEST_REST = 15  # Frames between two attempts to name lights that could not be named, at most
+CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
+CONFIRMED_ODD = 10
+"""The same where one of the lights may well be another one, which by then has gone elsewhere."""
+SAME_MISFIT = (0.2, 0.25)
+"""px, and part of it, by which the misfit may change meanwhile: that of a rig measured badly stays,
+that of a light that is no marker does not."""
 
 
 class Named(NamedTuple):
-    """All markers of a body, by name.
+    """All markers of a body, by name."""
 
-    Attributes:
-        spots: in the rig's order, px without distortion; empty if they cannot be named.
-        view: fitted to them.
-        certain: whether one frame is enough to believe it.
-        fits: whether the body is what its rig says.
-        odd: whether one of the lights may well be another one.
-        remark: why they cannot be named, or what was left out.
-    """
-
+    # in the rig's order, px without distortion; empty if they cannot be named.
     spots: tuple[Detection, ...] = ()
-    view: ViewState | None = None
-    certain: bool = False
-    fits: bool = True
-    odd: bool = False
-    remark: str = ''
+    view: ViewState | None = None  # fitted to them
+    certain: bool = False  # whether one frame is enough to believe it
+    fits: bool = True  # whether the body is what its rig says
+    odd: bool = False  # whether one of the lights may well be another one
+    remark: str = ''  # why they cannot be named, or what was left out
 
 
 def initialize(
@@ -63,13 +61,8 @@ def initialize(
 ) -> Named:
     """Name a whole body of which no marker is known.
 
-    Args:
-        shape: the body.
-        lights: of the frame.
-        names: the markers'.
-        before: the roll before a loss and how far it may have changed (1 sigma, rad); None at
-            the start, when an upright body is likelier than one upside down, and how exact the
-            rig is must be seen.
+    Before a loss it had a roll, which may have changed (1 sigma, rad); at the start (None) an
+    upright body is likelier than one upside down, and how exact the rig is must be seen.
     """
     count = len(names)
     spots = lights.candidates(count)
@@ -126,3 +119,48 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     if view.misfit > OTHER_BODY_MISFIT * view.scale:
         return None
     return Named(chosen, view, True, False)
+
+
+@dataclass
+class Attempts:
+    """When to name a whole body: the more often that failed, the less often it is tried."""
+
+    count: int  # markers of the body
+    agreed: int = 0  # frames in a row that named the body alike
+    last: tuple[Detection, ...] = ()  # places of its markers in the last one
+    _failures: int = 0
+    _rest: int = 0
+    _lights: int = 0
+    _first_misfit: float = 0.0
+
+    def due(self, lights: int) -> bool:
+        """Whether to try in this frame: another number of lights may be what was waited for."""
+        if lights != self._lights:
+            complete = self._lights < self.count <= lights
+            self._lights, self._rest = lights, 0 if complete else min(self._rest, 1)
+        self._rest -= 1
+        return self._rest < 0
+
+    def fail(self) -> None:
+        """No way of naming the lights stood out."""
+        self.agreed, self.last = 0, ()
+        self._rest = min(self._failures, LONGEST_REST)
+        self._failures = 2 * self._failures + 1 if self._failures < LONGEST_REST else LONGEST_REST
+
+    def confirmed(self, named: Named) -> bool:
+        """Whether enough frames in a row have named the body alike."""
+        return named.certain or self.agreed >= (CONFIRMED_ODD if named.odd else CONFIRMED)
+
+    def succeed(self, named: Named) -> bool:
+        """Take a way of naming them; whether it is that of the last attempt."""
+        assert named.view is not None
+        reach = 0.5 * named.view.scale
+        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.spots, strict=False))
+        most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
+        changed = abs(named.view.misfit - self._first_misfit) > most
+        goes_on = alike and bool(self.last) and not (named.odd and changed)
+        self.agreed = self.agreed + 1 if goes_on else 1
+        if not goes_on:
+            self._first_misfit = named.view.misfit
+        self.last, self._failures, self._rest = named.spots, 0, 0
+        return alike

@@ -13,46 +13,31 @@ class JumpTuning:
     """When a light has jumped.
 
     Chosen on seeds 9500 to 9529, 9900 to 9929 and 9982 of `offline.evaluation.integrity_runs`.
-
-    Attributes:
-        fewest: lights whose middle one tells how all have moved.
-        deviations: of what is usual, from which on it has.
-        least: px, of what is usual at least.
-        alone: part of its jump by which all others must be nearer to their places.
-        learning: per frame, of what is usual.
-        forgetting: per frame, of the evidence of a jump.
-        most: evidence that a jump can be.
     """
 
-    fewest: int = 3
-    deviations: float = 4.5
-    least: float = 0.03
-    alone: float = 0.5
-    learning: float = 0.05
-    forgetting: float = 0.9
-    most: float = 60.0
+    fewest: int = 3  # lights whose middle one tells how all have moved
+    deviations: float = 4.5  # of what is usual, from which on it has
+    least: float = 0.03  # px, of what is usual at least
+    alone: float = 0.5  # part of its jump by which all others must be nearer to their places
+    learning: float = 0.05  # per frame, of what is usual
+    forgetting: float = 0.9  # per frame, of the evidence of a jump
+    most: float = 60.0  # evidence that a jump can be
 
 
 TUNING = JumpTuning()
 
 
 class Jumps:
-    """How far lights lie from where their own motion takes them, against what is usual.
-
-    Attributes:
-        evidence: that a marker's light is another one since a moment ago: the square of how many
-            times farther than usual it was.
-    """
+    """How far lights lie from where their own motion takes them, against what is usual."""
 
     def __init__(self) -> None:
+        # That a marker's light is another one since a moment ago: the square of how many times
+        # farther than usual it was.
         self.evidence: dict[int, float] = {}
         self._usual = 1.0
 
     def update(self, away: Mapping[int, tuple[float, float]]) -> int | None:
-        """Take a frame.
-
-        Args:
-            away: from where its own motion takes each marker to where its light is, px.
+        """Take from where its own motion takes each marker to where its light is, px.
 
         Returns:
             The marker whose light has jumped in this frame, if one has.

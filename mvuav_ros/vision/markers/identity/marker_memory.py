@@ -11,77 +11,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.grouping import area_fits
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.jumps import Jumps
 from mvuav_ros.vision.markers.lens import Lens
+from mvuav_ros.vision.markers.lights import Frame
 from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.results import FAR_OFF, NO_WINDOW, Window
 
 Array = NDArray[np.float64]
 
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
-SURE_PLACE = 2.0
-"""px (1 sigma): a place known this well stands in for a measurement."""
+KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even a stranger may be it
+SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
-FORGOTTEN = 10
-"""Frames unseen after which a light's own motion tells nothing any more."""
-FAR_OFF = 1e6
-"""px, beyond which a prediction tells nothing."""
+EDGE = 4.0  # px of dark that a window shows around a light
+FORGOTTEN = 10  # Frames unseen after which a light's own motion tells nothing any more
 
 
 class Motion(NamedTuple):
-    """What the markers' own motion says of a frame.
+    """What the markers' own motion says of a frame."""
 
-    Attributes:
-        expected: where every marker should be, px without distortion.
-        unseen: frames since each marker was seen; 0 where its motion is known.
-    """
+    expected: Sequence[Expectation]  # where every marker should be, px without distortion
+    unseen: Sequence[int]  # frames since each marker was seen; 0 where its motion is known
 
-    expected: Sequence[Expectation]
-    unseen: Sequence[int]
+    def refine(self, index: int, by_view: Expectation) -> Expectation:
+        """Where a marker should be by its own motion, if that tells more than the view."""
+        # The others tell how the camera shakes; a marker's own motion does not, when it is old.
+        unseen, far = self.unseen[index], by_view.deviation
+        if unseen == 0 or (far > KNOWN_PLACE and unseen < FORGOTTEN):
+            moved = self.expected[index]
+            apart = math.hypot(moved.x - by_view.x, moved.y - by_view.y)
+            if moved.deviation < far and apart < 3.0 * math.hypot(moved.deviation, far):
+                return moved
+        return by_view
 
 
 @dataclass
 class KnownMarker:
-    """What is remembered of one marker.
+    """What is remembered of one marker."""
 
-    Attributes:
-        look: of its light.
-        last_seen: s.
-        unseen: frames since then.
-        returning: frames until its motion is known again.
-        contested: frames in which its light may be another one.
-        returned: frames in which it may be another one that shines in its place.
-    """
-
-    look: AppearanceModel
-    last_seen: float = -math.inf
-    unseen: int = 0
-    returning: int = RETURNING
-    contested: int = 0
-    returned: int = 0
+    look: AppearanceModel  # of its light
+    last_seen: float = -math.inf  # s
+    unseen: int = 0  # frames since then
+    returning: int = RETURNING  # frames until its motion is known again
+    contested: int = 0  # frames in which its light may be another one
+    returned: int = 0  # frames in which it may be another one that shines in its place
 
 
 class MarkerMemory:
-    """All of a body's markers.
-
-    Attributes:
-        markers: in the rig's order.
-        predictor: of their motions.
-        predicted: x and y of every marker in turn in the newest frame, by its own motion, px.
-        told: the same, but where markers out of sight should be by all that is known.
-        jumps: of their lights.
-    """
+    """All of a body's markers."""
 
     def __init__(self, time: float, spots: Sequence[Detection]) -> None:
         """Begin with all of them, at a time (s), px of the image."""
-        self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]
-        self.predictor = MotionPredictor(len(spots))
-        self.jumps = Jumps()
+        self.markers = [KnownMarker(AppearanceModel(spot)) for spot in spots]  # in the rig's order
+        self.predictor = MotionPredictor(len(spots))  # of their motions
+        self.jumps = Jumps()  # of their lights
         self.predict(time)
+        # x and y of every marker in turn in the newest frame, px, by its own motion; and where
+        # those out of sight should be by all that is known.
         self.predicted = self.told = [math.nan] * (2 * len(spots))
         self.remember(time, spots, {})
 
@@ -127,6 +119,29 @@ class MarkerMemory:
             [max(marker.unseen, marker.returning) for marker in self.markers],
         )
 
+    def look(self, frame: Frame) -> tuple[list[Detection | None], list[Window]]:
+        """The usual frame: the markers to which nothing has happened in their windows, or None."""
+        windows: list[Window] = []
+        spots: list[Detection | None] = []
+        for index, marker in enumerate(self.markers):
+            spot = None
+            window = NO_WINDOW
+            if not (marker.unseen or marker.returning):
+                look = marker.look
+                radius = max(frame.parameters.search_radius, math.ceil(look.radius + EDGE))
+                x, y = self.predicted[2 * index], self.predicted[2 * index + 1]
+                window = Window.around(x, y, radius, frame.size)
+                # The background changes slowly: every third frame is enough to look at it.
+                pull = look.pull if (index + frame.number) % 3 else None
+                spot = frame.meter.measure(frame.cut, window, frame.size, pull)
+                if pull is None:
+                    look.pull = frame.meter.pull
+                if spot is not None and not _is_usual(look, spot, window, frame):
+                    spot = None
+            windows.append(window)
+            spots.append(spot)
+        return spots, windows
+
     def watch(self, seen: Mapping[int, Detection]) -> None:
         """Doubt a marker whose light, px, is the only one not where its own motion takes it."""
         away = {
@@ -138,11 +153,7 @@ class MarkerMemory:
             self.markers[jumped].contested = PROBATION
 
     def contest(self, seen: Mapping[int, Detection]) -> dict[int, int]:
-        """Doubt those that were expected in their windows and are not seen there.
-
-        Returns:
-            For each of them in how many frames its light was doubted before.
-        """
+        """Doubt those expected and not seen; for how many frames each was doubted before."""
         before: dict[int, int] = {}
         for index, known in enumerate(self.markers):
             if not (index in seen or (known.returning and not known.unseen)):
@@ -174,13 +185,9 @@ class MarkerMemory:
         expected: Mapping[int, Expectation],
         unverified: Collection[int] = (),
     ) -> None:
-        """Learn from a frame.
+        """Learn from a frame's spots of all markers, and where those should be that have none.
 
-        Args:
-            time: s.
-            spots: of every marker.
-            expected: where those should be that were not found.
-            unverified: of those found, the ones that the others cannot contradict.
+        Those found that the others cannot contradict are unverified.
         """
         positions: list[float | None] = []
         for index, (marker, spot) in enumerate(zip(self.markers, spots, strict=True)):
@@ -205,3 +212,15 @@ class MarkerMemory:
                 if self.predictor.unseen(index) > FORGOTTEN:
                     self.predictor.forget(index)
         self.predictor.update(positions)
+
+
+def _is_usual(look: AppearanceModel, spot: Detection, window: Window, frame: Frame) -> bool:
+    """Whether nothing has happened to a light, nor does the window cut it."""
+    if not look.is_usual(spot.area, spot.spread) or not area_fits(spot.area, frame.parameters):
+        return False
+    x0, x1, y0, y1 = window
+    right, bottom = frame.size[0] - 1, frame.size[1] - 1
+    reach = look.radius + 1.0
+    x, y = spot.x, spot.y
+    cut_x = x - reach < x0 > 0 or x + reach > x1 < right
+    return not (cut_x or y - reach < y0 > 0 or y + reach > y1 < bottom)

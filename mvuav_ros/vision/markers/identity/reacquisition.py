@@ -1,9 +1,10 @@
-"""A body found again that was out of sight: any three markers on any three lights."""
+"""Markers found again by the rig alone: any three on any three lights, or beside those known."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, permutations, product
 
@@ -14,6 +15,7 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.acquisition import DOUBT
 from mvuav_ros.vision.markers.identity.assignment import GATE, NOTHING, Fits
 from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
+from mvuav_ros.vision.markers.lights import are_close, places_of
 from mvuav_ros.vision.markers.view.filter import ViewFilter
 from mvuav_ros.vision.markers.view.weak_perspective import ROLL, SCALE, Array, ViewState, X, Y
 
@@ -22,8 +24,7 @@ MOST_COST = 24.0
 MOST_REFITTED = 24
 MOST_EXTENDED = 3
 """Lights without a name that are weighed together."""
-MOST_PERMUTED = 7
-"""Markers of a rig, and lights, up to which all threes are tried."""
+MOST_PERMUTED = 7  # Markers of a rig, and lights, up to which all threes are tried
 MOST_OF_THREE = 24
 MOST_BENT = 0.15
 """By how much three markers may look distorted, in units of their size (1 sigma)."""
@@ -35,19 +36,13 @@ def reacquire(
 ) -> dict[int, Detection] | None:
     """Find a body again of which nothing is in sight where it was expected.
 
-    Every pair of spots is tried as every pair of markers, within what the time since the loss
-    allows of roll, size and place. A marker is named where every way that is about as probable
-    as the best names it so.
-
-    Args:
-        views: of the frame.
-        spots: px without distortion.
-        fits: leaves out what cannot be.
-        fewest: markers that must be found at least.
+    Every pair of spots (px without distortion) is tried as every pair of markers, within what the
+    time since the loss allows of roll, size and place. A marker is named where every way that is
+    about as probable as the best names it so.
 
     Returns:
         The markers named, none of them where it is not clear which they are; None where no way of
-        naming so many spots is possible.
+        naming the fewest spots is possible.
     """
     if len(spots) < fewest:
         return {}
@@ -69,22 +64,14 @@ def extend(
     spots: Sequence[Detection],
     fits: Fits,
 ) -> dict[int, Detection]:
-    """Name more markers where some are known, which do not tell the others' places well.
+    """The markers found, and more where those do not tell the others' places well.
 
-    All ways of giving the spots to the missing markers are weighed, each by the view that
-    follows; a marker is named where every way that is about as probable as the best does so.
-
-    Args:
-        views: of the frame.
-        found: markers known, px without distortion.
-        spots: that have no name, likewise.
-        fits: leaves out what cannot be.
-
-    Returns:
-        The markers known, and those that were named.
+    All ways of giving the spots without a name (px without distortion) to the missing markers are
+    weighed, each by the view that follows; a marker is named where every way that is about as
+    probable as the best does so.
     """
     known = tuple(zip(found, range(len(found)), strict=True))
-    places, deviations = views.places(views.look({m: (s.x, s.y) for m, s in found.items()}))
+    places, deviations = views.places(views.look(places_of(found)))
     near: dict[int, list[int]] = {}
     for number, spot in enumerate(spots[:MOST_EXTENDED], len(found)):
         apart = np.hypot(spot.x - places[:, 0], spot.y - places[:, 1])
@@ -103,13 +90,71 @@ def extend(
     return _agreed(views, [tuple(sorted(way)) for way in ways], every) or {}
 
 
+@dataclass(frozen=True)
+class RecoveryTuning:
+    """When lights that were not expected where they are get names.
+
+    Chosen on seeds 0 to 11 of flights of bare lights (`simulation.light_flights`).
+    """
+
+    # Lights that must fit at once: a single one that does not go with the others may as well be
+    # another light.
+    fewest_new: int = 2
+    # Frames in a row that must name the lights alike, where they are as few as can tell.
+    confirmed: int = 2
+    same: float = 40.0  # px, within which a marker may move between two frames
+
+
+RECOVERY = RecoveryTuning()
+
+
+class Recovery:
+    """Names more lights with the markers in sight by the rig alone, whatever the motion was."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, Detection] = {}
+        self._agreed = 0
+
+    def name(
+        self,
+        views: ViewFilter,
+        found: Mapping[int, Detection],
+        spots: Sequence[Detection],
+        fits: Fits,
+    ) -> dict[int, Detection]:
+        """The markers found, and spots without a name that fit the rig with them in one way only.
+
+        Where any are named, the views have become as uncertain as that takes.
+        """
+        fewest = max(-(-FAULTS.fewest_free // 2), len(found) + RECOVERY.fewest_new)
+        if len(found) + min(len(spots), MOST_EXTENDED) < fewest:
+            self._agreed = 0
+            return dict(found)
+        before = views.bank
+        views.upset(FAULTS.free)
+        named = extend(views, found, spots, fits)
+        view = views.look(places_of(named))
+        most_cost = FAULTS.fitting_few if len(named) <= fewest else FAULTS.fitting
+        if len(named) < fewest or view.cost > most_cost:
+            self._agreed = 0
+        elif self._believes(named, fewest):
+            return named
+        views.bank = before
+        return dict(found)
+
+    def _believes(self, named: dict[int, Detection], fewest: int) -> bool:
+        alike = named.keys() == self._last.keys() and all(
+            are_close(spot, self._last[marker], RECOVERY.same) for marker, spot in named.items()
+        )
+        self._agreed = self._agreed + 1 if alike and self._agreed else 1
+        self._last = named
+        return len(named) > fewest or self._agreed >= RECOVERY.confirmed
+
+
 def _agreed(
     views: ViewFilter, ways: Sequence[Way], spots: Sequence[Detection]
 ) -> dict[int, Detection] | None:
-    """What all ways of naming the spots have in common that are about as probable as the best.
-
-    None where no way is possible.
-    """
+    """What all ways share that are about as probable as the best; None where no way is possible."""
     everything = len(views.shape.points)
     weighed = [
         (view.cost + NOTHING * (everything - len(way)), dict(way))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.labelling import roll_of
 from mvuav_ros.vision.markers.results import (
     TANKER_LABELS,
     TANKER_NAMES,
@@ -16,6 +16,7 @@ from mvuav_ros.vision.markers.results import (
     MarkerResult,
     MarkerState,
     Window,
+    counts_of,
 )
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -46,15 +47,10 @@ class Reporter:
         windows: Sequence[Window] = (),
         remark: str = '',
     ) -> MarkerResult:
-        """What is told of a frame.
+        """What is told of a frame, by the memory that holds it already.
 
-        Args:
-            memory: of the markers, with this frame.
-            spots: of every marker, px.
-            earliest: when a marker out of sight must have been seen to be predicted, s.
-            expected: where those should be that were not found, px.
-            windows: searched.
-            remark: for the status.
+        A marker without a spot is predicted where it is expected (px) if it was seen since the
+        earliest time (s).
         """
         velocity, acceleration = memory.predictor.motions()
         markers = []
@@ -72,17 +68,10 @@ class Reporter:
                 markers.append(Marker(label, MarkerState.LOST))
         roll = math.nan
         if self._wings is not None:
-            left, right = markers[self._wings[0]], markers[self._wings[1]]
-            roll = math.atan2(right.y - left.y, right.x - left.x)
-        status = remark if None not in spots else _status(markers, remark)
+            roll = roll_of(*(markers[wing] for wing in self._wings))
+        status = remark
+        if None in spots:
+            status = counts_of(markers) + (f' ({remark})' if remark else '')
         predictions = tuple(zip(memory.told[::2], memory.told[1::2], strict=True))
         has_wings = self._wings is not None
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
-
-
-def _status(markers: Sequence[Marker], remark: str) -> str:
-    states = Counter(marker.state for marker in markers)
-    counts = ', '.join(
-        f'{states[state]} {state.name.lower()}' for state in MarkerState if states[state]
-    )
-    return f'{counts} ({remark})' if remark else counts

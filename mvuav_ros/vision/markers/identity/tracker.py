@@ -15,17 +15,14 @@ from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.grouping import GroupingError
 from mvuav_ros.vision.markers.identity.acquisition import ANY_ROLL
 from mvuav_ros.vision.markers.identity.assignment import Expectation
-from mvuav_ros.vision.markers.identity.attempts import CONFIRMED, Attempts
-from mvuav_ros.vision.markers.identity.clutter import Clutter
+from mvuav_ros.vision.markers.identity.clutter import Clutter, Rejections
 from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.identity.initialization import Named, initialize
+from mvuav_ros.vision.markers.identity.initialization import CONFIRMED, Attempts, Named, initialize
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
-from mvuav_ros.vision.markers.identity.recovery import Recovery
-from mvuav_ros.vision.markers.identity.rejection import Rejections
+from mvuav_ros.vision.markers.identity.reacquisition import Recovery
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
-from mvuav_ros.vision.markers.identity.windows import look_into_windows, window_around
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.lights import Frame, Lights, are_close, places_of, straightened
 from mvuav_ros.vision.markers.results import MarkerResult, Window
@@ -33,18 +30,12 @@ from mvuav_ros.vision.markers.view.filter import ViewFilter
 from mvuav_ros.vision.markers.view.weak_perspective import ROLL, WeakPerspective
 from mvuav_ros.vision.rig import MarkerRig
 
-SAME_SPOT = 3.0
-"""Two markers closer than this (px) are one light."""
-GIVEN_UP = 10.0
-"""Seconds without any marker after which nothing is known of the body any more."""
-WIDEST = 200.0
-"""px, by which a search window grows at most."""
-YOUNG = 1.0
-"""s without any marker up to which two are enough to find the body again."""
-PATIENCE = 5
-"""Frames in doubt after which the whole body is named afresh, as at the start."""
-NEARBY_ROLL = 0.5
-"""rad (1 sigma), of the roll from the last frame to this one, or over a loss."""
+SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
+GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
+WIDEST = 200.0  # px, by which a search window grows at most
+YOUNG = 1.0  # s without any marker up to which two are enough to find the body again
+PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
+NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
 EXACT = 4.0
 """Deviations of a marker from its rig's place (root mean square) at which a body that was known
 before is another one."""
@@ -83,16 +74,10 @@ class IdentityTracker:
         self._recovery = Recovery()
         self._rejections = Rejections()
         self._attempts = Attempts(self._count)
-        self._doubts = self._suspicions = self._unexplained = 0
+        self._doubts = self._unexplained = 0
 
     def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
-        """Find the body's markers in the next frame.
-
-        Args:
-            image: the frame.
-            time: its stamp, s, later than the last frame's.
-            parameters: may change from frame to frame.
-        """
+        """Find the body's markers in the next frame, of a later time (s) than the last one."""
         self._tick += 1
         frame = Frame(image, time, self._tick, parameters)
         if frame.size != self._size:
@@ -107,7 +92,7 @@ class IdentityTracker:
     def _start(self, frame: Frame) -> MarkerResult:
         """Name all markers in a whole frame."""
         try:
-            lights = frame.lights(self._lens)
+            lights = Lights(frame, self._lens)
         except GroupingError as error:
             self._attempts.fail()
             return self._report.nothing(str(error))
@@ -125,7 +110,7 @@ class IdentityTracker:
             return self._report.nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
-        spots = [lights.in_image(spot) for spot in named.spots]
+        spots = [lights.measured[spot] for spot in named.spots]
         memory = MarkerMemory(frame.time, spots)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
@@ -145,7 +130,7 @@ class IdentityTracker:
         if any(marker.unseen for marker in memory.markers):
             places, deviations = faults.views.places()
             memory.tell(self._lens.to_image(places), deviations)
-        spots, windows = look_into_windows(frame, memory)
+        spots, windows = memory.look(frame)
         seen = {index: spot for index, spot in enumerate(spots) if spot is not None}
         for a, b in combinations(list(seen), 2):
             if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
@@ -158,7 +143,7 @@ class IdentityTracker:
         if len(consensus.kept) == self._count:
             faults.commit(places_of(found))
             self._rejections.clear()
-            self._doubts = self._suspicions = self._unexplained = 0
+            self._doubts = self._unexplained = 0
             memory.remember(frame.time, spots, {})
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
@@ -168,16 +153,25 @@ class IdentityTracker:
         faults.contested = memory.contested
         motion = memory.motion(self._lens)
         search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
-        self._suspicions = self._suspicions + 1 if search.suspects else 0
-        if self._suspicions > PATIENCE:
-            self._suspicions = 0
-            search.start_over()
         around = memory.told if consensus.kept else ()
         status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
         memory.acquit(doubted, search.alone)
+        return self._conclude(frame, search, in_image, windows, status)
+
+    def _conclude(
+        self,
+        frame: Frame,
+        search: Search,
+        in_image: Mapping[Detection, Detection],
+        windows: list[Window],
+        status: str,
+    ) -> MarkerResult:
+        """Remember and tell what a search has found."""
+        assert self._body is not None
+        memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
         few = len(search.reacquired) < FAULTS.fewest_agreeing and self._clutter.is_about
         trusted = set() if few else search.reacquired
@@ -185,7 +179,9 @@ class IdentityTracker:
             places_of(search.found), memory.returned - trusted, memory.contested - trusted
         )
         expected = self._in_image(search.finish())
-        self._widen(windows, expected, frame.search_radius)
+        for index, (x, y, deviation) in expected.items():
+            radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
+            windows[index] = Window.around(x, y, radius, self._size)
         named = {index: in_image[spot] for index, spot in search.found.items()}
         spots = [named.get(index) for index in range(self._count)]
         memory.trust(trusted)
@@ -203,20 +199,10 @@ class IdentityTracker:
         in_image: dict[Detection, Detection],
         around: Sequence[float],
     ) -> str:
-        """Name the lights of the whole frame, some markers being known already.
-
-        Args:
-            frame: where.
-            search: takes the names.
-            in_image: every light where the image shows it; is added to.
-            around: where the markers should be (see `Frame.lights`).
-
-        Returns:
-            What is wrong with the frame, or nothing.
-        """
+        """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
         try:
-            lights = frame.lights(self._lens, around)
+            lights = Lights(frame, self._lens, around)
         except GroupingError as error:
             return str(error)
         fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
@@ -232,10 +218,7 @@ class IdentityTracker:
         return ''
 
     def _name_afresh(self, search: Search, lights: Lights) -> None:
-        """Name a body that is not quite its rig as at the start, or not at all.
-
-        Its view, carried over a gap, tells too little to name a part of it.
-        """
+        """Name a body that is not quite its rig as at the start: its old view tells too little."""
         search.found.clear()
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is not None and named.certain:
@@ -279,14 +262,6 @@ class IdentityTracker:
         self._rejections.clear()
         self._attempts = Attempts(self._count)
         self._doubts = 0
-
-    def _widen(
-        self, windows: list[Window], expected: Mapping[int, Expectation], search_radius: int
-    ) -> None:
-        """The windows in which markers are looked for that were not found, px of the image."""
-        for index, (x, y, deviation) in expected.items():
-            radius = search_radius + math.ceil(min(3.0 * deviation, WIDEST))
-            windows[index] = window_around(x, y, radius, self._size)
 
     def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
         """Expectations where the image would show them."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
 from mvuav_ros.vision.markers.prediction.kalman import KalmanFilter
-from mvuav_ros.vision.markers.prediction.mixture import PredictionMixture
 from mvuav_ros.vision.markers.prediction.vibration import TUNING as VIBRATION
 from mvuav_ros.vision.markers.prediction.vibration import VibrationPredictor
 
@@ -17,25 +19,75 @@ Mask = NDArray[np.bool_]
 PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
 """Of each prediction's weight, the thesis's methods first, then the Kalman filter without and
 with the prediction of vibration. Lights that stand still are rarer."""
-YOUNG = 100
-"""Frames in which the vibration is learnt from every frame, later from every other."""
-_KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1
-"""Rows of the predictions after the thesis's."""
+YOUNG = 100  # Frames in which the vibration is learnt from every frame, later from every other
+_KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1  # Rows of the predictions after the thesis's
+
+
+@dataclass(frozen=True)
+class MixtureTuning:
+    """How fast the weights follow the errors.
+
+    Chosen on flights of the motions in `simulation.marker_paths` and some more, with seeds of
+    their own; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same to 1 %.
+    """
+
+    memory: float = 0.985  # per frame, of the squared errors
+    # By how much a frame's evidence counts. A frame of five rigid markers is worth about that of
+    # two independent coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes
+    # known; that of frames which stand out is counted below.
+    confidence: float = 2.5
+
+
+MIXTURE = MixtureTuning()
+
+
+class PredictionMixture:
+    """The weighted mean of competing predictions.
+
+    The weight of each is its prior times (mean squared error) to the power -c n: the posterior
+    of a model whose errors have an unknown variance, from n frames. Where few frames make up
+    most of the squares, as after the start of a gust, n is that few: (sum of squares)² over the
+    sum of their squares, as for weighted samples (L. Kish, Survey Sampling, 1965).
+    """
+
+    def __init__(self, prior: Sequence[float]) -> None:
+        self._prior = tuple(prior)
+        self.weights: Array = np.array(prior) / sum(prior)  # (k,), sum 1
+        self._share: Array = np.empty(0)
+        self._losses = [0.0] * len(prior)
+        self._sum = self._sum_of_squares = 0.0
+
+    def learn(self, errors: Array) -> None:
+        """Take the errors of the newest predictions, (k, m) px."""
+        count = errors.shape[1]
+        if count != len(self._share):
+            self._share = np.full(count, 1.0 / count)
+        new: list[float] = (errors * errors).dot(self._share).tolist()
+        memory = MIXTURE.memory
+        losses = self._losses = [
+            memory * old + loss for old, loss in zip(self._losses, new, strict=True)
+        ]
+        usual = sorted(new)[1]
+        self._sum = memory * self._sum + usual
+        self._sum_of_squares = memory * self._sum_of_squares + usual * usual
+        least = min(losses)
+        if least <= 0.0 or self._sum_of_squares <= 0.0:
+            return
+        power = -MIXTURE.confidence * self._sum * self._sum / self._sum_of_squares
+        weights = [
+            prior * (loss / least) ** power for prior, loss in zip(self._prior, losses, strict=True)
+        ]
+        total = sum(weights)
+        self.weights = np.array([weight / total for weight in weights])
 
 
 class Competition:
-    """The predictions, and how far each of them counts by its errors so far on all lights.
-
-    Attributes:
-        kalman: one of them, which also tells places and motions.
-        vibration: what a vibrating camera will do.
-        frames: seen.
-    """
+    """The predictions, and how far each of them counts by its errors so far on all lights."""
 
     def __init__(self, count: int) -> None:
-        self.kalman = KalmanFilter(count)
-        self.vibration = VibrationPredictor(count)
-        self.frames = 0
+        self.kalman = KalmanFilter(count)  # one of them, which also tells places and motions
+        self.vibration = VibrationPredictor(count)  # what a vibrating camera will do
+        self.frames = 0  # seen
         self._extrapolation = Extrapolation(count)
         self._mixture = PredictionMixture(PRIOR)
         self._rows: Array = np.zeros((len(PRIOR), 2 * count))
@@ -71,11 +123,9 @@ class Competition:
         np.add(rows[_KALMAN], self.vibration.predict(), rows[_VIBRATION])
 
     def prediction(self, method: str, hidden: Mask | None) -> Array:
-        """Of the newest frame, (2 n,) px.
+        """Of the newest frame, (2 n,) px, by one of `METHODS`, or by all of them by their merit.
 
-        Args:
-            method: one of `METHODS`, or anything else for all of them by their merit.
-            hidden: (2 n,), true for lights out of sight, which the Kalman filter alone predicts.
+        The Kalman filter alone predicts lights out of sight (2 n, where hidden).
         """
         if method in METHODS:
             return np.asarray(self._rows[METHODS.index(method)])

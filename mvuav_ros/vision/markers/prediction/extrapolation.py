@@ -18,12 +18,10 @@ class Extrapolation:
 
     A marker out of sight goes on in a straight line at its last velocity; when it returns, the
     line from its last place to the new one is its velocity, as in `Motion`.
-
-    Attributes:
-        last: (2 n,) px, where each marker was last measured, x and y in turn.
     """
 
     def __init__(self, count: int) -> None:
+        # (2 n,) px, where each marker was last measured, x and y in turn.
         self.last: Array = np.zeros(2 * count)
         self._last_time: Array = np.zeros(2 * count)
         self._places: Array = np.zeros((3, 2 * count))
@@ -43,12 +41,7 @@ class Extrapolation:
         self._places = self._places[:, columns]
 
     def predict(self, time: float, rows: Array) -> None:
-        """Extrapolate to a time.
-
-        Args:
-            time: s, later than the newest places'.
-            rows: (at least 4, 2 n), takes the predictions in `METHODS`' order, px.
-        """
+        """Extrapolate to a time (s); takes the rows (4 or more, 2 n) in `METHODS`' order, px."""
         newest, middle, oldest = self._times
         intervals = time - newest, newest - middle, middle - oldest
         if not _are_same(intervals, self._intervals):
@@ -57,12 +50,7 @@ class Extrapolation:
         rows[1:4] = self._steps.dot(self._places)
 
     def update(self, time: float, places: Array) -> None:
-        """Take the places of a frame in which every marker was seen, as in the one before.
-
-        Args:
-            time: s.
-            places: (2 n,) px.
-        """
+        """Take the places (2 n,), px, of a frame (s) that shows all, as the one before did."""
         history = np.empty_like(self._places)
         history[0] = places
         history[1:] = self._places[:-1]
@@ -78,13 +66,10 @@ class Extrapolation:
         new: NDArray[np.bool_],
         restarted: NDArray[np.bool_],
     ) -> None:
-        """Take the places of any frame.
+        """Take the places (2 n,), px, of any frame (s); NaN for markers that were not seen.
 
-        Args:
-            time: s.
-            places: (2 n,) px, NaN for markers that were not seen.
-            new: (2 n,), true for those seen for the first time.
-            restarted: (2 n,), true for those seen for the second time, or after an absence.
+        New (2 n) are those seen for the first time; restarted those seen for the second time, or
+        after an absence.
         """
         seen = ~np.isnan(places)
         elapsed = np.where(new, 1.0, time - self._last_time)
@@ -108,10 +93,7 @@ def _are_same(first: tuple[float, float, float], second: tuple[float, float, flo
 def _steps(ahead: float, newer: float, older: float) -> Array:
     """What each of the last three places counts by velocity and both accelerations, (3, 3).
 
-    Args:
-        ahead: from the newest place to the prediction, s.
-        newer: from the middle place to the newest, s.
-        older: from the oldest place to the middle one, s.
+    The times (s) are from the newest place to the prediction, and between the places.
     """
     v = ahead / newer
     # Half of ahead², times what the places count in the acceleration. Each velocity belongs to

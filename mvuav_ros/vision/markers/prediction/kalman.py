@@ -15,21 +15,15 @@ class KalmanTuning:
     """What the filter assumes of the motion.
 
     Chosen on the simulator's four trials and on the two reference videos.
-
-    Attributes:
-        maneuver: process noise over measurement noise: the acceleration's change within a frame
-            over the measurement's standard deviation. The level of both follows from the
-            innovations.
-        longest_gap: frames without a measurement, after which the gain grows no more.
-        acceleration_fading: part of the acceleration kept for each frame unseen: it cannot be
-            trusted for long.
-        velocity_fading: the same of the velocity, which can be trusted somewhat longer.
     """
 
+    # Process noise over measurement noise: the acceleration's change within a frame over the
+    # measurement's standard deviation. The level of both follows from the innovations.
     maneuver: float = 1.0
-    longest_gap: int = 10
+    longest_gap: int = 10  # frames without a measurement, after which the gain grows no more
+    # Part of the acceleration kept for each frame unseen: it cannot be trusted for long.
     acceleration_fading: float = 0.7
-    velocity_fading: float = 0.95
+    velocity_fading: float = 0.95  # the same of the velocity, which can be trusted somewhat longer
 
 
 TUNING = KalmanTuning()
@@ -41,16 +35,13 @@ class KalmanFilter:
     The process noise is white jerk. With frames in regular steps the gains settle, so they are
     taken from tables: for the n-th measurement of a new marker, and for the first one after n
     frames without.
-
-    Attributes:
-        state: (3, 2 n): position (px), velocity (px/s) and acceleration (px/s²) by x and y of
-            every marker in turn.
-        settled: (3, 1), the gain when nothing has been missed.
     """
 
     def __init__(self, count: int) -> None:
+        # (3, 2 n): position (px), velocity (px/s) and acceleration (px/s²) by x and y of every
+        # marker in turn.
         self.state: Array = np.zeros((3, 2 * count))
-        self.settled: Array = _STARTING_GAINS[-1]
+        self.settled: Array = _STARTING_GAINS[-1]  # (3, 1), the gain when nothing has been missed
         self._per_frame: Array = np.ones((3, 1))
         self._transition: Array = np.eye(3)
 
@@ -69,9 +60,7 @@ class KalmanFilter:
     def gains(self, seen: NDArray[np.intp], gap: NDArray[np.intp]) -> Array:
         """The gain of every marker's next measurement, (3, n).
 
-        Args:
-            seen: (n,), earlier measurements.
-            gap: (n,), frames since the last of them, before this one.
+        By its earlier measurements (n,), and the frames since the last of them (n,).
         """
         new = _STARTING_GAINS[np.minimum(seen, len(_STARTING_GAINS) - 1), :, 0]
         returned = _GAINS_AFTER_GAPS[np.minimum(gap, len(_GAINS_AFTER_GAPS) - 1), :, 0]
@@ -97,39 +86,26 @@ class KalmanFilter:
         self.state = self.state[:, columns]
 
 
-def _transition() -> tuple[Array, Array]:
-    """State transition over one frame, and the process noise's covariance; frames and px."""
+def _gain_tables() -> tuple[Array, Array]:
+    """Gains (31, 3, 1) of a marker's first measurements until they settle, and after gaps.
+
+    The latter (n + 1, 3, 1) are those of the first measurement after up to n frames without.
+    """
+    # Frames and px.
     transition = np.array([(1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)])
     effect = np.array((0.5, 1.0, 1.0))
-    return transition, TUNING.maneuver**2 * np.outer(effect, effect)
-
-
-def _starting_gains() -> Array:
-    """Gains (31, 3, 1) of a marker's first, second ... measurement until they settle."""
-    transition, noise = _transition()
+    noise = TUNING.maneuver**2 * np.outer(effect, effect)
     covariance: Array = np.diag((1.0, 1e4, 1.0))
-    gains = [np.array([(1.0,), (0.0,), (0.0,)])]
-    for _ in range(30):
-        covariance = transition @ covariance @ transition.T + noise
-        gains.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
-        covariance = covariance - gains[-1] @ covariance[:1]
-    return np.array(gains)
-
-
-def _gains_after_gaps() -> Array:
-    """Gains (n + 1, 3, 1) of the first measurement after up to n frames without."""
-    transition, noise = _transition()
-    covariance: Array = np.diag((1.0, 1e4, 1.0))
+    starting, after = [np.array([(1.0,), (0.0,), (0.0,)])], []
     for _ in range(100):
         covariance = transition @ covariance @ transition.T + noise
-        gain = covariance[:, :1] / (covariance[0, 0] + 1.0)
-        covariance = np.asarray(covariance - gain @ covariance[:1])
-    gains = []
+        starting.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
+        covariance = np.asarray(covariance - starting[-1] @ covariance[:1])
     for _ in range(TUNING.longest_gap + 1):
         covariance = transition @ covariance @ transition.T + noise
-        gains.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
-    return np.array(gains)
+        after.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
+    return np.array(starting[:31]), np.array(after)
 
 
 # Computed here, as the first frame has no time for it.
-_STARTING_GAINS, _GAINS_AFTER_GAPS = _starting_gains(), _gains_after_gaps()
+_STARTING_GAINS, _GAINS_AFTER_GAPS = _gain_tables()

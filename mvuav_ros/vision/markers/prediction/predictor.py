@@ -16,8 +16,7 @@ from mvuav_ros.vision.markers.prediction.vibration import TUNING as VIBRATION
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SAME_STEP = 1e-6
-"""Part of a step between frames that makes no difference to the gains."""
+_SAME_STEP = 1e-6  # Part of a step between frames that makes no difference to the gains
 
 
 class MotionPredictor:
@@ -30,13 +29,10 @@ class MotionPredictor:
 
     A frame that was dropped is stepped over as one in which nothing was seen. A light out of
     sight is predicted by the Kalman filter alone.
-
-    Attributes:
-        time: of the newest frame, s; None before the first.
     """
 
     def __init__(self, count: int) -> None:
-        self.time: float | None = None
+        self.time: float | None = None  # of the newest frame, s; None before the first
         self._step: float | None = None
         self._predictions = Competition(count)
         self._record = TrackRecord(count)
@@ -44,11 +40,6 @@ class MotionPredictor:
         self._hidden: Mask | None = None
         self._skipped = 0
         self._steady = False
-
-    @property
-    def count(self) -> int:
-        """Number of lights."""
-        return len(self._record.seen)
 
     def add(self, places: Array) -> None:
         """Append lights that were first seen in the newest frame, (k, 2) px."""
@@ -79,11 +70,9 @@ class MotionPredictor:
         return int(self._record.unseen[index])
 
     def predict(self, time: float, method: str = 'kalman') -> list[float]:
-        """Go on to the next frame.
+        """Go on to the next frame, of a later time (s).
 
-        Args:
-            time: s, later than the last frame's.
-            method: ``kalman`` for all predictions by their merit, or one of `METHODS`.
+        By ``kalman``, which is all predictions by their merit, or by one of `METHODS`.
 
         Returns:
             x and y of every light in turn, px; meaningless for one that was never seen.
@@ -110,19 +99,16 @@ class MotionPredictor:
 
     def _count_steps(self, elapsed: float) -> int:
         """How many frames on this one is, by the usual time between two."""
-        if self._step is None or elapsed < 0.7 * self._step:
-            # A first step, or the one before it had frames missing.
-            self._set_step(elapsed)
-            return 1
-        steps = max(1, round(elapsed / self._step))
-        if steps <= 3:
-            self._set_step(self._step + 0.05 * (elapsed / steps - self._step))
-        return steps
-
-    def _set_step(self, step: float) -> None:
+        steps, step = 1, elapsed
+        # Otherwise a first step, or the one before it had frames missing.
+        if self._step is not None and elapsed >= 0.7 * self._step:
+            steps, step = max(1, round(elapsed / self._step)), self._step
+            if steps <= 3:
+                step += 0.05 * (elapsed / steps - step)
         if self._step is None or abs(step - self._step) > _SAME_STEP * step:
             self._step = step
             self._predictions.kalman.set_step(step)
+        return steps
 
     def deviations(self) -> Array:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis."""
@@ -147,11 +133,7 @@ class MotionPredictor:
         return [velocity.tolist(), np.where(seen < 3, math.nan, state[2]).tolist()]
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
-        """Take the newest frame's measurements.
-
-        Args:
-            positions: x and y of every light in turn, px; None or NaN twice for one not seen.
-        """
+        """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""
         assert self.time is not None
         measured = np.array(positions, np.float64)
         if self._steady and not np.isnan(measured.sum()):

@@ -16,36 +16,27 @@ class RecordTuning:
     """How far a prediction is trusted.
 
     Chosen on the simulator's four trials with and without vibration.
-
-    Attributes:
-        first_deviation: px, assumed of a prediction before anything is known of the motion.
-        least_deviation: px, of a prediction.
-        level_memory: per frame, of the squared errors of a light's predictions.
     """
 
+    # px, assumed of a prediction before anything is known of the motion.
     first_deviation: float = 3.0
-    least_deviation: float = 0.3
-    level_memory: float = 0.9
+    least_deviation: float = 0.3  # px, of a prediction
+    level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
 
 
 TUNING = RecordTuning()
 
 
 class TrackRecord:
-    """What has been seen of every light.
-
-    Attributes:
-        seen: (n,), measurements since its first.
-        unseen: (n,), frames since the last one.
-        in_row: (n,), measurements without a gap, less the first three, whose innovations tell
-            of the new filter and not of the camera.
-        variance: (2 n,) px², of its predictions, x and y in turn.
-    """
+    """What has been seen of every light."""
 
     def __init__(self, count: int) -> None:
-        self.seen = np.zeros(count, np.intp)
-        self.unseen = np.zeros(count, np.intp)
+        self.seen = np.zeros(count, np.intp)  # (n,), measurements since its first
+        self.unseen = np.zeros(count, np.intp)  # (n,), frames since the last one
+        # (n,), measurements without a gap, less the first three, whose innovations tell of the new
+        # filter and not of the camera.
         self.in_row = np.zeros(count, np.intp)
+        # (2 n,) px², of its predictions, x and y in turn.
         self.variance: Array = np.full(2 * count, TUNING.first_deviation**2)
 
     def add(self, count: int) -> None:
@@ -89,9 +80,8 @@ class TrackRecord:
     def deviations(self, skipped: int, level: float) -> Array:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis.
 
-        Args:
-            skipped: frames that never came before it.
-            level: variance of what vibrates, px², which can be told of the next frame only.
+        Before it some frames were skipped; the level (px²) is of what vibrates, which can be
+        foretold for the next frame only.
         """
         frames = 1 + self.unseen + skipped
         least = np.where(frames > 1, level, TUNING.least_deviation**2)

@@ -16,22 +16,14 @@ class VibrationTuning:
     """How the autoregression is learnt.
 
     Chosen on the simulator's vibrations 1 to 3 at 30 frames/s and on the two reference videos.
-
-    Attributes:
-        lags: past innovations from which the next one is predicted: two for each harmonic.
-        memory: per frame, of what is learnt.
-        ridge: pulls the coefficients to zero, in frames' worth of innovations.
-        solve_every: frames between two solutions for the coefficients, which saves time.
-        limit: standard deviations of an innovation that may stand in for a missing one.
-        fading: per frame, of an innovation that stands in for a missing one.
     """
 
-    lags: int = 6
-    memory: float = 0.99
-    ridge: float = 10.0
-    solve_every: int = 4
-    limit: float = 2.0
-    fading: float = 0.7
+    lags: int = 6  # past innovations from which the next one is predicted: two for each harmonic
+    memory: float = 0.99  # per frame, of what is learnt
+    ridge: float = 10.0  # pulls the coefficients to zero, in frames' worth of innovations
+    solve_every: int = 4  # frames between two solutions for the coefficients, which saves time
+    limit: float = 2.0  # standard deviations of an innovation that may stand in for a missing one
+    fading: float = 0.7  # per frame, of an innovation that stands in for a missing one
 
 
 TUNING = VibrationTuning()
@@ -44,16 +36,12 @@ class VibrationPredictor:
     its model, moves all markers alike and comes again: the next innovation is predicted from the
     last six, with coefficients learnt from all markers by recursive least squares (a Kalman
     filter of its own, whose state is the coefficients). White jitter leaves them at zero.
-
-    Attributes:
-        predicted: (2 n,) px, the next innovation.
-        level: mean square of the innovations, px².
-        left: of it, what the predictions leave, px².
     """
 
     def __init__(self, count: int) -> None:
         self.lagged: Array = np.zeros((TUNING.lags, 2 * count))
-        self.predicted: Array = np.zeros(2 * count)
+        self.predicted: Array = np.zeros(2 * count)  # (2 n,) px, the next innovation
+        # Mean square of the innovations, and of what the predictions leave of them, px².
         self.level = self.left = 0.01
         self._coefficients: Array = np.zeros(TUNING.lags)
         self._normal: Array = np.zeros((TUNING.lags, TUNING.lags))
@@ -97,13 +85,9 @@ class VibrationPredictor:
         self.lagged = self.lagged[:, columns]
 
     def learn(self, lagged: Array, innovation: Array, predicted: Array, solve: bool) -> None:
-        """Improve the coefficients by some markers' newest innovations.
+        """Improve the coefficients by some markers' newest innovations and their predictions, (m,).
 
-        Args:
-            lagged: (lags, m) px, before `remember`.
-            innovation: (m,) px.
-            predicted: (m,) px, of it.
-            solve: whether now is the time to solve for the coefficients.
+        They follow from the lagged ones (lags, m), before `remember`; solving takes time.
         """
         memory = TUNING.memory
         self._normal *= memory

@@ -37,43 +37,35 @@ class ViewTuning:
     Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
     simulator's docking approaches; `learning` and `most_unseen` on seeds 9000 to 9029 and 9500 to
     9529. The parameters are those of `WeakPerspective.project`.
-
-    Attributes:
-        jitter: random walk of the parameters, per square root of a second.
-        unrest: the same of their rates: how quickly a motion changes.
-        noise: px (1 sigma), of a light's place.
-        rig_error: of a marker's place on the rig, in units of its size (1 sigma), at first.
-        least_rig_error: the least that is learnt from how well the markers fit.
-        other_rig_error: the same for a body that is not what its rig says.
-        learning, unlearning: per frame, of a rig error that turns out less, or more.
-        motion_learning: per frame, by which the variances of jitter and unrest follow the motion.
-        motion_forgetting: per frame in which too few markers are seen, by which they grow again.
-        least_unseen, most_unseen: to which they grow at least, and at most.
-        rates_share: to which they grow, in parts of the rates' squares over their variances.
-        most_surprising: of a step's square over its variance, that is learnt from.
-        least_motion, most_motion: of those variances, in parts of the usual ones.
-        doubted: times the usual deviation at which a marker that is doubted takes part.
-        doubted_least: px, of that at least.
     """
 
+    # Random walk of the parameters, per square root of a second.
     jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
+    # The same of their rates: how quickly a motion changes.
     unrest: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
-    noise: float = 0.15
+    noise: float = 0.15  # px (1 sigma), of a light's place
+    # Of a marker's place on the rig, in units of its size (1 sigma), at first.
     rig_error: float = 0.004
-    least_rig_error: float = 0.0003
-    other_rig_error: float = 0.02
+    least_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
+    other_rig_error: float = 0.02  # the same for a body that is not what its rig says
+    # Per frame, of a rig error that turns out less, or more.
     learning: float = 0.25
     unlearning: float = 0.003
+    # Per frame, by which the variances of jitter and unrest follow the motion.
     motion_learning: float = 0.1
+    # Per frame in which too few markers are seen, by which they grow again.
     motion_forgetting: float = 1.2
+    # To which they grow at least, and at most.
     least_unseen: float = 0.1
     most_unseen: float = 8.0
+    # To which they grow, in parts of the rates' squares over their variances.
     rates_share: float = 3.0
-    most_surprising: float = 25.0
+    most_surprising: float = 25.0  # of a step's square over its variance, that is learnt from
+    # Of those variances, in parts of the usual ones.
     least_motion: float = 0.02
     most_motion: float = 4.0
-    doubted: float = 10.0
-    doubted_least: float = 2.0
+    doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
+    doubted_least: float = 2.0  # px, of that at least
 
 
 TUNING = ViewTuning()
@@ -101,13 +93,6 @@ class ViewFilter:
 
     Beside the filter that believes every marker there is one for each marker that all but
     ignores it, so that it is not led astray where that marker is another light.
-
-    Attributes:
-        shape: the rig, with what lies beside it on a body that is not what its rig says.
-        time: s.
-        rig_error: of a marker's place on the rig, in units of its size (1 sigma).
-        doubted: markers that have a filter which ignores them: all, or none of a large rig.
-        bank: the filters.
     """
 
     def __init__(
@@ -117,24 +102,23 @@ class ViewFilter:
         time: float,
         before: ViewFilter | None = None,
     ) -> None:
-        """Begin with a view of all markers.
+        """Begin at a time (s) with a view fitted to all markers.
 
-        Args:
-            shape: the rig.
-            view: fitted to all of its markers.
-            time: s.
-            before: of this very rig, whose exactness and motion it has learnt.
+        The filter before of this very rig has learnt its exactness and motion.
         """
+        # The rig, with what lies beside it on a body that is not what its rig says.
         self.shape = shape
-        self.time = time
+        self.time = time  # s
         count = len(shape.points)
+        # Markers that have a filter which ignores them: all, or none of a large rig.
         self.doubted = count if count <= _MOST_DOUBTED else 0
-        self.bank = FilterBank.of(view, 1 + self.doubted, _STATIONARY)
+        self.bank = FilterBank.of(view, 1 + self.doubted, _STATIONARY)  # the filters
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.least_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
             # As the view changes, so does what lies beside the rig.
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
+        # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
         self._seen = count
         self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
@@ -195,21 +179,15 @@ class ViewFilter:
         return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
 
     def correct(self, found: Mapping[int, Point], contested: NDArray[np.bool_]) -> Correction:
-        """What each filter makes of the named lights.
+        """What each filter makes of the named lights, px without distortion.
 
-        Args:
-            found: the markers, px without distortion.
-            contested: (k,), for each of them whether all filters all but ignore it.
+        All filters all but ignore the contested ones, (k,).
         """
         markers = np.array(list(found), np.intp)
         seen = NamedPlaces(markers[None], np.array(list(found.values())), self.deviation)
         doubting = (np.arange(len(self.bank.states))[:, None] == 1 + markers) | contested
         variances = np.where(doubting, self.doubted_deviation**2, self.deviation**2)
         return self.bank.corrected(self.shape, seen, variances)
-
-    def believe(self, index: int) -> None:
-        """Go on with what one of the filters has found."""
-        self.bank = self.bank.all_as(index)
 
     def upset(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""

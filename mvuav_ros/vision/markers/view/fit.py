@@ -28,43 +28,28 @@ _SHARED: Array = np.zeros(COUNT)
 _SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
 SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
-_LONGEST_STEP = 0.5
-"""rad, and logarithms."""
-_SINGULAR = 1e-16
-"""Determinant of what other markers tell of a place over what all tell, at least."""
+_LONGEST_STEP = 0.5  # rad, and logarithms
+_SINGULAR = 1e-16  # Determinant of what other markers tell of a place over what all tell, at least
 
 
 class NamedPlaces(NamedTuple):
-    """Where some markers are seen, in m ways of naming lights.
+    """Where some markers are seen, in m ways of naming lights."""
 
-    Attributes:
-        markers: (m, k).
-        places: (m, k, 2), px, without distortion.
-        deviation: of a place from what the rig says (1 sigma, px per axis).
-    """
-
-    markers: NDArray[np.intp]
-    places: Array
-    deviation: float
+    markers: NDArray[np.intp]  # (m, k)
+    places: Array  # (m, k, 2), px, without distortion
+    deviation: float  # of a place from what the rig says (1 sigma, px per axis)
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Views fitted to several ways of naming markers.
+    """Views fitted to several ways of naming markers."""
 
-    Attributes:
-        parameters: (m, 8), see `WeakPerspective.project`.
-        covariance: (m, 8, 8).
-        cost: (m,), squared residuals and squared distance from the prior, over their variances.
-        misfit: (m,), px, root mean square of the markers' distances.
-        surprise: (m, k), for each marker how far it lies from where all others put it: squared
-            distance over variance.
-    """
-
-    parameters: Array
-    covariance: Array
-    cost: Array
-    misfit: Array
+    parameters: Array  # (m, 8), see `WeakPerspective.project`
+    covariance: Array  # (m, 8, 8)
+    cost: Array  # (m,), squared residuals and squared distance from the prior, over their variances
+    misfit: Array  # (m,), px, root mean square of the markers' distances
+    # (m, k), for each marker how far it lies from where all others put it: squared distance over
+    # variance.
     surprise: Array
 
     def view(self, index: int = 0) -> ViewState:
@@ -87,12 +72,8 @@ def fit(
 ) -> Fits:
     """Views after looking at some of the markers.
 
-    Args:
-        shape: the rig.
-        prior: parameters (1, 8) and their covariance (1, 8, 8) before.
-        seen: the markers.
-        starts: (m, 8), where to begin; the prior if None.
-        iterations: at most.
+    The prior is a view (1, 8) and its covariance (1, 8, 8); the steps begin at the starts (m, 8),
+    or at the prior.
     """
     m, k = seen.markers.shape
     mean, weight = prior[0], inverse(prior[1])[0]

@@ -30,8 +30,7 @@ _PAIRS = ((0, 1), (0, 2), (1, 2))
 _ITERATIONS = 6
 _LONGEST_STEP = 0.3
 """Of a depth, by its own length."""
-_NEAREST = 0.3
-"""Least distance of a marker over that of the first one, to begin with."""
+_NEAREST = 0.3  # Least distance of a marker over that of the first one, to begin with
 
 
 def views_of_three(

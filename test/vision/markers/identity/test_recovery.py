@@ -7,7 +7,7 @@ import pytest
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.identity.recovery import TUNING, Recovery
+from mvuav_ros.vision.markers.identity.reacquisition import RECOVERY, Recovery
 from mvuav_ros.vision.markers.lens import Lens
 from mvuav_ros.vision.markers.view.filter import ViewFilter
 from mvuav_ros.vision.markers.view.weak_perspective import PITCH, YAW, ViewState, WeakPerspective
@@ -46,8 +46,8 @@ def test_three_lights_that_fit_are_named_at_once(views, spots):
 
 def test_two_lights_that_fit_are_named_when_they_have_fitted_twice(views, spots):
     found = {0: spots[0], 4: spots[4]}
-    assert recover(views, found, [spots[3], spots[1]], TUNING.confirmed - 1) == found
-    named = recover(views, found, [spots[3], spots[1]], TUNING.confirmed)
+    assert recover(views, found, [spots[3], spots[1]], RECOVERY.confirmed - 1) == found
+    named = recover(views, found, [spots[3], spots[1]], RECOVERY.confirmed)
     assert named == {0: spots[0], 1: spots[1], 3: spots[3], 4: spots[4]}
 
 

@@ -2,7 +2,7 @@
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import Expectation
-from mvuav_ros.vision.markers.identity.rejection import REMEMBERED, Rejections
+from mvuav_ros.vision.markers.identity.clutter import REJECTED_FOR, Rejections
 
 
 def light(x: float) -> Detection:
@@ -25,9 +25,9 @@ def test_the_light_is_refused_for_that_marker_alone():
 def test_it_is_followed_until_it_is_forgotten():
     rejections = rejected()
     far = {2: Expectation(50.0, 400.0, 1.0)}
-    for frame in range(REMEMBERED - 1):
+    for frame in range(REJECTED_FOR - 1):
         rejections.follow([light(50.0 + 5 * (frame + 1))], far)
-    last = light(50.0 + 5 * (REMEMBERED - 1))
+    last = light(50.0 + 5 * (REJECTED_FOR - 1))
     assert rejections.concern(2, last)
     rejections.follow([last], far)
     assert not rejections.concern(2, last)
