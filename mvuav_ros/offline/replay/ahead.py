@@ -314,7 +314,7 @@ class _Stage:
             frame: Frame = slot.decoded.get(given.sizes)[0]
             return frame
         encoded, data = slot.read.get(given.sizes)
-        read: Frame | BadFrame = encoded.with_data(memoryview(data)).decoded()
+        read: Frame | BadFrame = encoded.with_data(data).decoded()
         return read
 
     def _conclude(self) -> FrameResults | None:

@@ -1,14 +1,20 @@
-"""Objects with large arrays for other processes: copied once into memory that all of them see."""
+"""Objects with large arrays for other processes: copied once into memory that all of them see.
+
+Whoever gets an object must be done with its arrays before the next is put.
+"""
 
 from __future__ import annotations
 
 import mmap
 import os
 import pickle
+from itertools import accumulate
 from typing import Any
 
 Sizes = tuple[int, ...]
 """Bytes of an object's description and of each of its arrays; what `SharedBuffer.get` needs."""
+
+_ALIGNMENT = 64
 
 
 class SharedBuffer:
@@ -32,21 +38,13 @@ class SharedBuffer:
         description = pickle.dumps(value, 5, buffer_callback=arrays.append)
         parts: list[bytes | memoryview] = [description, *(array.raw() for array in arrays), data]
         sizes = tuple(len(part) for part in parts)
-        memory = self._mapped(sum(sizes))
-        position = 0
-        for part in parts:
-            memory[position : position + len(part)] = part
-            position += len(part)
+        for part, place in zip(parts, self._places(sizes), strict=True):
+            place[:] = part
         return sizes
 
-    def get(self, sizes: Sizes) -> tuple[Any, bytearray]:
-        """A copy of the object, and of the bytes beside it."""
-        memory = self._mapped(sum(sizes))
-        parts, position = [], 0
-        for size in sizes:
-            parts.append(bytearray(memory[position : position + size]))
-            position += size
-        description, *arrays, data = parts
+    def get(self, sizes: Sizes) -> tuple[Any, memoryview]:
+        """The object, and the bytes beside it; its arrays, read-only, show what lies here now."""
+        description, *arrays, data = (place.toreadonly() for place in self._places(sizes))
         return pickle.loads(description, buffers=arrays), data
 
     def close(self) -> None:
@@ -54,9 +52,13 @@ class SharedBuffer:
         self._memory = None
         os.close(self._file)
 
-    def _mapped(self, size: int) -> memoryview:
-        if self._memory is None or len(self._memory) < size:
-            if os.fstat(self._file).st_size < size:
-                os.ftruncate(self._file, size)
-            self._memory = mmap.mmap(self._file, max(size, os.fstat(self._file).st_size))
-        return memoryview(self._memory)
+    def _places(self, sizes: Sizes) -> list[memoryview]:
+        """Where parts of these sizes lie, each where an array of any kind may begin."""
+        starts = [0, *accumulate(-(-size // _ALIGNMENT) * _ALIGNMENT for size in sizes)]
+        total = starts[-1]
+        if self._memory is None or len(self._memory) < total:
+            if os.fstat(self._file).st_size < total:
+                os.ftruncate(self._file, total)
+            self._memory = mmap.mmap(self._file, max(total, os.fstat(self._file).st_size))
+        memory = memoryview(self._memory)
+        return [memory[start : start + size] for start, size in zip(starts, sizes, strict=False)]
