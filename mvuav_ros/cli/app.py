@@ -77,7 +77,9 @@ def main() -> NoReturn:
 
     def interrupt(number: int, _frame: FrameType | None) -> NoReturn:
         interrupts.append(number)
-        raise KeyboardInterrupt if number == signal.SIGINT else Interrupted(number)
+        # After a KeyboardInterrupt in an exec() of text, as dataclasses are made, Python ends by
+        # the signal and not with our status, even where it is caught.
+        raise Interrupted(number)
 
     try:
         # Until all is imported the handlers of `mvuav_ros.__main__` stay.
@@ -86,9 +88,6 @@ def main() -> NoReturn:
         for number in SIGNALS:
             signal.signal(number, interrupt)
         status = app(prog_name='mvuav', standalone_mode=False)
-        if status == 128 + signal.SIGINT:
-            # What typer makes of a KeyboardInterrupt.
-            _fail('interrupted', status)
     except Interrupted as interruption:
         _fail('interrupted', 128 + interruption.number)
     except Exception as error:

@@ -115,6 +115,20 @@ def test_the_command_is_interrupted_in_one_line(tmp_path):
         assert 'Traceback' not in output, (delay, output)
 
 
+def test_an_interrupt_while_a_dataclass_is_made_keeps_the_status():
+    """It is made by exec() of text; there Python remembers a KeyboardInterrupt for its exit."""
+    program = """
+import os, signal, sys
+from mvuav_ros.cli import app
+app.application = lambda names: lambda **_: exec('os.kill(os.getpid(), signal.SIGINT)')
+app.main()
+"""
+    run = subprocess.run(
+        [sys.executable, '-c', program], cwd=ROOT, env=CLEAN, capture_output=True, text=True
+    )
+    assert (run.returncode, run.stderr) == (130, 'mvuav: interrupted\n')
+
+
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
