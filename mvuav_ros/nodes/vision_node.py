@@ -75,9 +75,10 @@ class VisionNode(ManagedNode):
         if self._handed_over:
             self._input = IntraProcessInput(images, answer)
         else:
+            topic = image_topic(transport, images)
             # Before the images, so that a source that sees that one subscription has seen these.
             companions = self._companions(images)
-            self._input = ImageInput(self, image_topic(transport, images), answer, companions)
+            self._input = ImageInput(self, topic, answer, companions)
         self._input.start()
         self._announce(self._input.topic)
 

@@ -146,7 +146,7 @@ class _Table:
     """One topic's file; the first two columns are the stamp (ns) and the row in its message.
 
     Attributes:
-        path: of the file; after an error there is none.
+        path: of the file, which is there when all of it is; after an error the one before stays.
         count: of the rows written.
     """
 
@@ -154,7 +154,8 @@ class _Table:
         self.path = path
         self.count = 0
         self._columns = columns
-        self._file = path.open('wb')
+        self._part = path.with_name(f'.{path.name}.part')
+        self._file = self._part.open('wb')
 
     def __enter__(self) -> _Table:
         return self
@@ -163,10 +164,11 @@ class _Table:
         try:
             if kind is None:
                 self._end()
+                self._file.close()
+                self._part.replace(self.path)
         finally:
             self._file.close()
-            if kind is not None:
-                self.path.unlink()
+            self._part.unlink(missing_ok=True)
 
     def add(self, columns: tuple[str, ...], rows: list[Row]) -> None:
         """Write a message's rows; those of other columns are left out."""

@@ -141,6 +141,21 @@ def test_a_run_that_fails_leaves_nothing_in_the_way(
     assert list((tmp_path / 'out').iterdir()) == []
 
 
+def test_a_run_that_fails_keeps_what_was_there(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / 'out'
+    before = {file: file.read_bytes() for file in export(results, folder, 'csv')}
+
+    def fail(_table: Any) -> None:
+        raise RecordingError('no space')
+
+    monkeypatch.setattr(exporting._Csv, '_end', fail)
+    with pytest.raises(RecordingError, match='no space'):
+        export(results, folder, 'csv', overwrite=True)
+    assert {file: file.read_bytes() for file in folder.iterdir()} == before
+
+
 def test_every_topic_has_a_file_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / 'results.mcap'
     with RecordingWriter(path) as writer:

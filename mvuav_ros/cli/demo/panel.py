@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 import webbrowser
-from contextlib import suppress
 from pathlib import Path
 
 from rich.console import Console
 
 from mvuav_ros.cli.demo.flights import sample_flights
 from mvuav_ros.cli.processes import NodeProcesses
+from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _STARTING_TIME = 60.0
@@ -25,8 +26,16 @@ def run_panel(bags: Path, console: Console) -> None:
     Raises:
         SourceError: a bag is missing, or a process failed.
     """
+    try:
+        _run(bags, console)
+    except Interrupted as interruption:
+        if interruption.number != signal.SIGINT:
+            raise
+
+
+def _run(bags: Path, console: Console) -> None:
     flights = sample_flights(bags)
-    with suppress(KeyboardInterrupt), NodeProcesses() as nodes:
+    with NodeProcesses() as nodes:
         panel = nodes.start('mvuav_ros', 'tuning_panel', '--port', '0', '--bags', str(bags))
         for flight in flights:
             flight.start_node(nodes)

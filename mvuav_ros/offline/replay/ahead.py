@@ -28,7 +28,7 @@ _SLOTS = 16
 _AT_ONCE = 4
 """Frames of a task: a process that is told of each by itself sleeps and wakes as often."""
 _MOST_BYTES = 48 << 20
-"""Of the frames and messages under way, once there are `_FEWEST` frames."""
+"""Of the frames and messages under way, once there are `_FEWEST` of them."""
 _FEWEST = 3
 _LARGE = 64 << 20
 """Bytes of a message that is decoded before it is copied, as it may be no image at all."""
@@ -156,8 +156,7 @@ class ReplayAhead:
     @property
     def _goes_on(self) -> bool:
         """Whether the input has more, and there is room for it."""
-        frames = _SLOTS - len(self._free)
-        full = self._bytes > _MOST_BYTES and frames >= _FEWEST
+        full = self._bytes > _MOST_BYTES and len(self._window) >= _FEWEST
         has_room = bool(self._free) and len(self._window) < _MOST_ENTRIES and not full
         return has_room and not self._ended
 
@@ -212,7 +211,7 @@ class ReplayAhead:
     def _next_of(self, node: int) -> list[int]:
         """The frames that a node can have now; none as long as there may soon be more."""
         numbers: list[int] = []
-        for number in range(self._next[node], self._count):
+        for number in range(max(self._first, self._next[node]), self._count):
             entry = self._window.get(number)
             if entry is not None and entry.direct is None:
                 if not entry.is_ready or len(numbers) == _AT_ONCE:
@@ -314,7 +313,7 @@ class _Stage:
             frame: Frame = slot.decoded.get(given.sizes)[0]
             return frame
         encoded, data = slot.read.get(given.sizes)
-        read: Frame | BadFrame = encoded.with_data(data).decoded()
+        read: Frame | BadFrame = encoded.with_data(memoryview(data)).decoded()
         return read
 
     def _conclude(self) -> FrameResults | None:

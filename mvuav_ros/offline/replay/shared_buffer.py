@@ -1,7 +1,4 @@
-"""Objects with large arrays for other processes: copied once into memory that all of them see.
-
-Whoever gets an object must be done with its arrays before the next is put.
-"""
+"""Objects with large arrays for other processes: copied once into memory that all of them see."""
 
 from __future__ import annotations
 
@@ -13,8 +10,6 @@ from typing import Any
 
 Sizes = tuple[int, ...]
 """Bytes of an object's description and of each of its arrays; what `SharedBuffer.get` needs."""
-
-_ALIGNMENT = 64
 
 
 class SharedBuffer:
@@ -42,9 +37,9 @@ class SharedBuffer:
             place[:] = part
         return sizes
 
-    def get(self, sizes: Sizes) -> tuple[Any, memoryview]:
-        """The object, and the bytes beside it; its arrays, read-only, show what lies here now."""
-        description, *arrays, data = (place.toreadonly() for place in self._places(sizes))
+    def get(self, sizes: Sizes) -> tuple[Any, bytearray]:
+        """A copy of the object, as a node may keep an image, and of the bytes beside it."""
+        description, *arrays, data = map(bytearray, self._places(sizes))
         return pickle.loads(description, buffers=arrays), data
 
     def close(self) -> None:
@@ -53,8 +48,8 @@ class SharedBuffer:
         os.close(self._file)
 
     def _places(self, sizes: Sizes) -> list[memoryview]:
-        """Where parts of these sizes lie, each where an array of any kind may begin."""
-        starts = [0, *accumulate(-(-size // _ALIGNMENT) * _ALIGNMENT for size in sizes)]
+        """Where parts of these sizes lie, one after the other."""
+        starts = [0, *accumulate(sizes)]
         total = starts[-1]
         if self._memory is None or len(self._memory) < total:
             if os.fstat(self._file).st_size < total:

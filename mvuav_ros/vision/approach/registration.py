@@ -32,7 +32,8 @@ class Registration:
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
-        gray = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 1)
+        # A copy: the caller may use the image's memory for the next one.
+        gray = pixels.copy() if pixels.ndim == 2 else cv2.extractChannel(pixels, 1)
         if gray.dtype != np.uint8:
             gray = gray.astype(np.float32)
         self._last, self._now = self._now, np.asarray(gray)

@@ -33,6 +33,15 @@ def test_a_turn_of_the_camera_is_measured(texture, shift):
     assert found == pytest.approx(shift, abs=0.2)
 
 
+def test_the_memory_of_an_image_may_be_used_for_the_next(texture):
+    registration, buffer = Registration(), texture.copy()
+    registration.take(buffer)
+    buffer[:] = moved(texture, 3.0, -2.0)
+    registration.take(buffer)
+    found = registration.shift(STRIP, Derotation(320, 240, 1, 0.0))
+    assert found == pytest.approx((3.0, -2.0), abs=0.2)
+
+
 def test_the_shift_is_given_on_the_levelled_image(texture):
     registration = Registration()
     registration.take(texture)
