@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import time
-from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -14,13 +13,6 @@ import numpy as np
 import pytest
 from support.commands import COMMAND, ENVIRONMENT, ROOT, mvuav_process, read, write_flight
 from support.recording_samples import START_NS, STEP_NS, STORE, Sample, cdr, image, write_mcap
-
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.vision.image import Image
 
 IMAGE, COMPRESSED = '/camera/image_raw', '/camera/image_raw/compressed'
 
@@ -80,22 +72,6 @@ def test_damaged_frames_calibrations_and_copies(tmp_path: Path) -> None:
 def test_raw_images(tmp_path: Path, node: str) -> None:
     bag = write_flight(tmp_path / 'flight.mcap', 150)
     assert both(bag, tmp_path, '--nodes', node, '--every', 2) == [(0, ''), (0, '')]
-    assert read(tmp_path / '1.mcap') == read(tmp_path / '3.mcap')
-
-
-def test_small_grey_images_that_mode_approach_keeps(tmp_path: Path) -> None:
-    """An image that needs no conversion is kept as it is, and its memory is used again."""
-    bag = tmp_path / 'grey.mcap'
-    source = BagImages(ROOT / 'bags/runway.mcap')
-    with RecordingWriter(bag) as writer:
-        for frame in islice(source.frames(), 60):
-            assert isinstance(frame, Frame)
-            grey = Image(frame.image.gray(), 'mono8')
-            message = serialize_image(grey, cdr_header(frame.stamp_ns, frame.frame_id))
-            writer.write(IMAGE, 'sensor_msgs/msg/Image', frame.stamp_ns, message)
-    source.close()
-    mode = ('--nodes', 'runway_detector', '--param', 'runway_detector:mode:=approach')
-    assert both(bag, tmp_path, *mode) == [(0, ''), (0, '')]
     assert read(tmp_path / '1.mcap') == read(tmp_path / '3.mcap')
 
 
