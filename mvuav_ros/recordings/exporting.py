@@ -162,12 +162,14 @@ class _Table:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
+            try:
+                if kind is None:
+                    self._end()
+            finally:
+                self._close()
             if kind is None:
-                self._end()
-                self._file.close()
                 self._part.replace(self.path)
         finally:
-            self._file.close()
             self._part.unlink(missing_ok=True)
 
     def add(self, columns: tuple[str, ...], rows: list[Row]) -> None:
@@ -180,6 +182,9 @@ class _Table:
 
     def _end(self) -> None:
         pass
+
+    def _close(self) -> None:
+        self._file.close()
 
 
 class _Csv(_Table):
@@ -233,7 +238,14 @@ class _Parquet(_Table):
     def _end(self) -> None:
         if self._rows or self._writer is None:
             self._flush()
-        self._writer.close()
+
+    def _close(self) -> None:
+        try:
+            # Before the file: it writes that one's end, at the latest when it is collected.
+            if self._writer is not None:
+                self._writer.close()
+        finally:
+            super()._close()
 
 
 class _Tum(_Table):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import gc
 import math
+import sys
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
@@ -139,6 +141,25 @@ def test_a_run_that_fails_leaves_nothing_in_the_way(
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', form)
     assert list((tmp_path / 'out').iterdir()) == []
+
+
+def test_a_parquet_export_that_fails_says_nothing_more(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('pyarrow.parquet')
+    contents, said = exporting._contents, []
+
+    def interrupted(*arguments: Any) -> Iterator[Any]:
+        yield from contents(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(exporting, '_contents', interrupted)
+    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 1)
+    monkeypatch.setattr(sys, 'unraisablehook', said.append)
+    with pytest.raises(KeyboardInterrupt):
+        export(results, tmp_path / 'out', 'parquet')
+    gc.collect()
+    assert said == [] and list((tmp_path / 'out').iterdir()) == []
 
 
 def test_a_run_that_fails_keeps_what_was_there(
