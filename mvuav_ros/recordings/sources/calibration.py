@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from urllib.parse import unquote, urlparse
 
 import yaml
 
+from mvuav_ros.recordings.output_file import write_whole
 from mvuav_ros.recordings.sources.frame import SourceError
 
 
@@ -53,6 +55,36 @@ def load_calibration(url: str) -> Calibration:
         raise SourceError(
             f'camera_info_url {url}: not a calibration file of camera_calibration ({error})'
         ) from error
+
+
+def save_calibration(calibration: Calibration, path: Path, name: str = 'camera') -> None:
+    """Write the file that camera_calibration_parsers reads.
+
+    Args:
+        calibration: of a camera.
+        path: of the file, which is replaced as a whole.
+        name: of the camera.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    given = calibration
+    lines = [
+        f'image_width: {given.width}',
+        f'image_height: {given.height}',
+        f'camera_name: {json.dumps(name)}',
+        *_matrix('camera_matrix', 3, given.k),
+        f'distortion_model: {given.distortion_model}',
+        *_matrix('distortion_coefficients', 1, given.d),
+        *_matrix('rectification_matrix', 3, given.r),
+        *_matrix('projection_matrix', 3, given.p),
+    ]
+    write_whole(path, '\n'.join(lines) + '\n')
+
+
+def _matrix(name: str, rows: int, data: tuple[float, ...]) -> tuple[str, ...]:
+    numbers = ', '.join(f'{value!r}' for value in data)
+    return f'{name}:', f'  rows: {rows}', f'  cols: {len(data) // rows}', f'  data: [{numbers}]'
 
 
 def _path(url: str) -> Path:
