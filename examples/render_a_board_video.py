@@ -77,9 +77,9 @@ def poses(rng, matrix, places, size=(640, 480)):
     stops = []
     for _ in range(places):
         direction = rng.uniform(0, 2 * np.pi)
-        tilt = np.radians(rng.uniform(5, 45))
+        tilt = np.radians(rng.uniform(15, 45))
         turn = (tilt * np.cos(direction), tilt * np.sin(direction), rng.uniform(-0.4, 0.4))
-        depth = matrix[0, 0] / size[0] * rng.uniform(0.4, 0.75)
+        depth = matrix[0, 0] / size[0] * rng.uniform(0.35, 0.6)
         beside = rng.uniform(-0.25, 0.25, 2) * np.array(size) / matrix[0, 0] * depth
         stops.append((*turn, *beside, depth))
     for here, there in zip(stops, stops[1:] + stops[:1], strict=True):
@@ -88,7 +88,7 @@ def poses(rng, matrix, places, size=(640, 480)):
         yield from [(here + number * step, step) for number in range(1, STEPS)]
 
 
-def frames(seed, model='plumb_bob', places=30, size=(640, 480), exposure=0.4):
+def frames(seed, model='plumb_bob', places=40, size=(640, 480), exposure=0.4):
     """The camera matrix, the coefficients, and an iterator over grey images."""
     rng = np.random.default_rng(seed)
     matrix, d = lens(rng, model, size)

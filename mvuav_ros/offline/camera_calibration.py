@@ -24,10 +24,12 @@ from mvuav_ros.vision.camera_calibration import (
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.point_operations import Pixels
 
-MOST_SEARCHES = 150
+MOST_SEARCHES = 200
 """Images of a recording in which the board is searched: of each stretch of time the sharpest."""
 APART = 0.03
-"""Part of the image's diagonal by which the outer corners of two views differ at least."""
+"""Part of the image's diagonal by which the outer corners of two views differ that count as two."""
+_NOT_THE_SAME = 0.004
+"""Of two that are both used, as the corners' noise is a new one in each image."""
 _THUMBNAIL = 320  # px
 _SHOWN = 9  # Pictures of views in the report
 _CELLS = 8, 6  # Into which the image is divided for its coverage
@@ -53,9 +55,9 @@ class BoardSearch:
     frames: int = 0
     searched: int = 0
 
-    def different(self, most: int) -> list[int]:
-        """The views that differ from each other, as numbers."""
-        return different_views(self.views, self.size, most, APART)
+    def different(self, most: int, apart: float = APART) -> list[int]:
+        """The views that differ from each other, as numbers; those that differ most first."""
+        return different_views(self.views, self.size, most, apart)
 
 
 def search_board(
@@ -153,6 +155,7 @@ def calibrate_from(
             f'{"differs" if len(chosen) == 1 else "differ"}: {FEWEST_VIEWS} are needed, and 20 '
             'to 40 are good; move the board over the whole image, and tilt it'
         )
+    chosen = search.different(most, _NOT_THE_SAME)
     return chosen, calibrate_camera([search.views[i] for i in chosen], search.size, model)
 
 

@@ -31,6 +31,7 @@ class CalibrationTuning:
     # leave 0.03 %; a board that is always parallel to the image leaves 3 % and more.
     most_focal_error: float = 0.01
     folds: int = 4  # parts into which views are split, each kept back once
+    most_kept_back: int = 40  # views, those that differ most, that models are compared on
     better: float = 0.01  # by which part a longer model must do better on views kept back
 
 
@@ -100,7 +101,7 @@ def calibrate_camera(
     as further unknowns.
 
     Args:
-        views: different ones, tilted in several directions.
+        views: different ones, tilted in several directions; those that differ most first.
         size: width and height of the images, px.
         model: one of `MODELS`.
 
@@ -317,6 +318,7 @@ def _kept_back(
 ) -> dict[str, float]:
     """The rms residual of each model on views that it was not fitted to, px."""
     errors: dict[str, list[Array]] = {name: [] for name in names}
+    views = views[: TUNING.most_kept_back]
     folds = min(TUNING.folds, len(views) // 4)
     if folds < 2:  # Too few to keep some back: the simplest model
         return {name: 0.0 if name == names[0] else math.inf for name in names}

@@ -47,7 +47,7 @@ class CalibrateOptions:
     ] = None
     name: Annotated[str, typer.Option(help='Name of the camera in the file.')] = 'camera'
     topic: ImageTopic = None
-    views: Annotated[int, typer.Option(help='Different views that are used at most.', min=5)] = 60
+    views: Annotated[int, typer.Option(help='Different views that are used at most.', min=5)] = 120
     seconds: Annotated[
         float, typer.Option(help='Time after which a camera is left, if views are missing, s.')
     ] = 120.0
