@@ -57,7 +57,6 @@ class MarkerTrackerProcessor(Processor):
     def __init__(self, parameters: MarkerTrackerParameters | None = None) -> None:
         super().__init__()
         self._parameters = parameters or MarkerTrackerParameters()
-        self._camera: CameraModel | None = None
         self._newest: tuple[Image, MarkerResult, Pose | None, bytes] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
         self._rejection = ''
