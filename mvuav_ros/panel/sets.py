@@ -114,7 +114,7 @@ class SetStore:
 
 
 def _values(path: Path, kind: str) -> dict[str, object]:
-    """Of a file for a kind of node; refused is what would take YAML's reader all memory or stack."""
+    """Of a file for a kind of node; what takes YAML's reader all memory or stack is refused."""
     try:
         text, depth = foreign.file_text(path, LARGEST_SET), 0
         for event in yaml.parse(text, yaml.SafeLoader):
