@@ -96,6 +96,8 @@ class MarkerTrackerProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
+        if self._parameters.image_is_rectified:
+            camera = camera.rectified()
         if camera != self._camera:
             self._camera = camera
             self._poses.reset()

@@ -73,7 +73,6 @@ class Processor(ABC):
         self.resets = 0
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
-        self._parameters: Any = None
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -172,8 +171,7 @@ class Processor(ABC):
             self.reset()
             self.resets += 1
         if frame.camera is not None and self.uses_camera_info:
-            is_rectified = getattr(self._parameters, 'image_is_rectified', False)
-            self.set_camera(frame.camera.rectified() if is_rectified else frame.camera)
+            self.set_camera(frame.camera)
         outputs = self._process(frame, cdr_header(frame.stamp_ns, frame.frame_id))
         self._last_stamp_ns = frame.stamp_ns
         return [*outputs, *self.draw(debug)] if debug else outputs

@@ -96,6 +96,8 @@ class RunwayDetectorProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
+        if self._parameters.image_is_rectified:
+            camera = camera.rectified()
         super().set_camera(camera)
         self._approach.set_camera(camera)
 

@@ -84,10 +84,11 @@ class CameraModel:
     is_rectified: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'k', _numbers(self.k, 'camera matrix', (3, 3)))
+        object.__setattr__(self, 'k', _numbers(self.k, 'camera matrix', '3 x 3', (9,)))
         object.__setattr__(self, 'd', _numbers(self.d, 'distortion'))
-        object.__setattr__(self, 'r', _numbers(self.r, 'rectification matrix', (3, 3), or_none=True))
-        object.__setattr__(self, 'p', _numbers(self.p, 'projection matrix', (3, 4), or_none=True))
+        r = _numbers(self.r, 'rectification matrix', '3 x 3', (0, 9))
+        object.__setattr__(self, 'r', r)
+        object.__setattr__(self, 'p', _numbers(self.p, 'projection matrix', '3 x 4', (0, 12)))
 
     @cached_property
     def matrix(self) -> Array:
@@ -175,7 +176,8 @@ class CameraModel:
             return np.empty((0, 2))
         if self.is_straight:
             matrix = self.matrix
-            return (points.reshape(-1, 2) - matrix[:2, 2]) / (matrix[0, 0], matrix[1, 1])
+            flat = (points.reshape(-1, 2) - matrix[:2, 2]) / (matrix[0, 0], matrix[1, 1])
+            return np.asarray(flat)
         if not self.is_fisheye:
             flat = cv2.undistortPoints(points, self.matrix, self.distortion)
             return np.asarray(flat, np.float64).reshape(-1, 2)
@@ -226,26 +228,21 @@ class CameraModel:
 
     @property
     def widest(self) -> float:
-        """Greatest x / z and y / z that `project` is right for: beyond it a lens model turns back."""
+        """Greatest x / z and y / z for `project`: beyond, a lens model may turn back."""
         return math.tan(_WIDEST_TURN) if self.is_fisheye else _WIDEST_POLYNOMIAL
 
 
-def _numbers(
-    given: Any, name: str, shape: tuple[int, int] | None = None, *, or_none: bool = False
-) -> tuple[float, ...]:
+def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = ()) -> Any:
     """Plain numbers, row-major, of a sequence or an array of any shape."""
-    if type(given) is tuple and all(type(value) is float for value in given):
-        if shape is None or len(given) == math.prod(shape) or (or_none and not given):
-            return given
+    is_plain = type(given) is tuple and all(type(value) is float for value in given)
     try:
-        numbers = np.asarray(() if given is None else given, np.float64)
+        numbers = given if is_plain else np.asarray(() if given is None else given, np.float64)
     except (TypeError, ValueError) as error:
-        raise CalibrationError(f'the {name} holds something else than numbers: {error}') from error
-    if shape is not None and numbers.size != math.prod(shape) and not (or_none and not numbers.size):
-        raise CalibrationError(
-            f'the {name} needs {shape[0]} x {shape[1]} numbers, not {numbers.size}'
-        )
-    return tuple(numbers.ravel().tolist())
+        raise CalibrationError(f'the {name} holds what is no number: {error}') from error
+    count = len(given) if is_plain else numbers.size
+    if counts and count not in counts:
+        raise CalibrationError(f'the {name} needs {shape} numbers, not {count}')
+    return given if is_plain else tuple(numbers.ravel().tolist())
 
 
 def _shifted(matrix: tuple[float, ...], x: float, y: float) -> tuple[float, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from contextlib import closing
 from dataclasses import replace
 
 from mvuav_ros.recordings.images import IMAGE
@@ -52,8 +51,7 @@ class ReplayInput:
 
     def _check(self, camera: CameraModel) -> None:
         """Whether the calibration is one of the first image."""
-        with closing(self._source.frames()) as frames:
-            first = next((frame for frame in frames if isinstance(frame, Frame)), None)
+        first = next((each for each in self._source.frames() if isinstance(each, Frame)), None)
         if first is None:
             return
         try:

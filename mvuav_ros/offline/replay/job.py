@@ -208,9 +208,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
     given = job.settings
     source = stop.unless_requested(
-        lambda: ReplayInput(
-            job.source, given.image_topic, given.fps, given.selection, given.camera
-        )
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection, given.camera)
     )
     try:
         yield source

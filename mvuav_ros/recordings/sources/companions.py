@@ -37,9 +37,7 @@ def imu_topic_of(recording: Recording, image_topic: str) -> str | None:
 class Companions:
     """The messages of a calibration's topic and of an attitude's, None where there is none."""
 
-    def __init__(
-        self, image_topic: str, camera_topic: str | None, imu_topic: str | None
-    ) -> None:
+    def __init__(self, image_topic: str, camera_topic: str | None, imu_topic: str | None) -> None:
         self._image_topic = image_topic
         self._camera_topic = camera_topic
         self._imu_topic = imu_topic

@@ -148,7 +148,7 @@ def _pose(
     # The horizon passes through the vanishing point, with the slope that was seen.
     slope = level.slope + values[4]
     point = camera.project(forward[None])[0]
-    beside = camera.undistort(point + (math.cos(slope), math.sin(slope)))[0]
+    beside = camera.undistort(point + np.array((math.cos(slope), math.sin(slope))))[0]
     up = np.cross(forward, (*beside, 1.0))
     up /= np.linalg.norm(up)
     if up[1] > 0:

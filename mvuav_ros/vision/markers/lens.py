@@ -37,14 +37,14 @@ class Lens:
     def to_ideal(self, pixels: Array) -> Array:
         """(n, 2) px of the image as px without distortion."""
         camera = self._camera
-        if camera is None or not len(pixels):
+        if camera is None or self.focal is None or not len(pixels):
             return pixels
         return np.asarray(camera.undistort(pixels) * self.focal + self.centre)
 
     def to_image(self, ideal: Array) -> Array:
         """(n, 2) px without distortion as px of the image."""
         camera = self._camera
-        if camera is None or not len(ideal):
+        if camera is None or self.focal is None or not len(ideal):
             return ideal
         rays = np.column_stack(((ideal - self.centre) / self.focal, np.ones(len(ideal))))
         # Nothing is seen beyond anyway.
