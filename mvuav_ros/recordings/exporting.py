@@ -20,6 +20,7 @@ from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.recording import RecordedMessage, counted
+from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.serialization.points import view_points
 
@@ -81,8 +82,7 @@ def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) ->
                 said = f'{counted(count, "message")} of {name} not exported: {reason}'
                 recording.account.lose('export', (name, reason), said, count)
         if tables:
-            record = json.dumps(recording.account.record(), indent=2)
-            (folder / ACCOUNT).write_text(record + '\n', encoding='utf-8')
+            write_text(str(folder / ACCOUNT), json.dumps(recording.account.record(), indent=2))
     except OSError as error:
         raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
     if not tables:
