@@ -32,7 +32,8 @@ class ReplayOptions:
     sources: Annotated[
         list[str],
         typer.Argument(
-            metavar='INPUT...', help='Bags, videos, folders or globs of images; or their URLs.'
+            metavar='INPUT...',
+            help='Bags, videos, folders or globs of images, folders of them; or their URLs.',
         ),
     ]
     output: Annotated[
