@@ -64,7 +64,7 @@ def test_a_misspelt_node_in_a_file_is_refused(tmp_path: Path, key: str) -> None:
         f'/**/runway_detector: {{ros__parameters: {{num_peaks: 2}}}}\n'
         f"'{key}': {{ros__parameters: {{threshold: 0.5}}}}\n"
     )
-    with pytest.raises(ParameterError, match='no such node: .*; there are video_source'):
+    with pytest.raises(ParameterError, match=r'no such node: .*; there are video_source'):
         resolve_parameters(['marker_tracker'], path)
     with pytest.raises(ParameterError, match='no such node'):
         load_parameters(path, 'marker_tracker')
