@@ -35,6 +35,14 @@ Param = Annotated[
     typer.Option(help='A parameter, node:name:=value; may be repeated.', show_default=False),
 ]
 ImageTopic = Annotated[str | None, typer.Option(help='Image topic of a bag that has several.')]
+CameraInfo = Annotated[
+    str | None,
+    typer.Option(
+        help="The camera's calibration for all images: the YAML file of camera_calibration.",
+        metavar='FILE',
+        show_default=False,
+    ),
+]
 Dask = Annotated[
     str | None,
     typer.Option(help='Run on a Dask cluster; the address of its scheduler.', metavar='tcp://…'),

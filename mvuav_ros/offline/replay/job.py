@@ -29,6 +29,7 @@ from mvuav_ros.recordings.sources.gamma import gamma_corrected
 from mvuav_ros.recordings.sources.opening import looks_like_bag
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.vision.camera import CameraModel
 
 PROGRESS_INTERVAL = 0.1
 """Seconds between two reports."""
@@ -46,6 +47,7 @@ class ReplaySettings:
         keep_inputs: whether the input's messages go along.
         debug_images: whether debug images are made.
         gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
+        camera: the calibration of all images; None: what comes with them.
         split_bytes: None for one mcap file; else a rosbag2 folder, and the size at which its next
             part begins (0: never).
     """
@@ -57,6 +59,7 @@ class ReplaySettings:
     keep_inputs: bool = False
     debug_images: bool = False
     gamma: float = 1.0
+    camera: CameraModel | None = None
     split_bytes: int | None = None
 
 
@@ -212,7 +215,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
     given = job.settings
     source = stop.unless_requested(
-        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection)
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection, given.camera)
     )
     try:
         yield source

@@ -103,7 +103,7 @@ class BagImages(FrameSource):
         """
         try:
             wanted = self.camera_topic if camera else None, self.imu_topic if attitude else None
-            yield from self._items(selection, others, Companions(*wanted))
+            yield from self._items(selection, others, Companions(self.topic, *wanted))
         except RecordingError as error:
             raise SourceError(str(error)) from error
 
