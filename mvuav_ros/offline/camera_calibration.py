@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mvuav_ros.offline.report.model import Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, INK, drawing, label
-from mvuav_ros.recordings.sources.calibration import Calibration
 from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
 from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
 from mvuav_ros.vision.camera import CalibrationError
@@ -157,21 +156,6 @@ def calibrate_from(
         )
     chosen = search.different(most, _NOT_THE_SAME)
     return chosen, calibrate_camera([search.views[i] for i in chosen], search.size, model)
-
-
-def as_calibration(found: CameraCalibration) -> Calibration:
-    """In the form of a CameraInfo; P is K, as of a camera that is not one of two."""
-    camera = found.camera
-    k = camera.k
-    return Calibration(
-        camera.width,
-        camera.height,
-        camera.distortion_model,
-        camera.d,
-        k,
-        (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        (*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
-    )
 
 
 def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:

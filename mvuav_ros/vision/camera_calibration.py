@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -154,7 +153,7 @@ class _Fit:
     poses: list[Array]
 
     def camera(self, size: tuple[int, int]) -> CameraModel:
-        k, d = (tuple(float(value) for value in part.ravel()) for part in (self.matrix, self.d))
+        k, d = (tuple(part.ravel().tolist()) for part in (self.matrix, self.d))
         return CameraModel(*size, k=k, d=d, distortion_model=self.lens.model)
 
     def project(self, points: Array, pose: Array) -> tuple[Array, Array, Array]:
@@ -172,10 +171,7 @@ class _Fit:
 
     def pose(self, view: BoardView) -> Array:
         """The board's pose that fits a view best: from the undistorted points, then refined."""
-        undistort: Callable[..., Any] = cv2.undistortPoints
-        if self.lens.model == 'equidistant':
-            undistort = cv2.fisheye.undistortPoints
-        rays = undistort(view.pixels.reshape(-1, 1, 2), self.matrix, self.d).reshape(-1, 2)
+        rays = self.camera((1, 1)).undistort(view.pixels)
         good = np.isfinite(rays).all(axis=1) & (np.abs(rays) < 20.0).all(axis=1)
         if good.sum() < 4:
             return np.full(6, np.nan)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
-from mvuav_ros.cli.terminal import frame_progress, tell_damage
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 
 _LITTLE = 0.6
@@ -95,19 +95,18 @@ def calibrate(options: CalibrateOptions) -> None:
         source.close()
     page = work.report_of(source.name, board, search, chosen, found)
     write_report(page, report)
-    save_calibration(work.as_calibration(found), options.output, options.name)
-    tell_damage(source.errors, [], err=True)
-    typer.echo(
+    save_calibration(found.camera, options.output, options.name)
+    say(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
     )
-    typer.echo(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms')
+    say(f'model {found.camera.distortion_model}, residual {found.rms:.3f} px rms')
     for what, value, deviation, unit in work.describe(found):
-        typer.echo(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
+        say(f'{what} {value:.6g} ± {deviation:.2g} {unit}'.rstrip())
     covered = work.coverage([search.views[i] for i in chosen], search.size)
-    typer.echo(
+    say(
         f'corners in {100 * covered:.0f} % of the image'
         + ('' if covered >= _LITTLE else ': the lens is extrapolated outside; show the board there')
     )
-    typer.echo(options.output)
-    typer.echo(report / 'index.html')
+    say(options.output)
+    say(report / 'index.html')
