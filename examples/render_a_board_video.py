@@ -57,11 +57,16 @@ class Renderer:
         moved = np.pad(noise, ((2, 2), (2, 2), (0, 0)), mode='edge').astype(np.float32) * TEXEL
         moved = cv2.remap(moved, (x + 0.5) / TEXEL, (y + 0.5) / TEXEL, cv2.INTER_LINEAR)
         board = cv2.remap(
-            self.board, x - moved[..., 0], y - moved[..., 1], cv2.INTER_LINEAR,
+            self.board,
+            x - moved[..., 0],
+            y - moved[..., 1],
+            cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_REPLICATE,
         )
         pinhole = np.array([(self.focal, 0, self.shift), (0, self.focal, self.shift), (0, 0, 1)])
-        texels = np.array([(1, 0, 0.5 - 2 * TEXEL), (0, 1, 0.5 - 2 * TEXEL), (0, 0, TEXEL / SQUARE)])
+        texels = np.array(
+            [(1, 0, 0.5 - 2 * TEXEL), (0, 1, 0.5 - 2 * TEXEL), (0, 0, TEXEL / SQUARE)]
+        )
         image = np.zeros((2 * self.size[1], 2 * self.size[0]), np.float32)
         for rotation, translation in moments:
             plane = np.column_stack((rotation[:, 0], rotation[:, 1], translation))
@@ -117,7 +122,9 @@ def write(path, images):
         stream = None
         for image in images:
             if stream is None:
-                stream = container.add_stream('libx264', rate=15, options={'crf': '14', 'preset': 'veryfast'})
+                stream = container.add_stream(
+                    'libx264', rate=15, options={'crf': '14', 'preset': 'veryfast'}
+                )
                 stream.height, stream.width = image.shape
                 stream.pix_fmt = 'yuv420p'
             for packet in stream.encode(av.VideoFrame.from_ndarray(image, format='gray')):

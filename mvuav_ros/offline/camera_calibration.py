@@ -87,7 +87,9 @@ def search_board(
             search.stamps.append(stamp)
             scale = _THUMBNAIL / gray.shape[1]
             small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            search.thumbnails.append(small if small.dtype == np.uint8 else (small >> 8))
+            search.thumbnails.append(
+                cv2.convertScaleAbs(small, alpha=1 if gray.dtype == np.uint8 else 1 / 256)
+            )
         if source.live and (
             len(search.different(most)) >= most or time.monotonic() > start + seconds
         ):
@@ -171,9 +173,7 @@ def describe(found: CameraCalibration) -> Iterator[tuple[str, float, float, str]
     names = {5: 'k1 k2 p1 p2 k3', 8: 'k1 k2 p1 p2 k3 k4 k5 k6'}.get(len(d), 'k1 k2 k3 k4').split()
     values = (k[0], k[4], k[2], k[5], *d)
     units = ('px',) * 4 + ('',) * len(d)
-    yield from zip(
-        ('fx', 'fy', 'cx', 'cy', *names), values, found.deviations, units, strict=True
-    )
+    yield from zip(('fx', 'fy', 'cx', 'cy', *names), values, found.deviations, units, strict=True)
 
 
 def report_of(

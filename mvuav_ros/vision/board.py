@@ -166,7 +166,7 @@ class _OldCharucoDetector:
     def __init__(self, board: Any) -> None:
         self._board = board
 
-    def detectBoard(self, gray: Pixels) -> tuple[Any, Any]:  # noqa: N802
+    def detectBoard(self, gray: Pixels) -> Any:
         aruco: Any = cv2.aruco
         corners, labels, _ = aruco.detectMarkers(gray, self._board.dictionary)
         if labels is None or not len(labels):

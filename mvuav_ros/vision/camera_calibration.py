@@ -86,7 +86,7 @@ class CameraCalibration:
     def tilts(self) -> Array:
         """(n,), between the board's normal and the camera's axis, rad."""
         normals = [cv2.Rodrigues(turn)[0][2, 2] for turn in self.rotations]
-        return np.arccos(np.clip(np.abs(normals), 0.0, 1.0))
+        return np.asarray(np.arccos(np.clip(np.abs(normals), 0.0, 1.0)), np.float64)
 
 
 def calibrate_camera(
@@ -160,14 +160,16 @@ class _Fit:
         """Pixels (n, 2), and their derivatives by the pose (2n, 6) and the camera (2n, 4 + k)."""
         count = 4 + self.lens.coefficients
         if self.lens.model == 'equidistant':
-            pixels, slopes = cv2.fisheye.projectPoints(
+            found = cv2.fisheye.projectPoints(
                 points.reshape(-1, 1, 3), pose[:3], pose[3:], self.matrix, self.d
             )
+            pixels, slopes = (np.asarray(part, np.float64) for part in found)
             by_camera, by_pose = slopes[:, :count], slopes[:, 8:14]
         else:
-            pixels, slopes = cv2.projectPoints(points, pose[:3], pose[3:], self.matrix, self.d)
+            found = cv2.projectPoints(points, pose[:3], pose[3:], self.matrix, self.d)
+            pixels, slopes = (np.asarray(part, np.float64) for part in found)
             by_camera, by_pose = slopes[:, 6 : 6 + count], slopes[:, :6]
-        return np.asarray(pixels, np.float64).reshape(-1, 2), by_pose, by_camera
+        return pixels.reshape(-1, 2), by_pose, by_camera
 
     def pose(self, view: BoardView) -> Array:
         """The board's pose that fits a view best: from the undistorted points, then refined."""
@@ -246,7 +248,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit
     points = [view.points.reshape(-1, 1, 3).astype(np.float32) for view in views]
     pixels = [view.pixels.reshape(-1, 1, 2).astype(np.float32) for view in views]
     try:
-        found = cv2.calibrateCamera(points, pixels, size, None, None, flags=lens.flags)  # type: ignore[call-overload]
+        found = cv2.calibrateCamera(points, pixels, size, None, None, flags=lens.flags)
     except cv2.error as error:
         raise CalibrationError(
             f'OpenCV finds no {lens.model} camera that fits the views'
@@ -257,7 +259,9 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> _Fit
     if not (np.isfinite(matrix).all() and np.isfinite(d).all() and found[0] < min(size)):
         raise CalibrationError(f'no {lens.model} camera fits the views')
     turns, places = found[3:5]
-    poses = [np.append(a.ravel(), b.ravel()) for a, b in zip(turns, places, strict=True)]
+    poses = [
+        np.append(turn, place).astype(np.float64) for turn, place in zip(turns, places, strict=True)
+    ]
     return _Fit(lens, matrix, d, poses)
 
 

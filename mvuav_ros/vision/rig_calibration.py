@@ -19,6 +19,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.special import chdtri
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.reprojection import Reprojection, rotation_of
@@ -36,12 +37,13 @@ class RigCalibrationTuning:
 
     most_frames: int = 300  # those that differ most are taken
     fewest_frames: int = 10
-    # Of the noise per axis: residuals from there on are of another light. One of 1000 good ones is.
+    # An image is looked into for a wrong name where noise alone leaves such residuals in one of
+    # so many.
+    one_of: float = 2000.0
+    # Of the noise per axis: residuals count less and less from about there on.
     outlying: float = 3.7
     # px, per axis: the least noise that is expected of a light's place.
     least_noise: float = 0.02
-    # Of a frame's residuals over the usual frame's, from where on a wrong name is looked for.
-    odd_frame: float = 2.5
     # Of the span (1 sigma): from where on the motion does not tell where a light is.
     most_deviation: float = 0.005
     rounds: int = 6  # of adjustment, and naming outliers
@@ -49,6 +51,7 @@ class RigCalibrationTuning:
 
 
 TUNING = RigCalibrationTuning()
+_ALL_ALIKE = 1e6  # px: a bound within which all residuals lie
 _FITS = 2.0  # px, rms per axis, to which the last pose is gone on with
 
 
@@ -139,6 +142,7 @@ def calibrate_rig(
     for _ in range(TUNING.rounds):
         bundle.adjust()
         # Another light may pull the rig to itself as long as nobody knows the noise.
+        bundle.bound = math.inf
         bundle.bound = TUNING.outlying * bundle.noise()
         bundle.adjust()
         before = bundle.used.copy()
@@ -146,7 +150,7 @@ def calibrate_rig(
         if (before == bundle.used).all():
             break
     bundle.refuse_few(names)
-    bundle.bound = math.inf
+    bundle.bound = _ALL_ALIKE
     bundle.adjust()
     positions, covariance, scale_deviation = bundle.in_frame_of(rough, distance)
     _refuse_untold(positions, covariance, names)
@@ -188,29 +192,24 @@ class _Bundle:
     def locate(self) -> None:
         """The pose of every image, and which of its lights fit it."""
         solved = {frame: self._solve(rows, frame) for frame, rows in self._rows.items()}
-        usual = [found[1] for found in solved.values() if found is not None]
+        poses = [(rows, solved[frame]) for frame, rows in self._rows.items()]
+        usual = [found[1] / _usual(len(rows)) for rows, found in poses if found is not None]
         if not usual:
             raise RigCalibrationError('no pose fits the lights in any image: is it this rig?')
-        odd = TUNING.odd_frame * max(float(np.median(usual)), TUNING.least_noise)
+        variance = max(float(np.median(usual)), TUNING.least_noise**2)
         self._poses, self.used[:] = {}, False
         for frame, rows in self._rows.items():
             found, chosen = solved[frame], rows
-            if found is None or found[1] > odd or self._is_odd(rows, found[0]):
-                found, chosen = self._without_wrong(rows, frame, odd)
+            if found is None or found[1] > variance * _most(len(rows)):
+                found, chosen = self._without_wrong(rows, frame, variance)
             if found is not None:
                 self._poses[frame] = found[0]
                 self.used[chosen] = True
 
-    def _is_odd(self, rows: Indices, pose: Array) -> bool:
-        """Whether a light is farther from its place than noise puts it."""
-        seen = self._camera.project(self.points[self._all.markers[rows]], pose[:3], pose[3:])
-        beside = np.linalg.norm(self._all.pixels[rows] - seen, axis=1)
-        return bool((beside > self.bound).any())
-
     def _solve(
         self, rows: Indices, frame: int, thorough: bool = True
     ) -> tuple[Array, float] | None:
-        """Pose and rms residual per axis, px; thorough: from tilted starts as well."""
+        """Pose and squared residuals, px²; thorough: from tilted starts as well."""
         points = np.ascontiguousarray(self.points[self._all.markers[rows]])
         view = Reprojection(self._camera, points, np.ascontiguousarray(self._all.pixels[rows]))
         solutions = []
@@ -226,10 +225,10 @@ class _Bundle:
         if not solutions:
             return None
         rvec, tvec, squares = min(solutions, key=lambda solution: solution[2])
-        return np.concatenate((rvec.ravel(), tvec.ravel())), math.sqrt(squares / (2 * len(rows)))
+        return np.concatenate((rvec.ravel(), tvec.ravel())), squares
 
     def _without_wrong(
-        self, rows: Indices, frame: int, most: float
+        self, rows: Indices, frame: int, variance: float
     ) -> tuple[tuple[Array, float] | None, Indices]:
         """The pose of an image without the one or two lights that the others contradict."""
         for out in (1, 2):
@@ -239,7 +238,7 @@ class _Bundle:
             for wrong in combinations(range(len(rows)), out):
                 rest = np.delete(rows, wrong)
                 found = self._solve(rest, frame, thorough=False)
-                if found is not None and found[1] <= most and not self._is_odd(rest, found[0]):
+                if found is not None and found[1] <= variance * _most(len(rest)):
                     tried.append((found[1], found, rest))
             if tried:
                 _, best, rest = min(tried, key=lambda each: each[0])
@@ -327,18 +326,19 @@ class _Bundle:
         information = information + float(np.trace(information)) * held @ held.T
         step = np.linalg.lstsq(information, gradient, rcond=1e-12)[0]
         turns = {frame: own - along @ step for frame, (own, along) in eliminated.items()}
-        return step.reshape(-1, 3), turns
+        return np.asarray(step.reshape(-1, 3), np.float64), turns
 
     def noise(self) -> float:
         """Of a light's place per axis, from the residuals, px."""
-        residuals = np.concatenate([self._view(frame)[0] for frame in self._poses])
-        left = max(len(residuals) - 6 * len(self._poses) - self.points.size + 7, 1)
+        views = [self._view(frame)[0] for frame in self._poses]
+        each = [float(residuals @ residuals) for residuals in views]
+        count = sum(len(residuals) - 6 for residuals in views)
+        # What the positions of the lights take up of the residuals.
+        rest = max(count - self.points.size + 7, 1)
         if math.isfinite(self.bound):
-            spread = math.sqrt(float(residuals @ residuals) / left)
-        else:
-            # The median, as there may be other lights; 0.6745 is that of a normal distribution.
-            spread = float(np.median(np.abs(residuals))) / 0.6745 * math.sqrt(len(residuals) / left)
-        return max(spread, TUNING.least_noise)
+            return max(math.sqrt(sum(each) / rest), TUNING.least_noise)
+        ratios = [squares / _usual(len(r) // 2) for squares, r in zip(each, views, strict=True)]
+        return max(math.sqrt(float(np.median(ratios)) * count / rest), TUNING.least_noise)
 
     def residuals(self) -> Array:
         """(m, 2) of all sightings, px; NaN without a pose."""
@@ -400,6 +400,16 @@ class _Bundle:
             covariance *= scale**2
             covariance += deviation**2 * scale**2 * np.outer(apart.ravel(), apart.ravel())
         return rough.mean(axis=0) + scale * apart, covariance, deviation
+
+
+def _usual(lights: int) -> float:
+    """The median of the squared residuals of an image, in squares of the noise (chi-square)."""
+    return float(chdtri(2 * lights - 6, 0.5))
+
+
+def _most(lights: int) -> float:
+    """The most that noise leaves of them, but for one image of many."""
+    return float(chdtri(2 * lights - 6, 1.0 / TUNING.one_of))
 
 
 def _gauge(points: Array) -> Array:
