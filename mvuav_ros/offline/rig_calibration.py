@@ -78,6 +78,11 @@ def calibrate_from(
     """
     if source.live:
         raise SourceError(f'{source.name}: record the flight first; it is read several times')
+    if len(rough.names) < FEWEST_LIGHTS:
+        raise RigCalibrationError(
+            f'{len(rough.names)} lights are too few: an image with {FEWEST_LIGHTS} tells more than '
+            'its own pose'
+        )
     between = None
     if distance is not None:
         unknown = [name for name in distance[:2] if name not in rough.names]

@@ -29,6 +29,8 @@ class CalibrationTuning:
     # Of the focal length (1 sigma), from where on the views do not tell it. Twenty rendered videos
     # leave 0.03 %; a board that is always parallel to the image leaves 3 % and more.
     most_focal_error: float = 0.01
+    # px, per axis: the least noise that is expected of a corner.
+    least_noise: float = 0.02
     folds: int = 4  # parts into which views are split, each kept back once
     most_kept_back: int = 40  # views, those that differ most, that models are compared on
     better: float = 0.01  # by which part a longer model must do better on views kept back
@@ -231,8 +233,11 @@ class _Fit:
             rest = by_camera - by_pose @ np.linalg.lstsq(by_pose, by_camera, rcond=None)[0]
             information += rest.T @ rest
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-13)
-        variances = np.diag(covariance) / scale**2 * squares / max(left, 1)
+        # What the views do not tell at all is to come out as unknown, not as zero.
+        values, axes = np.linalg.eigh(information / np.outer(scale, scale))
+        spread = ((axes / np.sqrt(np.maximum(values, 1e-15))) ** 2).sum(axis=1)
+        noise = max(squares / max(left, 1), TUNING.least_noise**2)
+        variances = spread / scale**2 * noise
         deviations = np.sqrt(np.maximum(variances, 0.0))
         return np.append(deviations, np.zeros(4 + len(self.d) - count))
 

@@ -76,7 +76,7 @@ def test_boards_that_cannot_be():
         Board(9, 1, 0.03)
     with pytest.raises(BoardError, match='write metres'):
         Board(9, 6, 0.0)
-    with pytest.raises(BoardError, match='no ArUco dictionary|has no aruco'):
+    with pytest.raises(BoardError, match=r'no ArUco dictionary|has no aruco'):
         Board(9, 6, 0.03, 'DICT_NONE')
 
 

@@ -55,7 +55,7 @@ def test_a_blurred_view_is_left_out():
 
 @pytest.mark.parametrize('tilt', [(0, 0), (0, 1)])
 def test_views_parallel_to_the_image_are_refused(tilt):
-    with pytest.raises(CalibrationError, match='do not tell the focal length.*tilted'):
+    with pytest.raises(CalibrationError, match=r'do not tell the focal length.*tilted'):
         calibrate_camera(views_of(LENSES['plumb_bob'], 10, tilt=tilt), SIZE, 'plumb_bob')
 
 
