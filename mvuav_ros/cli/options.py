@@ -54,6 +54,12 @@ Format = Annotated[
 SplitMb = Annotated[
     int, typer.Option(help='MB after which a rosbag2 folder starts its next file.', min=0)
 ]
+Strict = Annotated[
+    bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
+]
+AsJson = Annotated[
+    bool, typer.Option('--json', help='Print JSON, with the account of what was lost.')
+]
 Force = Annotated[bool, typer.Option('--force', help='Overwrite existing output.')]
 
 
@@ -65,12 +71,12 @@ def refuse_to_overwrite(output: Path | str, force: bool) -> None:
         raise RecordingError(f'{output} exists; --force overwrites it')
 
 
-def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], None]], Callable[..., None]]:
+def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], Any]], Callable[..., Any]]:
     """Make a command of a function of one dataclass, whose fields are annotated as its options."""
 
-    def command(work: Callable[[OptionsT], None]) -> Callable[..., None]:
-        def run(**given: Any) -> None:
-            work(options(**given))
+    def command(work: Callable[[OptionsT], Any]) -> Callable[..., Any]:
+        def run(**given: Any) -> Any:
+            return work(options(**given))
 
         run.__name__, run.__doc__ = work.__name__, work.__doc__
         run.__annotations__ = get_type_hints(options, include_extras=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,6 +18,7 @@ from mvuav_ros.cli.options import (
     ParamsFile,
     SplitMb,
     Storage,
+    Strict,
     takes,
 )
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
@@ -101,14 +102,12 @@ class ReplayOptions:
         ),
     ] = None
     dask: Dask = None
-    strict: Annotated[
-        bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
-    ] = False
+    strict: Strict = False
     force: Force = False
 
 
 @takes(ReplayOptions)
-def replay(options: ReplayOptions) -> None:
+def replay(options: ReplayOptions) -> dict[str, Any]:
     """Run the nodes' own code over recordings and write their topics as mcap bags.
 
     The messages are those that the live nodes publish for the same images.
@@ -153,3 +152,4 @@ def replay(options: ReplayOptions) -> None:
         raise typer.Exit(1)
     if options.strict and any(outcome.lossy for outcome in outcomes):
         raise SourceError('--strict: something was lost or rejected; see the warnings')
+    return {'recordings': [outcome.record() for outcome in outcomes]}

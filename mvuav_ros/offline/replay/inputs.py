@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
@@ -68,14 +69,9 @@ class ReplayInput:
         return self._selection.count(self._source.count, self._source.rate)
 
     @property
-    def errors(self) -> list[str]:
-        """What cannot be read, in words."""
-        return self._source.errors
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is unusual without a loss."""
-        return self._source.warnings if isinstance(self._source, BagImages) else []
+    def account(self) -> Account:
+        """What cannot be read."""
+        return self._source.account
 
     def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
         """Frames, and the messages to be copied (``keep``).
