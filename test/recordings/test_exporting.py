@@ -16,9 +16,10 @@ import pytest
 from support.recording_samples import STORE, cdr
 
 from mvuav_ros.processing.messages.markers import encode_markers, encode_rpy
-from mvuav_ros.recordings import exporting
+from mvuav_ros.recordings import tables
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.exporting import export
+from mvuav_ros.recordings.exporting import export as export_flights
+from mvuav_ros.recordings.reading import Recording
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
@@ -27,6 +28,11 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 STAMP_NS = 1_700_000_000_123_456_789
 POSE = 'geometry_msgs/msg/PoseStamped'
+
+
+def export(path: Path, *given: Any, **options: Any) -> dict[Path, int]:
+    """One flight's."""
+    return export_flights({'flight': path}, *given, **options)
 
 
 def marker_result() -> MarkerResult:
@@ -101,7 +107,7 @@ def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     table = parquet.read_table(tmp_path / 'out' / 'marker_tracker_markers.parquet')
     assert table.num_rows == 15
     assert table['stamp_ns'].to_pylist() == [STAMP_NS] * 15
-    assert table.column_names[:3] == ['stamp_ns', 'row', 'x']
+    assert table.column_names[:5] == ['flight', 'stamp_ns', 'stamp', 'row', 'x']
 
 
 @pytest.mark.parametrize('form', ['csv', 'parquet', 'tum'])
@@ -110,7 +116,7 @@ def test_a_flight_of_any_length_takes_no_memory(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 500)
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 500)
     count = 8_000
     path = tmp_path / 'results.mcap'
     with RecordingWriter(path) as writer:
@@ -125,19 +131,24 @@ def test_a_flight_of_any_length_takes_no_memory(
     assert peak < 200 * count
 
 
-@pytest.mark.parametrize('form', ['csv', 'parquet', 'tum'])
+def interrupt_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    messages = Recording.messages
+
+    def interrupted(recording: Recording, topics: Any = None) -> Iterator[Any]:
+        yield from messages(recording, topics)
+        if topics and '/pose' in topics:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Recording, 'messages', interrupted)
+
+
+@pytest.mark.parametrize('form', ['csv', 'parquet', 'tum', 'mot'])
 def test_a_run_that_fails_leaves_nothing_in_the_way(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    contents = exporting._contents
-
-    def interrupted(*arguments: Any) -> Iterator[Any]:
-        yield from contents(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(exporting, '_contents', interrupted)
+    interrupt_at_the_end(monkeypatch)
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', form)
     assert list((tmp_path / 'out').iterdir()) == []
@@ -147,14 +158,9 @@ def test_a_parquet_export_that_fails_says_nothing_more(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('pyarrow.parquet')
-    contents, said = exporting._contents, []
-
-    def interrupted(*arguments: Any) -> Iterator[Any]:
-        yield from contents(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(exporting, '_contents', interrupted)
-    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 1)
+    said: list[Any] = []
+    interrupt_at_the_end(monkeypatch)
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 1)
     monkeypatch.setattr(sys, 'unraisablehook', said.append)
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', 'parquet')
@@ -171,7 +177,7 @@ def test_a_run_that_fails_keeps_what_was_there(
     def fail(_table: Any) -> None:
         raise RecordingError('no space')
 
-    monkeypatch.setattr(exporting._Csv, '_end', fail)
+    monkeypatch.setattr(tables.Csv, '_end', fail)
     with pytest.raises(RecordingError, match='no space'):
         export(results, folder, 'csv', overwrite=True)
     assert {file: file.read_bytes() for file in folder.iterdir()} == before
