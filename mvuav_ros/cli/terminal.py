@@ -5,6 +5,8 @@ Nothing else of the command line prints: what comes from files passes `visible` 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import typer
 from rich.console import Console
 from rich.progress import (
@@ -61,12 +63,13 @@ def say(*lines: object, err: bool = False) -> None:
         typer.echo(visible(line), err=err)
 
 
-def tell_account(account: Account, *, err: bool = True) -> None:
+def tell_account(account: Account) -> None:
     """A line for each thing that is wrong with an input or worth a note, and what it cost."""
     account.is_told = True
-    for error in account.errors:
-        say(f'damage: {error}', err=err)
-    for warning in account.warnings:
-        say(f'note: {warning}', err=err)
-    if account.is_lossy:
-        say(f'damage: {account.balance}', err=err)
+    tell_damage([*account.errors, *([account.balance] if account.is_lossy else [])])
+    say(*(f'note: {warning}' for warning in account.warnings), err=True)
+
+
+def tell_damage(errors: Iterable[str]) -> None:
+    """A line for each."""
+    say(*(f'damage: {error}' for error in errors), err=True)

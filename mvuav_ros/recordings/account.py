@@ -138,9 +138,11 @@ class Account:
     @property
     def balance(self) -> str:
         """The account in one line."""
-        at_least = '' if self.is_exact else 'at least '
+        lost = f'{self.lost} lost'
+        if not self.is_exact:
+            lost = f'at least {lost}' if self.lost else 'an unknown number lost'
         altered = f', {self.altered} altered' if self.altered else ''
-        return f'{self.name}: {self.kept} kept, {at_least}{self.lost} lost{altered}'
+        return f'{self.name}: {self.kept} kept, {lost}{altered}'
 
     def record(self) -> dict[str, Any]:
         """All of it as JSON knows it."""

@@ -13,6 +13,7 @@ from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.result_rows import TABLE_TYPES, Columns, ResultRows
 from mvuav_ros.recordings.tables import TABLES, Table
 
@@ -58,8 +59,8 @@ def export(
                 accounts.append(_export(flight, source, files, stack))
         if files.tables:
             content = [account.record() for account in accounts]
-            record = json.dumps(content[0] if len(content) == 1 else content, indent=2)
-            (folder / ACCOUNT).write_text(record + '\n', encoding='utf-8')
+            record = content[0] if len(content) == 1 else {'flights': content}
+            write_text(str(folder / ACCOUNT), json.dumps(record, indent=2))
     except OSError as error:
         raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
     if not files.tables:

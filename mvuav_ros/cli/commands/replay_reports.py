@@ -8,7 +8,7 @@ from contextlib import closing
 import cv2
 from rich.progress import Progress, TaskID
 
-from mvuav_ros.cli.terminal import frame_progress, say, tell_account
+from mvuav_ros.cli.terminal import frame_progress, say, tell_account, tell_damage
 from mvuav_ros.offline.replay.cluster import run_on_cluster
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
 from mvuav_ros.offline.replay.manifest import Manifest
@@ -114,8 +114,6 @@ def _report(outcome: ReplayOutcome) -> None:
         say(f'{outcome.output}: finished before, {results}')
     elif not outcome.failure:
         say(f'{outcome.output}: {results}')
-    elif outcome.frames:
-        say(f'warning: it failed after {results}', err=True)
     reasons = sorted(outcome.rejected.items(), key=lambda item: -item[1])
     for reason, count in reasons[:_MOST_REASONS]:
         say(f'warning: {count} without a result: {reason}', err=True)
@@ -124,7 +122,8 @@ def _report(outcome: ReplayOutcome) -> None:
         say(f'warning: {rest} without a result for other reasons', err=True)
     if outcome.account is not None:
         tell_account(outcome.account)
-    elif outcome.errors:  # of a replay that was finished before
-        say(*(f'damage: {error}' for error in outcome.errors), err=True)
+    else:  # of a replay that was finished before
+        tell_damage(outcome.errors)
+        say(*(f'note: {warning}' for warning in outcome.warnings), err=True)
     if outcome.failure:
         say(f'mvuav: {outcome.failure}', err=True)

@@ -246,6 +246,7 @@ def _write(
     finally:
         outcome.account = source.account
         outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
+        outcome.errors += [source.account.balance] if outcome.errors else []
     progress(JobProgress(source.name, outcome.frames, outcome.frames))
 
 
