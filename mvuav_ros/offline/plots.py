@@ -157,7 +157,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
                 if f'{node}/{other}' in rows.kinds:
                     wanted[f'{node}/{other}'] = part, other
                     part.curves[other] = Curves(6, messages)
-    first_ns = last_ns = None
+    first_ns = last_ns = 0
     for message in recording.messages(wanted):
         part, topic = wanted[message.topic]
         try:
@@ -167,12 +167,12 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             continue
         if not points:
             continue
-        stamp_ns = points[0]['stamp_ns']
-        first_ns = stamp_ns if first_ns is None else first_ns
+        stamp_ns = int(points[0]['stamp_ns'])
+        first_ns = first_ns or stamp_ns
         last_ns = stamp_ns
         _take(part, topic, (stamp_ns - first_ns) * 1e-9, points)
-    seconds = 0.0 if first_ns is None else (last_ns - first_ns) * 1e-9
-    return FlightPlot(flight, seconds, [part for part in parts.values() if part.frames])
+    length = (last_ns - first_ns) * 1e-9
+    return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
 
 
 def _take(part: Part, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
