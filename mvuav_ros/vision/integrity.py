@@ -42,14 +42,20 @@ MIN_LIGHTS = 4
 MAX_LIGHTS = 12
 """The pairs of more would cost more than they gain; those seen first are used."""
 MAX_TURN_SIGMA = 0.02
-"""rad. Three lights that are seen nearly face on have a second solution, mirrored, and their
-error is no Gaussian; a hypothesis whose remaining lights tell a turn less exactly than this is not
-monitored. 1.2 degrees, five times, is a tenth of the turn between two such solutions (typically
-one radian, on the built-in tanker)."""
+"""rad. A hypothesis whose remaining lights tell a turn less exactly than this is not monitored:
+three lights seen face on have a second solution, mirrored, and their error is no Gaussian."""
 MAX_DISTANCE_SIGMA = 0.03
-"""Of the distance: likewise for the place, where the projection is no longer linear."""
+"""Of the distance: likewise for the place."""
+MAX_TURN_LEVEL = 0.3
+"""rad. Beyond this and the next limit the projection is not linear enough between the solutions
+that are compared, and there is no level."""
+MAX_DISTANCE_LEVEL = 0.1
+"""Of the distance: likewise for the place."""
 MAX_UNMONITORED = 0.9
 """Part of the integrity risk that hypotheses without a check may take up."""
+MAX_TAIL = 1e-3
+"""The largest probability that a bound is exceeded under its hypothesis, however improbable that
+is: a margin for priors that are too small."""
 _COORDINATES = 6
 _RIDGE = 1e-12
 """Of the information's scale: makes that of a degenerate set of lights invertible, and its
@@ -217,8 +223,9 @@ def protection_levels(
     sigmas = np.sqrt(np.abs(variances))
     bounds = (np.abs(shifts[:, :, 3]) + factors * sigmas)[monitored]
     across, up, along, pitch, yaw, roll = bounds.max(axis=0).tolist()
-    if not math.isfinite(across + up + along + pitch + yaw + roll):
-        return ProtectionLevels(reason='the pose or the lights are not finite')
+    is_linear = max(across, up, along) <= MAX_DISTANCE_LEVEL * distance
+    if not (is_linear and max(pitch, yaw, roll) <= MAX_TURN_LEVEL):
+        return ProtectionLevels(reason='the lights contradict each other or the pose')
     return ProtectionLevels(along, across, up, roll, pitch, yaw)
 
 
@@ -260,7 +267,7 @@ def _factors(
     if not is_monitored[0] or left < (1.0 - MAX_UNMONITORED) * budget.risk:
         return None
     share = left / (_COORDINATES * float(is_monitored.sum()))
-    tails = np.minimum(0.5 * share / np.maximum(priors, share), 0.5)
+    tails = np.minimum(share / np.maximum(priors, share), MAX_TAIL) / 2.0
     return np.asarray(-ndtri(tails)[:, None], np.float64)
 
 
