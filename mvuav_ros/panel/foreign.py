@@ -8,10 +8,13 @@ or into a string that NiceGUI parses (``props``, ``classes``, ``style``).
 from __future__ import annotations
 
 import math
+import os
 import re
+import stat
 import unicodedata
 from collections.abc import Iterable, Sequence
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 LONGEST_WORDS = 200
@@ -22,6 +25,8 @@ _MOST_VALUES = 100
 _MOST_STATUSES = 100
 _MOST_NUMBERS = 16
 """Of one parameter; a user does not type more."""
+_LARGEST_INTEGER = 2**63
+"""Of a ROS parameter; a larger one does not fit a float either."""
 _MOST_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
 _FILE_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 _.-]{0,63}', re.ASCII)
@@ -95,11 +100,34 @@ def parameter_value(value: Any) -> Any:
 
 def plain_value(value: object) -> Any:
     """A parameter's value in a file: a scalar as it is, numbers as a tuple; None where neither."""
+    numbers = value if isinstance(value, list) else [value]
+    if any(isinstance(each, int) and abs(each) > _LARGEST_INTEGER for each in numbers):
+        return None
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, list) and all(type(number) in (int, float) for number in value):
         return tuple(map(float, value))
     return None
+
+
+def file_text(path: Path, longest: int) -> str:
+    """The text of a file of at most ``longest`` bytes.
+
+    Raises:
+        OSError: it is larger, is no file, or cannot be read.
+        UnicodeDecodeError: it is no text.
+    """
+    # Opening a FIFO would wait for somebody to write into it, and reading a device never end.
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError('is not a regular file')
+        content = os.read(descriptor, longest + 1)
+    finally:
+        os.close(descriptor)
+    if len(content) > longest:
+        raise OSError(f'has more than {longest} bytes')
+    return content.decode()
 
 
 class NameRefusedError(ValueError):

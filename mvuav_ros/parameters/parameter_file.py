@@ -22,18 +22,27 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
         ParameterError: the file cannot be read or is not a parameter file.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        return parameter_values(path.read_text(), str(path), node)
     except OSError as error:
         raise ParameterError(str(path), error.strerror or str(error)) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ParameterError(str(path), f'is not YAML: {error}') from error
+
+
+def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
+    """As `read_parameter_values`, of a file's text; ``name`` is what errors call it."""
+    try:
+        content = yaml.safe_load(text)
+    except Exception as error:
+        # Beside YAMLError whatever its constructors stumble over: ``!!int ""`` is an IndexError.
         problem = ' '.join(str(error).split())
-        raise ParameterError(str(path), f'is not YAML: {problem}') from error
+        raise ParameterError(name, f'is not YAML: {problem}') from error
     if not isinstance(content, dict):
-        raise ParameterError(str(path), 'is not a ROS 2 parameter file')
+        raise ParameterError(name, 'is not a ROS 2 parameter file')
     values: dict[str, object] = {}
     for key, sections in _flattened_nodes(content):
         if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
-            raise ParameterError(str(path), f'{key} has no ros__parameters')
+            raise ParameterError(name, f'{key} has no ros__parameters')
         # In any namespace.
         if fnmatchcase(node, key.rsplit('/', 1)[-1].replace('**', '*')):
             values.update(_flattened(sections['ros__parameters']))
