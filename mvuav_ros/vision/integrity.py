@@ -41,16 +41,15 @@ MIN_LIGHTS = 4
 """Three lights fit a pose wherever they are, so they cannot check each other."""
 MAX_LIGHTS = 12
 """The pairs of more would cost more than they gain; those seen first are used."""
-MAX_TURN_SIGMA = 0.02
+MAX_TURN_SIGMA = 0.05
 """rad. A hypothesis whose remaining lights tell a turn less exactly than this is not monitored:
-three lights seen face on have a second solution, mirrored, and their error is no Gaussian."""
+the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
 MAX_DISTANCE_SIGMA = 0.03
-"""Of the distance: likewise for the place."""
+"""Of the distance: likewise for the place, where the projection is no longer linear."""
 MAX_TURN_LEVEL = 0.3
-"""rad. Beyond this and the next limit the projection is not linear enough between the solutions
-that are compared, and there is no level."""
+"""rad. A turn has no level beyond this: what is compared are small turns."""
 MAX_DISTANCE_LEVEL = 0.1
-"""Of the distance: likewise for the place."""
+"""Of the distance: the pose has no levels beyond this, as the projection is not linear there."""
 MAX_UNMONITORED = 0.9
 """Part of the integrity risk that hypotheses without a check may take up."""
 MAX_TAIL = 1e-3
@@ -111,7 +110,7 @@ class ProtectionLevels:
         along: along the line of sight (optical z), m; of the rig's dock, as are the next two.
         across: to the right or left (optical x), m.
         up: up or down (optical y), m.
-        roll: about the line of sight, rad.
+        roll: about the line of sight, rad; a turn that could be large has no level, NaN.
         pitch: about optical x, rad.
         yaw: about optical y, rad.
         reason: why there are no levels; empty if there are.
@@ -135,15 +134,16 @@ class ProtectionLevels:
         """Perpendicular to that plane, m."""
         return self.up
 
+    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
+        """Which of along, across and up are beyond their limits (m); a limit of zero is none."""
+        levels = zip(('along', 'across', 'up'), alert_limits, strict=True)
+        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+
     def state(self, alert_limits: Sequence[float]) -> IntegrityState:
         """Against limits along, across and up (m); a limit of zero is none."""
         if self.reason:
             return IntegrityState.NOT_AVAILABLE
-        levels = (self.along, self.across, self.up)
-        beyond = any(
-            limit and level > limit for level, limit in zip(levels, alert_limits, strict=True)
-        )
-        return IntegrityState.ALERT if beyond else IntegrityState.AVAILABLE
+        return IntegrityState.ALERT if self.beyond(alert_limits) else IntegrityState.AVAILABLE
 
 
 def protection_levels(
@@ -222,10 +222,11 @@ def protection_levels(
         return ProtectionLevels(reason=_unmonitored_reason(monitored, used, rig))
     sigmas = np.sqrt(np.abs(variances))
     bounds = (np.abs(shifts[:, :, 3]) + factors * sigmas)[monitored]
-    across, up, along, pitch, yaw, roll = bounds.max(axis=0).tolist()
-    is_linear = max(across, up, along) <= MAX_DISTANCE_LEVEL * distance
-    if not (is_linear and max(pitch, yaw, roll) <= MAX_TURN_LEVEL):
+    levels = bounds.max(axis=0)
+    if not levels[:3].max() <= MAX_DISTANCE_LEVEL * distance:
         return ProtectionLevels(reason='the lights contradict each other or the pose')
+    levels[3:][~(levels[3:] <= MAX_TURN_LEVEL)] = math.nan
+    across, up, along, pitch, yaw, roll = levels.tolist()
     return ProtectionLevels(along, across, up, roll, pitch, yaw)
 
 

@@ -198,7 +198,7 @@ def fly(task: ProtectionTask) -> ProtectionCounts:
             counts.misleading += 1
             beyond = (error[:3] > ALERT_LIMITS).any()
             counts.hazardous += bool(beyond and state is IntegrityState.AVAILABLE)
-            worst = int(np.argmax(error / bounds))
+            worst = int(np.nanargmax(error / bounds))
             text = f'{COORDINATES[worst]} {error[worst]:.3g}, level {bounds[worst]:.3g}'
             names = ', '.join(rig.names[light] for light in bad)
             counts.failures.append((task.seed, index, names, text))
@@ -218,8 +218,9 @@ def _count_stanford(counts: ProtectionCounts, ratios: Sequence[tuple[Array, Arra
         return
     errors, bounds = (np.array(each) for each in zip(*ratios, strict=True))
     for axis, scale in enumerate(_SCALES):
+        known = np.isfinite(bounds[:, axis])
         inside = [
-            np.clip(values[:, axis] / scale, _BINS[0], _BINS[-1]) for values in (errors, bounds)
+            np.clip(values[known, axis] / scale, _BINS[0], _BINS[-1]) for values in (errors, bounds)
         ]
         counts.stanford[axis] += np.histogram2d(*inside, bins=(_BINS, _BINS))[0]
 

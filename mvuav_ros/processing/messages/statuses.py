@@ -59,6 +59,8 @@ def encode_integrity(
     message = state.name.lower().replace('_', ' ')
     if levels.reason:
         message += f': {levels.reason}'
+    elif exceeded := levels.beyond(alert_limits):
+        message += f': {", ".join(exceeded)}'
     values = texts(
         along=levels.along,
         across=levels.across,
