@@ -46,8 +46,9 @@ MAX_TURN_SIGMA = 0.05
 the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
 MAX_DISTANCE_SIGMA = 0.03
 """Of the distance: likewise for the place, where the projection is no longer linear."""
-MAX_TURN_LEVEL = 0.3
-"""rad. A turn has no level beyond this: what is compared are small turns."""
+MAX_TURN_LEVEL = 0.1
+"""rad. A turn has no level beyond this: the error of three lights seen face on is not Gaussian
+there, as flights with two faulty lights show."""
 MAX_DISTANCE_LEVEL = 0.1
 """Of the distance: the pose has no levels beyond this, as the projection is not linear there."""
 MAX_UNMONITORED = 0.9
@@ -287,15 +288,16 @@ def _normal_terms(
     36 numbers of the information about the dock's place and the turns, then (6, 4) of the products
     with the three errors of the calibration, one deviation each, and with the residual.
     """
-    seen, by_place, by_turn, by_focal, by_center = projection_derivatives(
+    seen, by_place, by_turn = projection_derivatives(
         camera, rig.positions[labels], rotation, translation, about=rig.dock
     )
     count = len(labels)
     design = np.empty((count, 2, 10))
     design[:, :, :3] = by_place
     design[:, :, 3:6] = by_turn
-    design[:, :, 6] = by_focal * budget.focal_error
-    design[:, :, 7:9] = by_center * budget.center_error
+    # A longer focal length moves a pixel away from the principal point, in proportion.
+    design[:, :, 6] = (seen - camera.matrix[:2, 2]) * budget.focal_error
+    design[:, :, 7:9] = np.eye(2) * budget.center_error
     design[:, :, 9] = pixels - seen
     design /= sigma
     terms = np.empty((count, 60))
