@@ -116,10 +116,11 @@ class _Faults:
     def apply(self, pixels: Array) -> list[int]:
         """Spoil the pixels (n, 2) in place; the lights that are wrong."""
         rng = self._rng
-        for light in np.flatnonzero(rng.random(len(pixels)) < self._begins):
+        begun: list[int] = np.flatnonzero(rng.random(len(pixels)) < self._begins).tolist()
+        for light in begun:
             if not self._left[light]:
-                self._begin(int(light), len(pixels))
-        bad = np.flatnonzero(self._left).tolist()
+                self._begin(light, len(pixels))
+        bad: list[int] = np.flatnonzero(self._left).tolist()
         true = pixels.copy() if bad else pixels
         for light in bad:
             self._left[light] -= 1
@@ -210,7 +211,7 @@ def _error(rotation: Matrix, place: Array, true_rotation: Matrix, true_place: Ar
     """(6,), absolute, in the order of `COORDINATES`."""
     x, y, z = (place - true_place).tolist()
     pitch, yaw, roll = cv2.Rodrigues(rotation @ true_rotation.T)[0].ravel().tolist()
-    return np.abs(np.array((z, x, y, roll, pitch, yaw)))
+    return np.abs(np.array((z, x, y, roll, pitch, yaw), np.float64))
 
 
 def _count_stanford(counts: ProtectionCounts, ratios: Sequence[tuple[Array, Array]]) -> None:
@@ -219,10 +220,10 @@ def _count_stanford(counts: ProtectionCounts, ratios: Sequence[tuple[Array, Arra
     errors, bounds = (np.array(each) for each in zip(*ratios, strict=True))
     for axis, scale in enumerate(_SCALES):
         known = np.isfinite(bounds[:, axis])
-        inside = [
+        error, bound = (
             np.clip(values[known, axis] / scale, _BINS[0], _BINS[-1]) for values in (errors, bounds)
-        ]
-        counts.stanford[axis] += np.histogram2d(*inside, bins=(_BINS, _BINS))[0]
+        )
+        counts.stanford[axis] += np.histogram2d(error, bound, bins=[_BINS, _BINS])[0]
 
 
 def run(
