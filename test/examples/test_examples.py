@@ -13,6 +13,9 @@ from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
+from mvuav_ros.recordings.sources.video import VideoFile
+from mvuav_ros.vision.board import Board
+
 EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))
 
 
@@ -51,6 +54,14 @@ def test_approach_with_guidance():
     out = run('approach_with_guidance').splitlines()
     assert len(out) == 40
     assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
+
+
+def test_render_a_board_video(tmp_path):
+    out = run('render_a_board_video', tmp_path / 'board.mp4', 2)
+    assert out.startswith('true focal length ')
+    source = VideoFile(tmp_path / 'board.mp4')
+    assert source.count == 24 * 8
+    assert Board(9, 6, 0.03).find(next(source.frames()).image.gray()) is not None
 
 
 def test_print_live_results():

@@ -1,13 +1,10 @@
 """Views and images of calibration boards with known cameras."""
 
-import importlib.util
-
 import cv2
 import numpy as np
 
 from mvuav_ros.vision.board import Board, BoardView
 from mvuav_ros.vision.camera import CameraModel
-from support.places import ROOT
 
 SIZE = 640, 480
 BOARD = Board(9, 6, 0.03)
@@ -17,15 +14,6 @@ LENSES = {
         *SIZE, (330, 0, 315, 0, 331, 243, 0, 0, 1), (-0.02, 0.005, 0, 0), 'equidistant'
     ),
 }
-
-
-def example():
-    """The example that renders videos of boards."""
-    path = ROOT / 'examples' / 'render_a_board_video.py'
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def view_of(camera, turn, place, noise=0.0, rng=None, board=BOARD):

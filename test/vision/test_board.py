@@ -3,26 +3,19 @@
 import cv2
 import numpy as np
 import pytest
-from support.boards import BOARD, LENSES, SIZE, example, view_of
+from support.boards import BOARD, LENSES, SIZE, view_of
 
+from mvuav_ros.simulation.board import BoardVideo
 from mvuav_ros.vision.board import Board, BoardError, different_views
 
 NO_ARUCO = not hasattr(cv2, 'aruco')
 
 
-def rendered(seed, number):
+def rendered(seed):
     """An image of a still board without noise of its corners, and where they are."""
-    module = example()
-    module.CORNER_NOISE = 0.0
-    matrix, d, images = module.frames(seed, places=2)
-    rng = np.random.default_rng(seed)
-    module.lens(rng)
-    rng.uniform()
-    pose, _ = list(module.poses(rng, matrix, 2))[number]
-    middle = BOARD.points.mean(axis=0)
-    place = pose[3:] - cv2.Rodrigues(pose[:3])[0] @ middle
-    true = cv2.projectPoints(BOARD.points, pose[:3], place, matrix, d)[0].reshape(-1, 2)
-    return next(image for index, image in enumerate(images) if index == number), true
+    video = BoardVideo(seed, places=1, corner_noise=0.0)
+    pose, _ = next(video.poses())
+    return next(video.images()), video.camera.project(video.corners, pose[:3], pose[3:])
 
 
 def error(view, true):
@@ -31,7 +24,7 @@ def error(view, true):
 
 
 def test_corners_are_found_to_a_tenth_of_a_pixel():
-    image, true = rendered(4, 0)
+    image, true = rendered(4)
     view = BOARD.find(image)
     assert error(view, true) < 0.15
     # In an image that is searched at a smaller size the corners are those of the whole image.
