@@ -34,6 +34,7 @@ class BoardVideo:
         rows: inner corners along a column.
         square: side of a square, m.
         size: of the images, px.
+        lens: that is looked through instead of one from the seed.
     """
 
     seed: int
@@ -46,10 +47,13 @@ class BoardVideo:
     rows: int = 6
     square: float = 0.03
     size: tuple[int, int] = (640, 480)
+    lens: CameraModel | None = None
 
     @property
     def camera(self) -> CameraModel:
-        """The lens that the seed gives."""
+        """The lens, if none is given the one of the seed."""
+        if self.lens is not None:
+            return self.lens
         rng = np.random.default_rng((self.seed, 1))
         fisheye = self.model == EQUIDISTANT
         focal = self.size[0] * rng.uniform(*((0.45, 0.6) if fisheye else (0.7, 1.4)))
@@ -111,7 +115,8 @@ class BoardVideo:
     def _moved(self, noise: Array) -> Pixels:
         """The board with its corners moved by (rows, columns, 2) squares."""
         picture = self.picture()
-        y, x = np.indices(picture.shape, np.float32)
+        sides = (np.arange(side, dtype=np.float32) for side in picture.shape[::-1])
+        x, y = np.meshgrid(*sides)
         nodes = np.pad(noise, ((2, 2), (2, 2), (0, 0)), mode='edge').astype(np.float32) * TEXEL
         moved = cv2.remap(nodes, (x + 0.5) / TEXEL, (y + 0.5) / TEXEL, cv2.INTER_LINEAR)
         return cv2.remap(

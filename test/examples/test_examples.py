@@ -57,10 +57,11 @@ def test_approach_with_guidance():
 
 
 def test_render_a_board_video(tmp_path):
-    out = run('render_a_board_video', tmp_path / 'board.mp4', 2)
-    assert out.startswith('true focal length ')
+    flight = 'sim:tanker?fov_deg=60&frames=1'
+    out = run('render_a_board_video', flight, tmp_path / 'board.mp4')
+    assert out.startswith('true focal length 554.3 554.3,')
     source = VideoFile(tmp_path / 'board.mp4')
-    assert source.count == 24 * 8
+    assert source.count == 20 * 8
     assert Board(9, 6, 0.03).find(next(source.frames()).image.gray()) is not None
 
 
