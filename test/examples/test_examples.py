@@ -62,7 +62,8 @@ def test_render_a_board_video(tmp_path):
     assert out.startswith('true focal length 554.3 554.3,')
     source = VideoFile(tmp_path / 'board.mp4')
     assert source.count == 20 * 8
-    assert Board(9, 6, 0.03).find(next(source.frames()).image.gray()) is not None
+    stills = [frame.image.gray() for frame in source.frames()][::8]
+    assert sum(Board(9, 6, 0.03).find(image) is not None for image in stills) >= 10
 
 
 def test_print_live_results():
