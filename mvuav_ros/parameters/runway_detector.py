@@ -84,10 +84,10 @@ class RunwayDetectorParameters(ParameterSet):
         unit='°',
     )
     integrity_risk: float = _integrity(
-        0.02,
+        0.05,
         'Probability per frame with which an error of the guidance in mode approach may exceed its '
         'protection level on ~/integrity (docs/integrity.md). One minus the confidence is taken '
-        'off it, so that a confidence of 0.98 and less bears no levels with the default.',
+        'off it, so that a confidence of 0.95 and less bears no levels with the default.',
         limits=(1e-12, 0.5),
         unit='per frame',
         usual=(1e-3, 0.2),

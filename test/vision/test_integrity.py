@@ -200,13 +200,16 @@ COVARIANCE = np.diag([100.0, 0.25, 0.16, 1e-4, 1e-4, 4e-4])
 
 
 def test_runway_levels_are_the_deviations_that_the_risk_asks_for() -> None:
-    # 0.03 of the risk is left for three errors, half of it on each side: 2.576 deviations.
+    # 0.03 of the risk is left for three errors, half of it on each side: 2.576 deviations, which
+    # are six times those of the covariance.
     found = runway_levels(COVARIANCE, 0.99, 0.04)
-    assert (found.offset, found.height) == pytest.approx((2.576 * 0.5, 2.576 * 0.4), rel=1e-3)
-    assert found.heading == pytest.approx(2.576 * 0.02, rel=1e-3)
-    assert integrity_state(found, (2.0, 2.0)) is IntegrityState.AVAILABLE
-    assert integrity_state(found, (1.0, 0.0)) is IntegrityState.ALERT
-    assert found.beyond((1.0, 0.0)) == ['offset']
+    assert (found.offset, found.height) == pytest.approx(
+        (6 * 2.576 * 0.5, 6 * 2.576 * 0.4), rel=1e-3
+    )
+    assert found.heading == pytest.approx(6 * 2.576 * 0.02, rel=1e-3)
+    assert integrity_state(found, (8.0, 7.0)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (7.0, 0.0)) is IntegrityState.ALERT
+    assert found.beyond((7.0, 0.0)) == ['offset']
 
 
 @pytest.mark.parametrize('confidence', [0.0, 0.5, 0.95, math.nan])
