@@ -193,7 +193,7 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
         >>> import numpy as np
         >>> levels = runway_levels(np.diag([1.0, 0.04, 0.01, 1e-4, 1e-4, 1e-4]), 0.99, 0.05)
         >>> round(levels.offset, 2), round(levels.height, 2)
-        (2.97, 1.49)
+        (2.97, 1.48)
         >>> runway_levels(np.eye(6), 0.9, 1e-7).reason
         'a confidence of 0.900 cannot bear a risk of 1e-07'
     """
