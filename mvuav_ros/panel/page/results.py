@@ -1,4 +1,4 @@
-"""The part with the chosen node's results: pose, flags, statistics and live curves."""
+"""The part with the chosen node's results: flags, statistics and live curves."""
 
 from __future__ import annotations
 
@@ -36,24 +36,13 @@ _TIMES = {
     'latency_p95_ms': 'whole, p95 [ms]',
     'latency_p99_ms': 'whole, p99 [ms]',
 }
-_POSE = {
-    'marker_tracker': 'Pose of the tanker before the camera',
-    'runway_detector': 'Guidance: the camera before the runway',
-}
 
 
 class Results:
-    """A node's tables and charts; curves and pose come over the page's own WebSocket."""
+    """A node's tables and charts; curves come over the page's own WebSocket."""
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
-        with el.box('card pose'):
-            el.text(_POSE[node.kind], tag='h2')
-            with el.box('line wrap'):
-                sketch = el.box('sketch', 'canvas').props('width=320 height=220 role=img')
-                el.set_props(sketch, data_node=node.name, aria_label=f'Sketch. {_POSE[node.kind]}')
-                el.box('pose-numbers', 'dl')
-            el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
         self._lines: ui.table | None = None
         if node.kind == 'runway_detector':
             with el.box('card'):

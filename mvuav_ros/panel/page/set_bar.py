@@ -82,6 +82,10 @@ class SetBar:
         el.set_class(self._match, 'differs', bool(differing))
         return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
 
+    def value_of(self, parameter: str) -> Value | None:
+        """The chosen set's value of a parameter; None where it has none."""
+        return self._values.get(parameter)
+
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
         if not name:
