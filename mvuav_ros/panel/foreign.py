@@ -11,13 +11,14 @@ import math
 import os
 import re
 import stat
-import unicodedata
 from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-LONGEST_WORDS = 200
+from mvuav_ros.recordings.foreign import LONGEST_WORDS as LONGEST_WORDS
+from mvuav_ros.recordings.foreign import words as words
+
 LONGEST_DESCRIPTION = 2000
 LONGEST_NAME = 255
 """Characters of a ROS name; DDS itself allows no more."""
@@ -27,33 +28,8 @@ _MOST_NUMBERS = 16
 """Of one parameter; a user does not type more."""
 _LARGEST_INTEGER = 2**63
 """Of a ROS parameter; a larger one does not fit a float either."""
-_MOST_MARKS = 2
-"""Combining marks on one letter; towers of them cover other lines."""
 _FILE_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 _.-]{0,63}', re.ASCII)
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-
-
-def words(text: object, longest: int = LONGEST_WORDS) -> str:
-    """One line of visible characters, cut where it is too long."""
-    raw = str(text)
-    if len(raw) <= longest and raw.isascii() and raw.isprintable() and '  ' not in raw:
-        return raw.strip()
-    shown: list[str] = []
-    marks = 0
-    for letter in raw[: 4 * longest]:
-        category = unicodedata.category(letter)
-        if letter.isspace() or category in ('Zl', 'Zp', 'Cc'):
-            letter = ' '
-        elif category[0] == 'C':
-            # Unseen: direction overrides, joiners, surrogates, private use.
-            continue
-        marks = marks + 1 if category[0] == 'M' else 0
-        if marks <= _MOST_MARKS:
-            shown.append(letter)
-    line = ' '.join(''.join(shown).split())
-    if len(line) > longest or len(raw) > 4 * longest:
-        return line[: longest - 1].rstrip() + '…'
-    return line
 
 
 def number(text: object) -> float:

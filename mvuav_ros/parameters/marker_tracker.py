@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
+from mvuav_ros.parameters.image_input import (
+    autostart,
+    image_is_rectified,
+    image_transport,
+    opencv_threads,
+)
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
@@ -148,6 +153,7 @@ class MarkerTrackerParameters(ParameterSet):
         counts=_FOLLOWED,
     )
     image_transport: str = image_transport()
+    image_is_rectified: bool = image_is_rectified()
     opencv_threads: int = opencv_threads()
     autostart: bool = autostart('Node')
 

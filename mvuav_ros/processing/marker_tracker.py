@@ -57,7 +57,6 @@ class MarkerTrackerProcessor(Processor):
     def __init__(self, parameters: MarkerTrackerParameters | None = None) -> None:
         super().__init__()
         self._parameters = parameters or MarkerTrackerParameters()
-        self._camera: CameraModel | None = None
         self._newest: tuple[Image, MarkerResult, Pose | None, bytes] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
         self._rejection = ''
@@ -97,6 +96,8 @@ class MarkerTrackerProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
+        if self._parameters.image_is_rectified:
+            camera = camera.rectified()
         if camera != self._camera:
             self._camera = camera
             self._poses.reset()

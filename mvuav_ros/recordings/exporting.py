@@ -3,29 +3,37 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from io import TextIOWrapper
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.images import decode_message
-from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.recording import RecordedMessage, counted
+from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.serialization.messages import stamp_ns_of
+from mvuav_ros.recordings.serialization.points import view_points
 
 _NS = 1_000_000_000
 POSE_COLUMNS = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
-_NUMBERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
-"""NumPy's names of sensor_msgs/PointField's datatypes."""
+ACCOUNT = 'account.json'
+"""Beside the tables: what could not be read or exported."""
 
 Row = tuple[int | float, ...]
 _ROWS_AT_ONCE = 10_000
 _LONGEST_NAME = 200
+_LONGEST_REASON = 200
+_MOST_TABLES = 500
 
 
 def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) -> dict[Path, int]:
@@ -40,30 +48,41 @@ def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) ->
         form: 'csv', 'parquet' or 'tum'.
         overwrite: replace files that exist.
 
+    What was lost is in ``account.json`` beside them: messages that do not decode, too.
+
     Returns:
-        The files with the number of their rows.
+        The tables with the number of their rows.
 
     Raises:
         RecordingError: there is nothing to export, or a file exists.
     """
-    tables: dict[str, _Table] = {}
+    tables: dict[_Shape, _Table] = {}
+    lost: Counter[tuple[str, str]] = Counter()
     try:
         with open_recording(source) as recording, ExitStack() as stack:
-            kinds = {topic.name: topic.type for topic in recording.topics if topic.type in _READERS}
-            if form == 'tum':
-                kinds = {name: kind for name, kind in kinds.items() if 'Pose' in kind}
-            files = _files(folder, kinds, form)
-            for path in files.values():
-                if path.exists() and not overwrite:
-                    raise RecordingError(
-                        f'{path} exists; choose another folder, or overwrite it (--force)'
-                    )
-            for topic, columns, rows in _contents(recording, kinds):
-                if topic not in tables:
+            files = _Files(folder, form, overwrite)
+            for topic in recording.topics:  # before anything is written
+                if _is_wanted(topic.type, form):
+                    files.of(topic.name)
+            for message in recording.messages():
+                if not _is_wanted(message.type, form):
+                    continue
+                try:
+                    columns, rows = _rows(message)
+                except (MalformedMessageError, KeyError, TypeError, ValueError) as error:
+                    lost[message.topic, str(error)[:_LONGEST_REASON]] += 1
+                    continue
+                shape = message.topic, ('stamp_ns', 'row', *columns)
+                if shape not in tables:
+                    path = files.of(message.topic, taken=any(t == shape[0] for t, _ in tables))
                     folder.mkdir(parents=True, exist_ok=True)
-                    tables[topic] = _TABLES[form](files[topic], ('stamp_ns', 'row', *columns))
-                    stack.enter_context(tables[topic])
-                tables[topic].add(('stamp_ns', 'row', *columns), rows)
+                    tables[shape] = stack.enter_context(_TABLES[form](path, shape[1]))
+                tables[shape].add(rows)
+            for (name, reason), count in lost.items():
+                said = f'{counted(count, "message")} of {name} not exported: {reason}'
+                recording.account.lose('export', (name, reason), said, count)
+        if tables:
+            write_text(str(folder / ACCOUNT), json.dumps(recording.account.record(), indent=2))
     except OSError as error:
         raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
     if not tables:
@@ -71,52 +90,60 @@ def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) ->
     return {table.path: table.count for table in tables.values()}
 
 
-def _files(folder: Path, topics: Iterable[str], form: str) -> dict[str, Path]:
-    """A file for each topic, of a name of its own."""
-    files: dict[str, Path] = {}
-    for topic in topics:
-        name = re.sub(r'[/\0]', '_', topic.strip('/'))[:_LONGEST_NAME] or 'root'
-        path, number = folder / f'{name}.{form}', 1
-        while path in files.values():
+_Shape = tuple[str, tuple[str, ...]]
+"""A topic, and its columns: messages of others have a table of their own."""
+
+
+def _is_wanted(type_name: str, form: str) -> bool:
+    return type_name in _READERS and (form != 'tum' or 'Pose' in type_name)
+
+
+class _Files:
+    """A file for each table, of a name of its own."""
+
+    def __init__(self, folder: Path, form: str, overwrite: bool) -> None:
+        self._folder, self._form, self._overwrite = folder, form, overwrite
+        self._first: dict[str, Path] = {}
+        self._taken: set[Path] = set()
+
+    def of(self, topic: str, *, taken: bool = False) -> Path:
+        """The topic's file, or another one where that is taken by its messages of another kind.
+
+        Raises:
+            RecordingError: it exists, or there are too many.
+        """
+        if topic in self._first and not taken:
+            return self._first[topic]
+        name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_LONGEST_NAME] or 'root'
+        path, number = self._folder / f'{name}.{self._form}', 1
+        while path in self._taken:
             number += 1
-            path = folder / f'{name}_{number}.{form}'
-        files[topic] = path
-    return files
+            path = self._folder / f'{name}_{number}.{self._form}'
+        if path.exists() and not self._overwrite:
+            raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
+        if len(self._taken) == _MOST_TABLES:
+            raise RecordingError(f'it would be more than {_MOST_TABLES} tables')
+        self._first.setdefault(topic, path)
+        self._taken.add(path)
+        return path
 
 
-def _contents(
-    recording: Recording, kinds: Mapping[str, str]
-) -> Iterator[tuple[str, tuple[str, ...], list[Row]]]:
-    """Each message's topic, columns and rows."""
-    for message in recording.messages(kinds):
-        if message.type != kinds[message.topic]:
-            continue
-        try:
-            columns, rows = _rows(message)
-        except (MalformedMessageError, KeyError, TypeError, ValueError):
-            continue
-        yield message.topic, columns, rows
-
-
-def _rows(recorded: RecordedMessage) -> tuple[tuple[str, ...], list[Row]]:
+def _rows(recorded: RecordedMessage) -> tuple[tuple[str, ...], Iterator[Row]]:
     message = decode_message(recorded.type, recorded.data)
     stamp_ns = stamp_ns_of(message.header)
     columns, values = _READERS[recorded.type](message)
-    return columns, [(stamp_ns, number, *row) for number, row in enumerate(values)]
+    return columns, ((stamp_ns, number, *row) for number, row in enumerate(values))
 
 
 def _points(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
-    names = tuple(field.name for field in message.fields)
-    dtype = np.dtype(
-        {
-            'names': names,
-            'formats': [_NUMBERS[field.datatype] for field in message.fields],
-            'offsets': [field.offset for field in message.fields],
-            'itemsize': message.point_step,
-        }
-    )
-    points = np.frombuffer(message.data, dtype, count=message.width * message.height)
-    return names, iter(points.tolist())
+    points = view_points(message)
+    return points.dtype.names or (), _in_blocks(points)
+
+
+def _in_blocks(points: NDArray[np.void]) -> Iterator[Row]:
+    """As Python's numbers, which take ten times the memory: some at a time."""
+    for start in range(0, len(points), _ROWS_AT_ONCE):
+        yield from points[start : start + _ROWS_AT_ONCE].tolist()
 
 
 def _vector(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
@@ -172,10 +199,10 @@ class _Table:
         finally:
             self._part.unlink(missing_ok=True)
 
-    def add(self, columns: tuple[str, ...], rows: list[Row]) -> None:
-        """Write a message's rows; those of other columns are left out."""
-        if columns == self._columns:
-            self.count += self._write(rows)
+    def add(self, rows: Iterator[Row]) -> None:
+        """Write a message's rows."""
+        while block := list(islice(rows, _ROWS_AT_ONCE)):
+            self.count += self._write(block)
 
     def _write(self, rows: list[Row]) -> int:
         raise NotImplementedError

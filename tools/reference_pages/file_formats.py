@@ -51,14 +51,15 @@ An unknown name or a value outside of its range is an error.
 _CALIBRATION = """\
 ## Calibration
 
-The YAML file that camera_calibration saves (`camera_info_url` of `video_source`):
+The YAML file that camera_calibration saves (`camera_info_url` of
+`video_source`, `--camera-info` of `mvuav replay`, `load_calibration`):
 
 | key | content |
 |---|---|
 | `image_width`, `image_height` | px; images of another size are not used with it |
-| `distortion_model` | `plumb_bob` or `rational_polynomial` |
+| `distortion_model` | `plumb_bob`, `rational_polynomial` or `equidistant` |
 | `camera_matrix` | `data`: 9 numbers, row by row: fx 0 cx, 0 fy cy, 0 0 1 |
-| `distortion_coefficients` | `data`: k1, k2, p1, p2, k3 … |
+| `distortion_coefficients` | `data`: k1, k2, p1, p2, k3 …; `equidistant`: k1 to k4 |
 | `rectification_matrix` | `data`: 9 numbers |
 | `projection_matrix` | `data`: 12 numbers |
 """

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 
 from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
-from mvuav_ros.cli.terminal import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.errors import RecordingError
 
@@ -68,8 +68,8 @@ def thesis(
         report = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
     page = write_report(report, output)
     for claim in report.claims:
-        typer.echo(f'{_WORDS[claim.holds]:>14}  {claim.statement}: {claim.ours}')
-    typer.echo(page)
+        say(f'{_WORDS[claim.holds]:>14}  {claim.statement}: {claim.ours}')
+    say(page)
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ def bag(options: BagOptions) -> None:
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
-                typer.echo(' '.join(table.text(row, column) for column in range(3)).rstrip())
-    typer.echo(page)
+                say(' '.join(table.text(row, column) for column in range(3)).rstrip())
+    say(page)
 
 
 _WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'undecided'}

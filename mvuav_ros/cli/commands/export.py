@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from mvuav_ros.cli.options import Force, refuse_to_overwrite
+from mvuav_ros.cli.terminal import say
 from mvuav_ros.recordings.remote import inside, local_copy, local_output
 
 
@@ -31,7 +32,7 @@ def export(
         Form, typer.Option('--format', help='Format of the files; tum: poses for evo.')
     ] = Form.CSV,
     force: Force = False,
-) -> None:
+) -> dict[str, Any]:
     """Write markers, roll, poses and lines, one file for each topic."""
     from mvuav_ros.recordings.exporting import export as write
 
@@ -39,4 +40,5 @@ def export(
     with local_copy(source) as path, local_output(output) as folder:
         files = write(path, folder, form.value, overwrite=force)
     for file, rows in files.items():
-        typer.echo(f'{inside(output, file.name)}: {rows} rows')
+        say(f'{inside(output, file.name)}: {rows} rows')
+    return {'files': {file.name: rows for file, rows in files.items()}}

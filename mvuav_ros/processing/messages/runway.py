@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from mvuav_ros.processing.messages.points import PointLayout
@@ -93,11 +92,10 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
 
 def _on_plane(pixels: list[Point], camera: CameraModel) -> tuple[list[Point], float]:
     """Px of the image to m on the plane, and the width of a line there."""
-    width = LINE_WIDTH / camera.k[0] * PLANE
+    width = LINE_WIDTH / camera.matrix[0, 0] * PLANE
     if not pixels:
         return [], width
-    points = np.array(pixels, np.float64).reshape(-1, 1, 2)
-    flat = cv2.undistortPoints(points, camera.matrix, camera.distortion).reshape(-1, 2)
+    flat = camera.undistort(pixels)
     return [(x * PLANE, y * PLANE) for x, y in flat.tolist()], width
 
 
