@@ -133,7 +133,7 @@ class Figures:
         if self._values().get('mode') == 'approach':
             confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
             sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
-            words = sure + (f', {held} lines held' if held else '')
+            words = sure + (f', {held} held' if held else '')
             complete = bool(found[:2].all())
         else:
             complete = bool(found.all())
