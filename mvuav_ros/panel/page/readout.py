@@ -29,7 +29,6 @@ _LIGHTS = (
     (_STARBOARD, (-12.0, -29.8, 1.0)),
     (_WHITE, (-37.0, 0.0, 0.0)),
 )
-_VIEWER = ui.scene.perspective_camera(fov=40, near=1.0, far=4000.0)
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
 _RUNWAY_LENGTH, _USUAL_WIDTH = 1500.0, 45.0
@@ -65,7 +64,8 @@ class PoseScene:
         self._kind = ''
         with el.box('card pose'):
             self._title = el.text('Pose', tag='h2')
-            view = ui.scene(grid=(400, 40), background_color='#dfe6ee', camera=_VIEWER)
+            viewer = ui.scene.perspective_camera(fov=40, near=1.0, far=4000.0)
+            view = ui.scene(grid=(400, 40), background_color='#dfe6ee', camera=viewer)
             self._scene = view.classes('scene').props('role=img')
             el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
         with self._scene as scene:
@@ -106,8 +106,8 @@ class PoseScene:
                 self._scene.move_camera(-60, 45, 35, 50, 0, 0, duration=0)
             else:
                 self._scene.move_camera(-230, 75, 70, -30, 0, 8, duration=0)
-            moved, still = (self._tanker, self._own) if tracks else (self._own, self._tanker)
-            el.set_props(self._scene, data_objects=f'{moved.id} {still.id} {self._cone.id}')
+            moved, still = (self._tanker.id, self._own.id) if tracks else (self._own.id, '-')
+            el.set_props(self._scene, data_objects=f'{moved} {still} {self._cone.id}')
             el.set_props(self._scene, aria_label=f'Pose: {words}, in space')
         width = node.values.get('runway_width')
         wide = width if isinstance(width, float) and 0 < width < 1e3 else _USUAL_WIDTH

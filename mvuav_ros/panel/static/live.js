@@ -149,7 +149,7 @@
     label.dataset.trust = state; label.textContent = words;
   }
 
-  // The bodies in space: one moves, the other stands at the origin.
+  // The bodies in space: one moves, another may stand at the origin.
   function place(pose, view) {
     const holder = document.querySelector('.scene'), scene = drawn(holder);
     if (!scene?.renderer || !holder.dataset.objects) return;
@@ -157,9 +157,9 @@
     const [moved, still, cone] = holder.dataset.objects.split(' ');
     scene.visible(moved, !!pose);
     if (view) scene.scale(cone, LENGTH, LENGTH * view[0], LENGTH * view[1]);
-    if (!pose) return;
-    scene.move(moved, ...pose[0]); scene.rotate(moved, pose[1]);
-    scene.move(still, 0, 0, 0); scene.rotate(still, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+    scene.visible(still, true); scene.move(still, 0, 0, 0);
+    scene.rotate(still, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+    if (pose) { scene.move(moved, ...pose[0]); scene.rotate(moved, pose[1]); }
   }
 
   // A slider speaks its value with the unit, and follows the server unless a hand is at it.
