@@ -74,24 +74,36 @@ class ReelProcess:
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
+        self._busy = self._ended = False
 
     async def show(self, wanted: Wanted) -> Shown:
         """Process a frame; one at a time. ReelFailedError where that is not possible."""
-        if self._worker is None:
-            self._worker = await asyncio.to_thread(Worker, Reel())
+        self._busy = True
         try:
+            if self._worker is None:
+                self._worker = await asyncio.to_thread(Worker, Reel())
             self._worker.send(0, wanted)
             done: Any = await asyncio.to_thread(self._worker.receive)
         except ProcessDiedError as error:
-            self.end()
+            self._drop()
             raise ReelFailedError(str(error)) from None
+        finally:
+            self._busy = False
+            if self._ended:
+                self._drop()
         if done.error is not None:
             raise ReelFailedError(str(done.error))
         shown: Shown = done.result
         return shown
 
     def end(self) -> None:
-        """End the process."""
+        """End the process, once the frame that it is at is done."""
+        self._ended = True
+        # Not while a thread reads from it: what it reads might be another's by then.
+        if not self._busy:
+            self._drop()
+
+    def _drop(self) -> None:
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.end()

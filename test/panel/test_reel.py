@@ -94,4 +94,13 @@ def test_the_process_says_why_a_recording_cannot_be_shown_and_goes_on(tmp_path):
         finally:
             process.end()
 
+    async def use_and_close():
+        process = ReelProcess()
+        under_way = asyncio.create_task(process.show(FIRST))
+        await asyncio.sleep(0)
+        process.end()
+        return await under_way, process
+
+    shown, process = asyncio.run(use_and_close())
+    assert shown.count == 180 and process._worker is None
     assert asyncio.run(use()).results[0].said['trust'][1] == '5 of 5 lights'

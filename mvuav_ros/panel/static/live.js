@@ -203,10 +203,11 @@
   }
   wide.addEventListener('change', spread);
 
-  // Neither the browser's own search nor a page that scrolls.
+  // Neither the browser's own search and undo nor a page that scrolls.
   document.addEventListener('keydown', (event) => {
-    const busy = event.target.closest('input, textarea, select, button, a, [role], [tabindex]');
-    if ((event.key === '/' || event.key === ' ') && !busy && !event.ctrlKey) event.preventDefault();
+    const busy = /^(INPUT|TEXTAREA|SELECT|BUTTON|A)$/.test(event.target.tagName);
+    const control = event.ctrlKey || event.metaKey;
+    if (!busy && (control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
   });
 
   document.addEventListener('visibilitychange', () => { ask(); });
