@@ -126,6 +126,8 @@ class Frames:
                 sets.append({**live, **self._page.services.sets.load(name, node.kind)})
         values = tuple(settable(node.kind, each) for each in sets)
         wanted = Wanted(str(path), float(self._from.value or 0.0), node.kind, self._index, values)
+        if self._count == 1:
+            self._words.set_text('opening …')
         try:
             shown = await self._process.show(wanted)
         except ReelFailedError as error:

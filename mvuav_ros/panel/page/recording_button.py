@@ -39,7 +39,12 @@ class RecordingButton:
     def _show(self) -> None:
         recorder = self._recorder
         self._button.set_text('Stop' if recorder else 'Record')
-        el.set_props(self._button, color='negative' if recorder else 'primary')
+        look = (
+            ('unelevated color=negative', 'outline')
+            if recorder
+            else ('outline', 'unelevated color')
+        )
+        self._button.props(look[0], remove=look[1])
         self._timer.active = recorder is not None
         if recorder is None:
             self._words.set_text('')

@@ -134,14 +134,14 @@
   // Figures and how far to trust them; as text only.
   function read(message) {
     trust(...message.trust);
-    const made = message.figures.map(([name, value, deviation]) => {
-      const box = document.createElement('div');
-      for (const [tag, text] of [['dt', name], ['dd', value], ['dd', deviation]]) {
-        box.append(Object.assign(document.createElement(tag), { textContent: text }));
-      }
-      return box;
+    const holder = document.querySelector('.figures');
+    if (!holder) return;
+    while (holder.children.length > message.figures.length) holder.lastChild.remove();
+    message.figures.forEach((words, number) => {
+      const box = holder.children[number] || holder.appendChild(document.createElement('div'));
+      if (!box.firstChild) box.append(...['dt', 'dd', 'dd'].map((tag) => document.createElement(tag)));
+      words.forEach((text, place) => { if (box.children[place].textContent !== text) box.children[place].textContent = text; });
     });
-    document.querySelector('.figures')?.replaceChildren(...made);
   }
   function trust(state, words) {
     const label = document.querySelector('.trust');
