@@ -139,9 +139,7 @@ def main() -> None:
         folder = Path(sys.argv[1]) / 'runway'
         flights |= {name: list(labelled(folder / name)) for name in RUNS}
     errors = {name: normalized(found) for name, found in flights.items()}
-    print(
-        'flight | frames | coverage at 50 90 95 99 % | inflated by the others | risk: available, exceeded'
-    )
+    print('flight | frames | coverage at 50 90 95 99 % | inflated | risk: available, exceeded')
     factors = -ndtri((1.0 - NOMINAL) / 2.0)
     for name, found in flights.items():
         if not found:
