@@ -1,28 +1,263 @@
-"""The fast way from DDS to a callback: raw images, taken by a thread of their own.
-
-rclpy's executor collects all of a node's entities again for every single callback, and makes a
-Python object of every image. This thread waits for the images alone and hands their bytes on:
-at 640x480 mono8 that takes half of the time and a third of the CPU. It uses the wait set in the
-way of rclpy's own `wait_for_message`.
-"""
+"""How images come to a node, raw and fast, with the CameraInfo and Imu that belong to them."""
 
 from __future__ import annotations
 
+import copy
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import import_module
 from threading import Event, Thread
+from typing import Any, NamedTuple
 
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import (
+    QoSSubscriptionEventType,
+    SubscriptionEventCallbacks,
+    UnsupportedEventTypeError,
+)
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind
+from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind, qos_profile_sensor_data
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
-from mvuav_ros.nodes.companions import Companion
-from mvuav_ros.nodes.image_transport import ImageTopic
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState, ReceivedImage
-from mvuav_ros.nodes.subscriptions import status_of, subscribe
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of
+from mvuav_ros.recordings.serialization.serialized_image import stamp_ns_in
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
+from mvuav_ros.vision.approach.attitude import Attitude
+from mvuav_ros.vision.image import ImageError
+
+_CALM = 5
+"""Wakes with a single image after which a node that was too slow counts as fast enough again."""
+_PATIENCE = 3
+"""Backlogs in a row, none smaller than the one before it, after which the node is too slow."""
+
+
+class ReceivedImage(NamedTuple):
+    """An image, and when it came.
+
+    Attributes:
+        data: a message in CDR, or the frame itself where source and node share a process.
+        transport: seconds since it was sent, by the system clocks; NaN if unknown.
+        taken: `time.perf_counter` when it was taken.
+        info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
+        attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
+        is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
+    """
+
+    data: bytes | Frame
+    transport: float
+    taken: float
+    info: Any = None
+    attitude: Attitude | None = None
+    is_skipped: bool = False
+
+    @property
+    def stamp_ns(self) -> int:
+        """The image's own; 0 of a message that whoever decodes it will refuse, and count."""
+        if isinstance(self.data, Frame):
+            return self.data.stamp_ns
+        try:
+            return stamp_ns_in(self.data)
+        except ImageError:
+            return 0
+
+
+@dataclass
+class InputEvents:
+    """What became of images before the callback; counts since the start.
+
+    Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
+    own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
+    Incompatible are publishers whose QoS does not fit ours, and where the last of them differs.
+    """
+
+    lost: int = 0
+    missing: int = 0
+    skipped: int = 0
+    incompatible: int = 0
+    incompatible_policy: str = ''
+    errors: int = 0
+    last_error: str = ''
+
+
+class InputState(NamedTuple):
+    """The image topic at this moment: resolved, with the nodes that publish it."""
+
+    topic: str
+    publishers: list[str]
+    events: InputEvents
+
+
+class Backlog:
+    """Tells a hiccup, after which every image is still answered, from being too slow."""
+
+    def __init__(self) -> None:
+        self._previous = 0
+        self._not_smaller = 0
+        self._too_slow = False
+        self._calm = 0
+
+    def skips(self, waiting: int) -> bool:
+        """Whether all but the newest of the images that lie waiting are to be left out."""
+        if waiting == 1:
+            self._calm += 1
+            self._not_smaller = 0
+            if self._calm >= _CALM:
+                self._too_slow = False
+        elif waiting >= self._previous:
+            self._not_smaller += 1
+            if self._not_smaller >= _PATIENCE:
+                self._too_slow, self._calm = True, 0
+        self._previous = waiting
+        return waiting > 1 and self._too_slow
+
+
+_VIDEO = {
+    'ffmpeg': ('ffmpeg_image_transport_msgs', 'FFMPEGPacket'),
+    'foxglove': ('foxglove_msgs', 'CompressedVideo'),
+}
+"""Packages that a robot may have; nothing of ours needs them."""
+
+
+class ImageTopic(NamedTuple):
+    """A topic of images: a name still to be resolved and remapped, and the messages' class."""
+
+    name: str
+    kind: Any
+    transport: str
+
+    @property
+    def may_be_video(self) -> bool:
+        """Whether an image may need those before it to be decoded."""
+        return self.transport != 'raw'
+
+
+def image_topic(transport: str, resolved: str) -> ImageTopic:
+    """The topic of a transport beside the image topic as remapped, so that it moves along.
+
+    Raises:
+        ParameterError: the messages' package is not installed.
+    """
+    if transport == 'raw':
+        return ImageTopic('image_raw', Image, transport)
+    if transport in _VIDEO:
+        package, name = _VIDEO[transport]
+        try:
+            kind = getattr(import_module(f'{package}.msg'), name)
+        except ImportError as error:
+            raise ParameterError(
+                'image_transport',
+                f'{transport} needs the messages of {package}: '
+                f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
+            ) from error
+    else:
+        kind = CompressedImage
+    return ImageTopic(f'{resolved}/{transport}', kind, transport)
+
+
+class _OwnThread(CallbackGroup):
+    """Keeps the executor away."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+def subscribe(node: Node, kind: type, topic: str, *, raw: bool = False) -> Any:
+    """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes."""
+    return node.create_subscription(
+        kind,
+        topic,
+        _not_called,
+        # A copy: rclpy writes the user's overrides into it.
+        copy.copy(qos_profile_sensor_data),
+        callback_group=_OwnThread(),
+        # An executor that waits for a subscription's events wakes up for its data as well, on
+        # Fast DDS, and again and again until this thread has taken them.
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        raw=raw,
+    )
+
+
+def status_of(subscription: Any, name: str) -> Any:
+    """A status of a subscription that can be asked for; None if not supported."""
+    kind = getattr(QoSSubscriptionEventType, f'RCL_SUBSCRIPTION_{name}')
+    try:
+        with subscription.handle:
+            return rclpy_implementation.EventHandle(subscription.handle, kind)
+    except UnsupportedEventTypeError:
+        return None
+
+
+def _not_called(_message: Any) -> None:
+    raise AssertionError('the executor does not take images')
+
+
+LONGEST_HOLD = 0.1
+"""Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
+
+
+class Companion:
+    """A topic that images may wait for; used in the images' thread alone."""
+
+    def __init__(
+        self, node: Node, kind: type[CameraInfo | Imu], topic: str, is_awaited: Callable[[], bool]
+    ) -> None:
+        """Subscribe; ``is_awaited`` says whether images are to wait, now."""
+        self.subscription = subscribe(node, kind, topic)
+        self._kind, self._is_awaited = kind, is_awaited
+        self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
+        if kind is CameraInfo:
+            self._pairing, self._field = StampPairing(), 'info'
+        else:
+            self._pairing, self._field = AttitudePairing(), 'attitude'
+
+    @property
+    def holds(self) -> bool:
+        """Whether an image waits."""
+        return self._pairing.held is not None
+
+    def take(self, ready: Sequence[int]) -> None:
+        """Take in what has come, where this is one of the pointers of what is ready."""
+        if self.subscription.handle.pointer not in ready:
+            return
+        while (taken := self.subscription.handle.take_message(self._kind, False)) is not None:
+            message: Any = taken[0]
+            info = decode_imu(message) if self._kind is Imu else message
+            self._pairing.add_info(stamp_ns_of(message.header), info)
+
+    def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
+        """The images, in their order, that need not wait any more, with what belongs to them."""
+        if self._pairing.is_idle:
+            yield from images
+            return
+        for image in images:
+            self._pairing.add_image(image.stamp_ns, image)
+        while (found := self._pairing.take(wait=self._may_come())) is not None:
+            given: dict[str, Any] = {self._field: found[0]}
+            yield found[1]._replace(**given)
+
+    def _may_come(self) -> bool:
+        """Whether what the longest-held image waits for may yet come."""
+        held = self._pairing.held
+        if held is None or not self._is_awaited():
+            return False
+        is_published = self.subscription.get_publisher_count() > 0
+        return is_published and time.perf_counter() < held.taken + LONGEST_HOLD
+
 
 _LONGEST_WAIT_NS = 500_000_000
 _HELD_WAIT_NS = 5_000_000
@@ -32,6 +267,11 @@ _MOST_AT_ONCE = 5
 
 class ImageInput:
     """Subscribes to images and hands over each as bytes, from its own thread.
+
+    rclpy's executor collects all of a node's entities again for every single callback, and makes a
+    Python object of every image. This thread waits for the images alone and hands their bytes on:
+    at 640x480 mono8 that takes half of the time and a third of the CPU. It uses the wait set in the
+    way of rclpy's own `wait_for_message`.
 
     When the callback is slower than the camera, the newest image wins: images that lie waiting
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.live_stream import KEEP_EVERYTHING, Stream
 
-from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, explain_no_images
+from mvuav_ros.nodes.diagnostics import InputMonitor, StampMonitor, explain_no_images
+from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState
 from mvuav_ros.nodes.intra_process import IntraProcessInput
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image

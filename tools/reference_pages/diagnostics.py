@@ -6,11 +6,14 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from mvuav_ros.nodes.detector_status import DetectorStatus
-from mvuav_ros.nodes.diagnostics import SourceStatus
-from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics
-from mvuav_ros.nodes.input_monitor import StampMonitor
-from mvuav_ros.nodes.received_image import InputEvents, InputState
+from mvuav_ros.nodes.diagnostics import (
+    WINDOW,
+    FrameStatistics,
+    SourceStatus,
+    StampMonitor,
+)
+from mvuav_ros.nodes.image_input import InputEvents, InputState
+from mvuav_ros.nodes.vision_node import DetectorStatus
 
 REJECTIONS = ('bad image', 'duplicate stamp', 'internal error')
 
