@@ -132,6 +132,7 @@ LOST_REMEDY = (
     'and subscribe reliably (docs/transport.md)'
 )
 SLOW_REMEDY = 'lower the frame rate or the image size'
+_MOST_NAMED = 3
 _STAMPS = 32
 _GAP = 1.6
 """Times the usual spacing of stamps, from which on a frame is missing in between."""
@@ -202,16 +203,24 @@ class InputMonitor:
 
 def explain_no_images(images: InputState) -> str:
     """Why no images come at all."""
-    topic, publishers, events = images
+    topic, publishers, events, obstacle, others = images
     if not publishers:
-        return f'nothing publishes {topic}'
+        return f'nothing publishes {topic}{_instead(topic, others)}'
     said = f'{", ".join(publishers)} publishes {topic}'
-    if events.incompatible:
-        policy = events.incompatible_policy
-        return f'{said} with an incompatible QoS ({policy}); set qos_overrides'
+    if obstacle:
+        return f'{said} {obstacle}'
     if events.lost:
         return f'{said}, but every image is lost: {LOST_REMEDY}'
-    return f'{said}, but no image arrives (docs/transport.md)'
+    return f'{said}, but no image arrives: is it paused, or its camera silent? (docs/transport.md)'
+
+
+def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:
+    """What there is in place of a topic that nobody publishes."""
+    coded = f'{topic}/compressed'
+    if (coded, 'CompressedImage') in others:
+        return f'; there is {coded}: set image_transport to compressed'
+    raw = [name for name, kind in others if kind == 'Image']
+    return f'; there is {", ".join(raw[:_MOST_NAMED])}: remap image_raw' if raw else ''
 
 
 def every_second(node: Node, action: Callable[[], None]) -> None:

@@ -21,12 +21,19 @@ from rclpy.event_handler import (
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind, qos_profile_sensor_data
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import (
+    HistoryPolicy,
+    QoSCompatibility,
+    ReliabilityPolicy,
+    qos_check_compatible,
+    qos_profile_sensor_data,
+)
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
+from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of
+from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of, type_name
 from mvuav_ros.recordings.serialization.serialized_image import stamp_ns_in
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
@@ -75,24 +82,33 @@ class InputEvents:
 
     Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
     own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
-    Incompatible are publishers whose QoS does not fit ours, and where the last of them differs.
+    Incompatible are publishers whose QoS did not fit ours.
     """
 
     lost: int = 0
     missing: int = 0
     skipped: int = 0
     incompatible: int = 0
-    incompatible_policy: str = ''
     errors: int = 0
     last_error: str = ''
 
 
 class InputState(NamedTuple):
-    """The image topic at this moment: resolved, with the nodes that publish it."""
+    """The image topic at this moment.
+
+    Attributes:
+        topic: its resolved name.
+        publishers: the nodes that publish it.
+        events: what became of images.
+        obstacle: why none of them can be received, in words.
+        others: where nobody publishes it, the topics that carry images.
+    """
 
     topic: str
     publishers: list[str]
     events: InputEvents
+    obstacle: str = ''
+    others: Sequence[tuple[str, str]] = ()
 
 
 class Backlog:
@@ -175,21 +191,33 @@ class _OwnThread(CallbackGroup):
         pass
 
 
-def subscribe(node: Node, kind: type, topic: str, *, raw: bool = False) -> Any:
-    """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes."""
+def subscribe(
+    node: Node, kind: type, topic: str, *, raw: bool = False, reliable: bool = False
+) -> Any:
+    """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
+
+    ``reliable``: instead of what the topic's ``qos_overrides`` said when it was subscribed to first.
+    """
+    # A copy: rclpy writes the user's overrides into it.
+    qos = copy.copy(qos_profile_sensor_data)
+    if reliable:
+        qos.reliability = ReliabilityPolicy.RELIABLE
     return node.create_subscription(
         kind,
         topic,
         _not_called,
-        # A copy: rclpy writes the user's overrides into it.
-        copy.copy(qos_profile_sensor_data),
+        qos,
         callback_group=_OwnThread(),
         # An executor that waits for a subscription's events wakes up for its data as well, on
         # Fast DDS, and again and again until this thread has taken them.
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        qos_overriding_options=None if reliable else OVERRIDABLE,
         raw=raw,
     )
+
+
+def _override(topic: str) -> str:
+    return f'qos_overrides.{topic}.subscription.reliability'
 
 
 def status_of(subscription: Any, name: str) -> Any:
@@ -218,7 +246,7 @@ class Companion:
     ) -> None:
         """Subscribe; ``is_awaited`` says whether images are to wait, now."""
         self.subscription = subscribe(node, kind, topic)
-        self._kind, self._is_awaited = kind, is_awaited
+        self.kind, self._is_awaited = kind, is_awaited
         self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
         if kind is CameraInfo:
             self._pairing, self._field = StampPairing(), 'info'
@@ -234,9 +262,9 @@ class Companion:
         """Take in what has come, where this is one of the pointers of what is ready."""
         if self.subscription.handle.pointer not in ready:
             return
-        while (taken := self.subscription.handle.take_message(self._kind, False)) is not None:
+        while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
             message: Any = taken[0]
-            info = decode_imu(message) if self._kind is Imu else message
+            info = decode_imu(message) if self.kind is Imu else message
             self._pairing.add_info(stamp_ns_of(message.header), info)
 
     def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
@@ -260,6 +288,9 @@ class Companion:
 
 
 _LONGEST_WAIT_NS = 500_000_000
+_REMEDY_OF_TYPE = (
+    'set image_transport (docs/ros.md), with image_raw remapped to the name without /compressed'
+)
 _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
 _MOST_AT_ONCE = 5
@@ -275,6 +306,10 @@ class ImageInput:
 
     When the callback is slower than the camera, the newest image wins: images that lie waiting
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.
+
+    Attributes:
+        companions: what images may wait for.
+        gains_by_reliability: whether images got lost that all publishers would send again.
     """
 
     def __init__(
@@ -288,16 +323,24 @@ class ImageInput:
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
-        self._companions = companions
+        self.companions = companions
         self._passes_skipped = topic.may_be_video
-        self._subscription = subscribe(node, topic.kind, topic.name, raw=True)
-        self._subscriptions = [self._subscription, *(each.subscription for each in companions)]
-        self._lost = status_of(self._subscription, 'MESSAGE_LOST')
-        self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
+        self._topic = topic
+        self._lost_before = 0
+        self.gains_by_reliability = False
         self._backlog = Backlog()
-        self._last_sequence = 0
         self._stopping = Event()
         self._wake = GuardCondition(None, None, context=node.context)
+        self._subscribe()
+
+    def _subscribe(self, reliable: bool = False) -> None:
+        kind, name = self._topic.kind, self._topic.name
+        self._subscription = subscribe(self._node, kind, name, raw=True, reliable=reliable)
+        self._subscriptions = [self._subscription, *(c.subscription for c in self.companions)]
+        self._lost = status_of(self._subscription, 'MESSAGE_LOST')
+        self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
+        self._last_sequence = 0
+        self._stopping.clear()
         self._thread = Thread(target=self._run, name='images', daemon=True)
 
     @property
@@ -309,8 +352,19 @@ class ImageInput:
         """Begin to take images."""
         self._thread.start()
 
+    def ask_reliably(self) -> None:
+        """Subscribe anew, so that publishers send again what was lost."""
+        self._lost_before, self.gains_by_reliability = self._events.lost, False
+        self._leave([self._subscription])
+        self._subscribe(reliable=True)
+        self._thread.start()
+
     def close(self) -> None:
         """End the thread, then the subscriptions; images that come later are left."""
+        self._leave(self._subscriptions)
+        self._wake.destroy()
+
+    def _leave(self, subscriptions: Sequence[Any]) -> None:
         self._stopping.set()
         self._wake.trigger()
         if self._thread.is_alive():
@@ -319,21 +373,54 @@ class ImageInput:
             if event is not None:
                 event.destroy_when_not_in_use()
         self._lost = self._incompatible = None
-        for each in self._subscriptions:
+        for each in subscriptions:
             self._node.destroy_subscription(each)
-        self._wake.destroy()
 
     def poll(self) -> InputState:
         """What became of images so far; to be called now and then, from one thread."""
         if self._lost is not None:
-            self._events.lost = int(self._lost.take_event().total_count)
+            self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
         if self._incompatible is not None:
-            event = self._incompatible.take_event()
-            self._events.incompatible = int(event.total_count)
-            self._events.incompatible_policy = qos_policy_name_from_kind(event.last_policy_kind)
+            self._events.incompatible = int(self._incompatible.take_event().total_count)
         infos = self._node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
-        return InputState(self.topic, names, self._events)
+        others = [] if infos else self._image_topics()
+        ours = self._subscription.qos_profile.reliability
+        self.gains_by_reliability = (
+            self._events.lost > self._lost_before
+            and ours != ReliabilityPolicy.RELIABLE
+            and all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
+            and _override(self.topic) not in self._node._parameter_overrides
+        )
+        return InputState(self.topic, names, self._events, self._obstacle(infos), others)
+
+    def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
+        """Why no image of these publishers can come; empty where one's can."""
+        wanted = type_name(self._subscription.msg_type)
+        profile, why = self._subscription.qos_profile, ''
+        for info in infos:
+            level, reason = qos_check_compatible(info.qos_profile, profile)
+            if info.topic_type != wanted:
+                name = wanted.rsplit('/', 1)[1]
+                why = f'as {info.topic_type.rsplit("/", 1)[1]}, not {name}; {_REMEDY_OF_TYPE}'
+            elif level == QoSCompatibility.ERROR:
+                reason = reason.removeprefix('ERROR: ').strip(' ;').lower()
+                why = f'with an incompatible QoS ({reason}); '
+                why += f'set {_override(self.topic)} to best_effort'
+            else:
+                return ''
+        return why
+
+    def _image_topics(self) -> list[tuple[str, str]]:
+        """Topics with images that somebody publishes, and their types, ours left out."""
+        known = {type_name(kind): kind.__name__ for kind in (Image, CompressedImage)}
+        return [
+            (topic, known[types[0]])
+            for topic, types in self._node.get_topic_names_and_types()
+            if types[0] in known
+            and '/debug' not in topic
+            and self._node.count_publishers(topic) > 0
+        ]
 
     def _run(self) -> None:
         while not self._stopping.is_set() and self._node.context.ok():
@@ -359,16 +446,16 @@ class ImageInput:
                 for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
-                holds = any(companion.holds for companion in self._companions)
+                holds = any(companion.holds for companion in self.companions)
                 wait_set.wait(_HELD_WAIT_NS if holds else _LONGEST_WAIT_NS)
                 if not self._node.context.ok():
                     return
                 ready = wait_set.get_ready_entities('subscription')
                 is_there = self._subscription.handle.pointer in ready
-                for companion in self._companions:
+                for companion in self.companions:
                     companion.take(ready)
                 images: Iterable[ReceivedImage] = self._take_images() if is_there else []
-                for companion in self._companions:
+                for companion in self.companions:
                     images = companion.completed(images)
                 for image in images:
                     self._on_image(image)

@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 from std_msgs.msg import Header
 
+from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.processing.processor import Output, Processor, resolve
@@ -34,7 +34,7 @@ def create_result_publisher(node: Node, kind: type, topic: str) -> Any:
         topic,
         # One for each: rclpy writes the user's overrides into it.
         QoSProfile(depth=10),
-        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        qos_overriding_options=OVERRIDABLE,
     )
 
 

@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
+from mvuav_ros.parameters.image_input import (
+    autostart,
+    base_frame,
+    camera_frame,
+    camera_mount_rpy_deg,
+    camera_mount_xyz,
+    check_frames,
+    image_transport,
+    opencv_threads,
+    publish_tf,
+)
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
@@ -118,12 +128,17 @@ class MarkerTrackerParameters(ParameterSet):
         'Estimate ~/pose if camera_info holds a calibration and at least three markers are named.',
         thesis='left to others',
     )
-    publish_tf: bool = _pose(
-        True,
-        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
-        'needs tf2_msgs.',
+    body_frame: str = _pose(
+        '',
+        "Name of the body's frame, in ~/vision_pose and on /tf; empty: the rig's name. Two cameras "
+        'that see the same body need a name for each.',
         read_only=True,
     )
+    publish_tf: str = publish_tf(_pose, 'body_frame')
+    camera_frame: str = camera_frame(_pose)
+    base_frame: str = base_frame(_pose)
+    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_pose)
+    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(_pose, 'base_frame')
     min_area: int = _detection(
         1,
         'Clusters of fewer bright pixels are ignored.',
@@ -167,6 +182,7 @@ class MarkerTrackerParameters(ParameterSet):
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:
+        check_frames(self, 'body_frame', 'camera_frame', 'base_frame')
         if self.max_area and self.max_area < self.min_area:
             raise ParameterError(
                 'max_area',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -21,6 +22,33 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     Raises:
         ParameterError: the file cannot be read or is not a parameter file.
     """
+    values: dict[str, object] = {}
+    for key, sections in _flattened_nodes(_read(path)):
+        if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
+            raise ParameterError(str(path), f'{key} has no ros__parameters')
+        # In any namespace.
+        if fnmatchcase(node, key.rsplit('/', 1)[-1].replace('**', '*')):
+            values.update(_flattened(sections['ros__parameters']))
+    return values
+
+
+def node_keys(path: Path) -> list[str]:
+    """The names and patterns of the nodes that a parameter file has values for.
+
+    Raises:
+        ParameterError: the file cannot be read or is not a parameter file.
+    """
+    return [key for key, _ in _flattened_nodes(_read(path))]
+
+
+def fits(key: str, node: str) -> bool:
+    """Whether rcl takes values under a key for a node of that full name."""
+    pattern = re.escape(key if key.startswith('/') else f'/{key}')
+    pattern = pattern.replace(r'/\*\*', r'(/[^/]+)*').replace(r'\*', '[^/]+')
+    return re.fullmatch(pattern, node) is not None
+
+
+def _read(path: Path) -> dict[Any, Any]:
     try:
         content = yaml.safe_load(path.read_text())
     except OSError as error:
@@ -30,14 +58,7 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
         raise ParameterError(str(path), f'is not YAML: {problem}') from error
     if not isinstance(content, dict):
         raise ParameterError(str(path), 'is not a ROS 2 parameter file')
-    values: dict[str, object] = {}
-    for key, sections in _flattened_nodes(content):
-        if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
-            raise ParameterError(str(path), f'{key} has no ros__parameters')
-        # In any namespace.
-        if fnmatchcase(node, key.rsplit('/', 1)[-1].replace('**', '*')):
-            values.update(_flattened(sections['ros__parameters']))
-    return values
+    return content
 
 
 def is_every_nodes(name: str) -> bool:

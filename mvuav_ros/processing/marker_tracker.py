@@ -83,17 +83,22 @@ class MarkerTrackerProcessor(Processor):
         Raises:
             ParameterError: the rig's file cannot be used.
         """
-        before, self._parameters = self._parameters, parameters
-        if _setup(parameters) != _setup(before):
+        if _setup(parameters) != _setup(self._parameters):
             self._set_rig(parameters)
         else:
             self._tracker.configure(parameters)
+        self._parameters = parameters
         self._share_camera()
 
     @property
     def awaits_camera_info(self) -> bool:
         """See `Processor.awaits_camera_info`."""
         return self._parameters.pose
+
+    @property
+    def lacks_camera_info(self) -> bool:
+        """See `Processor.lacks_camera_info`."""
+        return self._parameters.pose and self._camera is None
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
@@ -128,7 +133,8 @@ class MarkerTrackerProcessor(Processor):
         ]
         if pose is not None:
             camera, body = transforms.camera_in_body(pose), transforms.body_in_camera(pose)
-            outputs += self._placements(camera, body, self._rig.name, frame, header)
+            name = self._parameters.body_frame or self._rig.name
+            outputs += self._placements(camera, body, name, frame, self._parameters)
         self._newest = (frame.image, result, pose, header)
         return outputs
 
@@ -173,7 +179,7 @@ class MarkerTrackerProcessor(Processor):
                 self._rejection = f'no pose: {error}'
 
 
-def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:
+def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, str]:
     return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf
 
 

@@ -85,6 +85,12 @@ class RunwayDetectorProcessor(Processor):
         """See `Processor.awaits_camera_info`; lines are drawn with the last one known."""
         return self._parameters.mode == 'approach' or self._camera is None
 
+    @property
+    def lacks_camera_info(self) -> bool:
+        """See `Processor.lacks_camera_info`."""
+        given = self._parameters
+        return given.mode == 'approach' and given.runway_width > 0 and self._camera is None
+
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
@@ -132,11 +138,11 @@ class RunwayDetectorProcessor(Processor):
             Output('vanishing_point', partial(encode_vanishing_point, result, header)),
         ]
         if isinstance(result, ApproachResult) and result.guidance is not None:
-            outputs += self._poses(result.guidance, frame, header)
+            outputs += self._poses(result.guidance, frame)
         self._newest = (result, header)
         return outputs
 
-    def _poses(self, guidance: Guidance, frame: Frame, header: bytes) -> list[Output]:
+    def _poses(self, guidance: Guidance, frame: Frame) -> list[Output]:
         """The camera in the runway's frame; as others take it only where all of it is known."""
         name = self._parameters.runway_frame
         runway_header = cdr_header(frame.stamp_ns, name)
@@ -145,7 +151,7 @@ class RunwayDetectorProcessor(Processor):
         if not camera.known:
             return outputs
         runway = transforms.runway_in_camera(guidance)
-        return outputs + self._placements(camera, runway, name, frame, header)
+        return outputs + self._placements(camera, runway, name, frame, self._parameters)
 
     def _usable_camera(self, image: Image) -> CameraModel | None:
         if self._camera is None:

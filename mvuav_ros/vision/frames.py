@@ -70,6 +70,18 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
     return sign * q[0], sign * q[1], sign * q[2], sign * w
 
 
+def from_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
+    """The inverse of `quaternion`, of any length but 0."""
+    x, y, z, w = np.array((x, y, z, w)) / math.hypot(x, y, z, w)
+    return np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        ]
+    )
+
+
 def read_only(array: Array) -> Array:
     """Forbid writing to what several frames share."""
     array.setflags(write=False)
