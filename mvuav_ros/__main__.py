@@ -18,6 +18,7 @@ NODES = {
         'mvuav_ros.nodes.executables',
     ),
     'tuning_panel': 'mvuav_ros.panel.main',
+    'resume_bag': 'mvuav_ros.nodes.bag_resuming',
 }
 EXECUTABLES = {**NODES, 'mvuav': 'mvuav_ros.cli.app'}
 """The module of each; its function has the executable's name, or is `main`."""

@@ -7,8 +7,6 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from rclpy.utilities import remove_ros_args
-
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.running import run_nodes
 from mvuav_ros.processing.processor import Processor
@@ -64,10 +62,23 @@ def vision_process() -> None:
     sys.exit(run_nodes(nodes_of(names), camera_images=SOURCE in names))
 
 
+def own_arguments() -> list[str]:
+    """The command line without what is ROS's: from ``--ros-args`` to ``--`` or the end.
+
+    rclpy's own function stumbles over a mistake in those.
+    """
+    words, own, is_ros = sys.argv[1:], [], False
+    for word in words:
+        is_ros = (is_ros or word == '--ros-args') and word != '--'
+        if not is_ros and word != '--':
+            own.append(word)
+    return own
+
+
 def _parse(parser: ArgumentParser) -> Namespace:
     """A process's own arguments; those of ROS without --ros-args would do nothing: refused."""
     parser.epilog = 'Arguments of ROS follow --ros-args: -p NAME:=VALUE, --params-file FILE …'
-    own, strange = parser.parse_known_args(remove_ros_args(sys.argv)[1:])
+    own, strange = parser.parse_known_args(own_arguments())
     if strange:
         parser.error(f'{" ".join(strange)}: not used; arguments of ROS follow --ros-args')
     return own

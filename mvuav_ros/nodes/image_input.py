@@ -196,7 +196,7 @@ def subscribe(
 ) -> Any:
     """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
 
-    ``reliable``: instead of what the topic's ``qos_overrides`` said when it was subscribed to first.
+    ``reliable``: whatever the topic's ``qos_overrides`` said when it was subscribed to first.
     """
     # A copy: rclpy writes the user's overrides into it.
     qos = copy.copy(qos_profile_sensor_data)

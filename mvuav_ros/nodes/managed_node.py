@@ -18,8 +18,8 @@ class ManagedNode(LifecycleNode):
 
     Subclasses declare their parameters, ``autostart`` among them, as ``_live`` and say what the
     transitions do: `open` for configure, `begin` for activate, `end` for deactivate, `close` for
-    cleanup and shutdown. `open` and `begin` may raise: the state stays what it was, and the reason is logged. `end` and `close`
-    must not, and do nothing the second time.
+    cleanup and shutdown. `open` and `begin` may raise: the state stays what it was, and the reason
+    is logged. `end` and `close` must not, and do nothing the second time.
 
     Attributes:
         siblings: the nodes of the process, this one included.

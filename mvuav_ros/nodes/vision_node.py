@@ -254,7 +254,8 @@ class VisionNode(ManagedNode):
         """What a user may have meant otherwise."""
         notes = [self.overrides_problem] if self.overrides_problem else []
         infos = self._camera_infos
-        if self._processor.lacks_camera_info and infos is not None:
+        has_images = self._answerer.statistics.received > 0
+        if has_images and self._processor.lacks_camera_info and infos is not None:
             topic, count = infos.topic_name, infos.get_publisher_count()
             why = f'no camera_info has come on {topic}' if count else f'nothing publishes {topic}'
             notes.append(f'no pose: {why}')

@@ -12,7 +12,7 @@ from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.messages import transforms
+from mvuav_ros.processing.messages import detections, transforms
 from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
 from mvuav_ros.processing.processor import Output, Processor
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
@@ -73,7 +73,8 @@ class MarkerTrackerProcessor(Processor):
             )
         self._marker_topics = [f'marker/{name}' for name in self._rig.names]
         markers = dict.fromkeys(self._marker_topics, PointStamped)
-        self._set_topics({**_TOPICS, **markers}, parameters.publish_tf)
+        topics = {**_TOPICS, **detections.TYPES, **markers}
+        self._set_topics(topics, parameters.publish_tf)
         self._tracker = MarkerTracker(parameters, self._rig)
         self._poses = PoseEstimator(self._rig)
 
@@ -126,6 +127,11 @@ class MarkerTrackerProcessor(Processor):
             Output('rpy', partial(encode_rpy, result, header, pose)),
             Output('pose', partial(transforms.encode_pose, pose, header)),
         ]
+        if detections.TYPES:
+            make = partial(detections.encode_markers, result, self._rig.names, header)
+            outputs.append(Output('detections', make))
+            make = partial(detections.encode_body, self._rig, pose, header)
+            outputs.append(Output('detections_3d', make))
         outputs += [
             Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
             for marker in result.markers

@@ -12,7 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.processing.messages import transforms
+from mvuav_ros.processing.messages import detections, transforms
 from mvuav_ros.processing.messages.runway import (
     encode_corrections,
     encode_line_params,
@@ -45,6 +45,8 @@ _THESIS_IMAGES: _Drawings = {
 }
 _APPROACH_IMAGES: _Drawings = {'debug/overlay': (draw_approach, 'bgr8')}
 
+_DETECTIONS = {name: kind for name, kind in detections.TYPES.items() if name == 'detections'}
+
 
 class RunwayDetectorProcessor(Processor):
     """Frames to lines with their correction flags, and to guidance in mode ``approach``."""
@@ -72,7 +74,7 @@ class RunwayDetectorProcessor(Processor):
         self._approach = ApproachDetector(parameters)
         self._camera: CameraModel | None = None
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
-        self._set_topics(type(self).topics, self._parameters.publish_tf)
+        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
 
     @property
     def awaits_attitude(self) -> bool:
@@ -94,7 +96,7 @@ class RunwayDetectorProcessor(Processor):
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
-        self._set_topics(type(self).topics, self._parameters.publish_tf)
+        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
         self._thesis.configure(parameters)
         self._approach.configure(parameters)
         if parameters.mode != before.mode:
@@ -137,6 +139,9 @@ class RunwayDetectorProcessor(Processor):
             Output('corrections', partial(encode_corrections, result, header)),
             Output('vanishing_point', partial(encode_vanishing_point, result, header)),
         ]
+        if detections.TYPES:
+            make = partial(detections.encode_runway, result, self._parameters.target, header)
+            outputs.append(Output('detections', make))
         if isinstance(result, ApproachResult) and result.guidance is not None:
             outputs += self._poses(result.guidance, frame)
         self._newest = (result, header)
