@@ -61,7 +61,7 @@ SOURCE = {
 MESSAGES = (
     ('no images: nothing publishes …', 'wrong topic name or remapping', '`image_publishers`'),
     (
-        'no images: … with an incompatible QoS (RELIABILITY)',
+        'no images: … with an incompatible QoS (…)',
         'publisher and subscriber do not match; set `qos_overrides`',
         '`incompatible_publishers`',
     ),
@@ -89,6 +89,27 @@ MESSAGES = (
         'n publishers on …: their images are mixed',
         'two cameras publish one topic',
         '`image_publishers`',
+    ),
+    (
+        'no pose: nothing publishes …/camera_info',
+        'said beside `running`: calibrate the camera, or set `pose` to false',
+        '',
+    ),
+    (
+        'parameters without effect: … (did you mean …?)',
+        'given at the start, and no parameter of the node, or in a file for another namespace',
+        '',
+    ),
+    ('… has no effect: it counts with mode …', 'said beside `running`: another mode is set', ''),
+    (
+        'no /tf: … is a child of … on /tf_static, …',
+        'two would be the parent of one frame; see [Frames](../ros.md#frames-and-units)',
+        '',
+    ),
+    (
+        '… is taken for the camera: camera_mount_xyz …',
+        '`base_frame` is set, and nobody tells where the camera is on it',
+        '',
     ),
     (
         'no pose: …',
@@ -136,7 +157,7 @@ def detector_keys() -> list[str]:
     )
     processor: Any = SimpleNamespace(status='', resets=0)
     images = InputState('/image_raw', [], InputEvents())
-    status = DetectorStatus(answerer, processor).report('/node', images)
+    status = DetectorStatus(answerer, processor).report('/node', images, [])
     return [each.key for each in status.values]
 
 
