@@ -87,6 +87,8 @@ def _completed(frame: Frame, received: ReceivedImage) -> Frame:
     return replace(frame, camera=camera, attitude=received.attitude)
 
 
+_LOOK_INTERVAL = 0.05
+"""Seconds between two looks at who subscribes to results."""
 LOG_INTERVAL = 5.0
 """Seconds between two log lines of the same kind."""
 
@@ -158,7 +160,6 @@ class FrameAnswerer:
         assert publishers is not None
         decoded = time.perf_counter()
         with self.lock:
-            self.stamps.follow(frame.stamp_ns)
             outputs = self._processor.process(frame)
         processed = time.perf_counter()
         publishers.publish(outputs)
@@ -170,10 +171,12 @@ class FrameAnswerer:
             publish=published - processed,
             total=published - received.taken,
         )
+        publishers.look(_LOOK_INTERVAL)
         debug = publishers.debug_wanted()
         with self.lock:
             self.image_format = f'{frame.image.width}x{frame.image.height} {frame.image.encoding}'
             self.statistics.processed_one(times)
+            self.stamps.follow(frame.stamp_ns)
             images = self._processor.draw(debug) if debug else []
         publishers.publish(images)
         if self._awaits_first:

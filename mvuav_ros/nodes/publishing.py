@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -46,10 +48,16 @@ def is_heard(publisher: Any) -> bool:
     )
 
 
+_STALE = 0.1
+"""Seconds from which on it is looked again before results go out."""
+
+
 class ResultPublishers:
     """Publishes a processor's outputs where somebody listens.
 
-    The processor's topics are those that it has when this is made.
+    The processor's topics are those that it has when this is made. To ask all of them for their
+    subscribers takes 0.1 ms, so that a stream of images is asked for now and then, by `look` after
+    its results are out. Whoever subscribes is found that much later at most.
     """
 
     def __init__(self, node: Node, processor: Processor) -> None:
@@ -63,13 +71,24 @@ class ResultPublishers:
             topic: node.create_publisher(kind, resolve(topic), 10)
             for topic, kind in processor.periodic_topics.items()
         }
+        self._looked, self._heard = -math.inf, set[str]()
 
     def publish(self, outputs: list[Output]) -> None:
         """Make and send the messages that anybody would get."""
+        if time.monotonic() - self._looked > _STALE:
+            self.look()
         for topic, make in outputs:
-            publisher = self._results.get(topic) or self._debug[topic]
-            if is_heard(publisher):
-                publisher.publish(make())
+            if topic in self._heard:
+                (self._results.get(topic) or self._debug[topic]).publish(make())
+
+    def look(self, at_most_every: float = 0.0) -> None:
+        """See which topics are heard, unless that was done so many seconds ago."""
+        now = time.monotonic()
+        if now - self._looked < at_most_every:
+            return
+        self._looked = now
+        publishers = {**self._results, **self._debug}
+        self._heard = {topic for topic, publisher in publishers.items() if is_heard(publisher)}
 
     def publish_periodic(self, outputs: list[Output]) -> None:
         """Send what is said once a second."""
@@ -78,7 +97,7 @@ class ResultPublishers:
 
     def debug_wanted(self) -> list[str]:
         """The debug topics that somebody looks at."""
-        return [topic for topic, publisher in self._debug.items() if is_heard(publisher)]
+        return [topic for topic in self._debug if topic in self._heard]
 
     def destroy(self) -> None:
         """Take the topics off the graph."""
