@@ -25,7 +25,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec, Value
 from mvuav_ros.parameters.descriptor_text import write_description
 from mvuav_ros.parameters.nodes import NODE_PARAMETERS
-from mvuav_ros.parameters.parameter_file import fits, node_keys
+from mvuav_ros.parameters.parameter_file import fits, read_node_keys
 
 P = TypeVar('P', bound=ParameterSet)
 OVERRIDABLE = QoSOverridingOptions(
@@ -226,7 +226,7 @@ def parameter_files(node: Node, arguments: Sequence[str]) -> tuple[list[str], li
     name = node.get_fully_qualified_name()
     for option, file in pairwise(arguments):
         if option == '--params-file':
-            keys = node_keys(Path(file))
+            keys = read_node_keys(Path(file))
             is_ours = any(fits(key, name) for key in keys)
             files.append(file if is_ours else f'{file} (nothing in it for {name})')
             meant = [key for key in keys if key.rsplit('/', 1)[-1] == node.get_name()]

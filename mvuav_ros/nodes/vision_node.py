@@ -90,6 +90,7 @@ class DetectorStatus:
             'stamp_jumps_forward': str(stamps.jumps_forward),
             'image': self._answerer.image_format,
             'image_topic': images.topic,
+            'calibration': self._processor.calibration,
             'image_publishers': ' '.join(images.publishers),
             'incompatible_publishers': str(events.incompatible),
         }
@@ -139,7 +140,7 @@ class VisionNode(ManagedNode):
         self._told_silence = False
         images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
-        self._answerer.restart(self._results, transport)
+        self._answerer.restart(self._results, transport, images)
         if self._handed_over:
             self._input = IntraProcessInput(images, answer)
         else:

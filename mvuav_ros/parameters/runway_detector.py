@@ -13,6 +13,7 @@ from mvuav_ros.parameters.image_input import (
     camera_mount_rpy_deg,
     camera_mount_xyz,
     check_frames,
+    image_is_rectified,
     image_transport,
     opencv_threads,
     publish_tf,
@@ -234,6 +235,7 @@ class RunwayDetectorParameters(ParameterSet):
         counts=_THESIS,
     )
     image_transport: str = image_transport()
+    image_is_rectified: bool = image_is_rectified()
     opencv_threads: int = opencv_threads()
     autostart: bool = autostart('Node')
 

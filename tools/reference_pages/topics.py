@@ -69,6 +69,10 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
             'are withheld.'
         ),
         '~/detections_3d': 'The same of the body, with its pose; empty while that is not known.',
+        '~/integrity': (
+            'One status: protection levels of the pose (m, degrees), OK available, WARN alert, '
+            'ERROR not available with the reason; see [Protection levels](../integrity.md).'
+        ),
         '~/marker/*': 'One marker (px), while it is detected or predicted: `~/marker/left_wing` …',
         '~/debug_image': 'The frame with markers, windows and the axes of the pose.',
     },
