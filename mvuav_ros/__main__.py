@@ -40,6 +40,8 @@ def _run(name: str) -> None:
     # with several threads, which wait for one another on a busy machine: 80 instead of 1.7 ms for a
     # tracked frame.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    # A camera that cannot be opened is said by us, and tried again each second.
+    os.environ.setdefault('OPENCV_LOG_LEVEL', 'ERROR')
     # Until the executable has its own handlers.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, leave)

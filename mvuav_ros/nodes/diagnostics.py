@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from mvuav_ros.nodes.image_input import InputEvents, InputState
+from mvuav_ros.nodes.transport import PROFILE
 from mvuav_ros.vision.image import Image
 
 WINDOW = 5.0
@@ -127,10 +128,13 @@ def _percentile_ms(times: Sequence[FrameTimes], stage: str, percent: int) -> str
     return f'{np.percentile(values, percent):.2f}' if values else 'nan'
 
 
-LOST_REMEDY = (
-    "give the camera's process a larger shared-memory segment, or let it publish reliably "
-    'and subscribe reliably (docs/transport.md)'
+_SEGMENT = 1 << 19
+"""Bytes of Fast DDS's own shared-memory segment."""
+_OTHER_REMEDY = (
+    'let it publish reliably and set qos_overrides.….subscription.reliability to reliable '
+    '(docs/transport.md)'
 )
+_SEGMENT_REMEDY = f'start it with FASTRTPS_DEFAULT_PROFILES_FILE={PROFILE}, or {_OTHER_REMEDY}'
 SLOW_REMEDY = 'lower the frame rate or the image size'
 _MOST_NAMED = 3
 _STAMPS = 32
@@ -188,7 +192,7 @@ class InputMonitor:
         problems = []
         skipped = max(recent['missing'] - recent['lost'], 0) + recent['skipped']
         if recent['lost']:
-            problems.append(f'{recent["lost"]} images lost in transport: {LOST_REMEDY}')
+            problems.append(f'{recent["lost"]} images lost in transport: {_lost_why(events)}')
         if skipped:
             problems.append(f'too slow for the camera: {skipped} images skipped; {SLOW_REMEDY}')
         elif recent['left out'] and not recent['lost']:
@@ -210,8 +214,19 @@ def explain_no_images(images: InputState) -> str:
     if obstacle:
         return f'{said} {obstacle}'
     if events.lost:
-        return f'{said}, but every image is lost: {LOST_REMEDY}'
+        return f'{said}, but every image is lost: {_lost_why(events)}'
     return f'{said}, but no image arrives: is it paused, or its camera silent? (docs/transport.md)'
+
+
+def _lost_why(events: InputEvents) -> str:
+    """The likeliest cause of a loss between publisher and node, and what cures it."""
+    if 0 < events.size <= _SEGMENT:
+        return f'the network drops fragments of the publisher; {_OTHER_REMEDY}'
+    size = f'{events.size / 1e6:.1f} MB' if events.size else 'they'
+    return (
+        f'{size} may not fit the shared-memory segment of the publisher, of 0.5 MB by default; '
+        f'{_SEGMENT_REMEDY}'
+    )
 
 
 def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:

@@ -82,12 +82,14 @@ class InputEvents:
 
     Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
     own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
+    The size is the newest image's, in bytes.
     Incompatible are publishers whose QoS did not fit ours.
     """
 
     lost: int = 0
     missing: int = 0
     skipped: int = 0
+    size: int = 0
     incompatible: int = 0
     errors: int = 0
     last_error: str = ''
@@ -469,6 +471,7 @@ class ImageInput:
             if taken is None:
                 break
             data, info = taken
+            self._events.size = len(data)
             self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan

@@ -142,7 +142,12 @@ def test_reasons_for_silence():
     assert explain_no_images(nothing) == 'nothing publishes /image_raw'
     assert 'no image arrives: is it paused' in explain_no_images(published)
     events.lost = 3
-    assert 'every image is lost' in explain_no_images(published)
+    assert 'every image is lost: they may not fit the shared-' in explain_no_images(published)
+    events.size = 921_600
+    assert 'lost: 0.9 MB may not fit the shared-' in explain_no_images(published)
+    assert 'FASTRTPS_DEFAULT_PROFILES_FILE=/' in explain_no_images(published)
+    events.size = 307_200
+    assert 'the network drops' in explain_no_images(published)
     # What was once does not count, what is now does.
     events.incompatible = 1
     assert 'QoS' not in explain_no_images(published)

@@ -173,6 +173,7 @@ def test_a_missing_camera_is_waited_for(graph):
     process.send_signal(2)
     output, _ = process.communicate(timeout=120)
     assert 'camera 77 cannot be opened' in output
+    assert 'VIDEOIO' not in output
     assert 'trying again' in output
     assert process.returncode == 0
 
