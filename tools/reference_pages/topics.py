@@ -99,6 +99,10 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
             'Where vision_msgs is installed: in mode `approach` the target in its box, with its '
             'confidence.'
         ),
+        '~/integrity': (
+            'One status: protection levels of offset, height (m) and heading (degrees) in mode '
+            '`approach`; see [Protection levels](../integrity.md).'
+        ),
         '~/debug/confined': 'The rows that are searched.',
         '~/debug/edges': 'Edges after thinning and opening.',
         '~/debug/hough': 'The accumulator with its peaks.',
