@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -59,13 +60,28 @@ class OutputFile:
             raise
         self.size += len(data)
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the file is still the one of that name."""
+        ours = os.fstat(self._file)
+        try:
+            there = self.path.lstat()
+        except OSError:
+            return False
+        return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
+
     def close(self) -> None:
         """Let go of the file.
 
         Raises:
-            OSError: the operating system says only now that it could not write.
+            OSError: the operating system says only now that it could not write, or the file is not
+                there any more: another program has put its own in its place.
         """
-        os.close(self._file)
+        try:
+            if not self.is_there:
+                raise OSError(errno.ESTALE, 'another program has replaced it meanwhile')
+        finally:
+            os.close(self._file)
 
     def failure(self, error: Exception) -> RecordingError:
         """What to tell the user."""
@@ -73,3 +89,19 @@ class OutputFile:
         return RecordingError(
             f'{reason}: {self.path} cannot be written; what it holds so far can be read'
         )
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Replace a file in one step: whoever reads it finds the old one or the new one.
+
+    Raises:
+        RecordingError: it cannot be written; what was there stays.
+    """
+    beside = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        beside.write_bytes(data)
+        beside.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            beside.unlink()
+        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
