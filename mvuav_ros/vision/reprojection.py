@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import cv2
@@ -128,6 +129,35 @@ class Reprojection:
         points = np.repeat(self._points @ rotation_of(rvec).T, 2, axis=0)
         by_turn = points[:, _NEXT] * by_place[:, _LAST] - points[:, _LAST] * by_place[:, _NEXT]
         return np.hstack((by_place, by_turn))
+
+
+def projection_derivatives(
+    camera: CameraModel,
+    points: Array,
+    rotation: Array,
+    translation: Array,
+    about: Sequence[float],
+) -> tuple[Array, Array, Array]:
+    """Where points of a body are seen, and how that changes with its pose.
+
+    Args:
+        camera: calibrated.
+        points: (n, 3), m, in the body's frame.
+        rotation: (3, 3), optical frame from the body's.
+        translation: (3,), of the body's origin, m.
+        about: (3,), m, the body's point that small turns leave in its place.
+
+    Returns:
+        The pixels (n, 2), and their derivatives by the place (n, 2, 3, px/m) and by small turns
+        about the optical axes (n, 2, 3, px/rad).
+    """
+    rvec = cv2.Rodrigues(rotation)[0]
+    seen, derivatives = camera.project_with_jacobian(points, rvec, translation)
+    by_place = derivatives[:, 3:6].reshape(-1, 2, 3)
+    # A small turn w moves a point p, as seen from the fixed one, by w x p.
+    arms = ((points - about) @ rotation.T)[:, None, :]
+    by_turn = arms[:, :, _NEXT] * by_place[:, :, _LAST] - arms[:, :, _LAST] * by_place[:, :, _NEXT]
+    return seen, by_place, by_turn
 
 
 def rotation_of(rvec: Array) -> Array:

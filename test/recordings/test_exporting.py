@@ -20,9 +20,9 @@ from support.commands import mvuav
 from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 
 from mvuav_ros.processing.messages.markers import encode_markers, encode_rpy
-from mvuav_ros.recordings import exporting
+from mvuav_ros.recordings import result_rows, tables
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
-from mvuav_ros.recordings.exporting import export
+from mvuav_ros.recordings.exporting import export as export_flights
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.points import view_points
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -32,6 +32,11 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 STAMP_NS = 1_700_000_000_123_456_789
 POSE = 'geometry_msgs/msg/PoseStamped'
+
+
+def export(path: Path, *given: Any, **options: Any) -> dict[Path, int]:
+    """One flight's."""
+    return export_flights({'flight': path}, *given, **options)
 
 
 def marker_result() -> MarkerResult:
@@ -53,12 +58,12 @@ POSE_DATA = pose(0.1)
 
 
 def interrupted_after(count: int) -> Callable[[Any], Any]:
-    rows, calls = exporting._rows, itertools.count(1)
+    rows, calls = result_rows.ResultRows.of, itertools.count(1)
 
-    def read(message: Any) -> Any:
+    def read(self: Any, message: Any) -> Any:
         if next(calls) > count:
             raise KeyboardInterrupt
-        return rows(message)
+        return rows(self, message)
 
     return read
 
@@ -117,7 +122,7 @@ def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     table = parquet.read_table(tmp_path / 'out' / 'marker_tracker_markers.parquet')
     assert table.num_rows == 15
     assert table['stamp_ns'].to_pylist() == [STAMP_NS] * 15
-    assert table.column_names[:3] == ['stamp_ns', 'row', 'x']
+    assert table.column_names[:5] == ['flight', 'stamp_ns', 'stamp', 'row', 'x']
 
 
 @pytest.mark.parametrize('form', ['csv', 'parquet', 'tum'])
@@ -126,7 +131,7 @@ def test_a_flight_of_any_length_takes_no_memory(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 500)
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 500)
     count = 8_000
     path = tmp_path / 'results.mcap'
     with RecordingWriter(path) as writer:
@@ -147,7 +152,7 @@ def test_a_run_that_fails_leaves_nothing_in_the_way(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(exporting, '_rows', interrupted_after(1))
+    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', form)
     assert list((tmp_path / 'out').iterdir()) == []
@@ -158,8 +163,8 @@ def test_a_parquet_export_that_fails_says_nothing_more(
 ) -> None:
     pytest.importorskip('pyarrow.parquet')
     said: list[Any] = []
-    monkeypatch.setattr(exporting, '_rows', interrupted_after(1))
-    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 1)
+    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 1)
     monkeypatch.setattr(sys, 'unraisablehook', said.append)
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', 'parquet')
@@ -177,7 +182,7 @@ def test_a_run_that_fails_keeps_what_was_there(
     def fail(_table: Any) -> None:
         raise RecordingError('no space')
 
-    monkeypatch.setattr(exporting._Csv, '_end', fail)
+    monkeypatch.setattr(tables.Csv, '_end', fail)
     with pytest.raises(RecordingError, match='no space'):
         export(results, folder, 'csv', overwrite=True)
     assert {file: file.read_bytes() for file in folder.iterdir()} == before
