@@ -1,9 +1,10 @@
-"""A new file that only grows, and holds nothing that was written in part."""
+"""Files that hold nothing that was written in part: one that only grows, and a whole text."""
 
 from __future__ import annotations
 
 import errno
 import os
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -91,17 +92,29 @@ class OutputFile:
         )
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file in one step: whoever reads it finds the old one or the new one.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, and its folder; a file of that name is replaced as a whole or not at all.
 
     Raises:
         RecordingError: it cannot be written; what was there stays.
     """
-    beside = path.with_name(f'.{path.name}.{os.getpid()}')
+    data = content.encode('utf-8', 'replace') if isinstance(content, str) else content
+    new = None
     try:
-        beside.write_bytes(data)
-        beside.replace(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise RecordingError(f'{path} is a folder; give the name of a file')
+        with tempfile.NamedTemporaryFile(
+            dir=path.parent, prefix=f'.{path.name}.', delete=False
+        ) as file:
+            new = Path(file.name)
+            file.write(data)
+        # What a file opened in the usual way may be read by.
+        mask = os.umask(0)
+        os.umask(mask)
+        new.chmod(0o666 & ~mask)
+        new.replace(path)
     except OSError as error:
-        with suppress(OSError):
-            beside.unlink()
+        if new is not None:
+            new.unlink(missing_ok=True)
         raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

@@ -135,7 +135,7 @@ def write_text(text: str, content: str) -> None:
         with _reached(text, 'written') as (system, path):
             system.pipe_file(path, content.encode())
         return
-    write_whole(Path(text), content.encode())
+    write_whole(Path(text), content)
 
 
 def remote_state(url: str) -> tuple[int, str]:

@@ -37,13 +37,13 @@ def write_report(report: Report, folder: Path) -> Path:
         write_whole(folder / f'{figure.key}.png', figure.png)
     _write_json(as_data(report), folder / DATA)
     page = folder / PAGE
-    write_whole(page, render_page(report).encode('utf-8', 'replace'))
+    write_whole(page, render_page(report))
     return page
 
 
 def write_csv(table: Table, path: Path) -> None:
     """Write a table with all digits of its numbers; what is missing stays empty."""
-    write_whole(path, csv_text(table).encode('utf-8', 'replace'))
+    write_whole(path, csv_text(table))
 
 
 def csv_text(table: Table) -> str:
@@ -70,4 +70,4 @@ def as_data(report: Report) -> dict[str, object]:
 
 
 def _write_json(value: object, path: Path) -> None:
-    write_whole(path, (json.dumps(value, indent=2) + '\n').encode())
+    write_whole(path, json.dumps(value, indent=2) + '\n')
