@@ -31,8 +31,8 @@ class Frame:
     reported: bool
     error: float
     corners: list[tuple[float, float]] | None = None
-    outside: bool = False
     report: Report | None = None
+    outside: bool = False
 
 
 @dataclass

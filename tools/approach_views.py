@@ -19,12 +19,16 @@ Point = tuple[float, float]
 
 
 class Shot(NamedTuple):
-    """One frame: its pixels, what is known of it, and where text was drawn (bool) if anywhere."""
+    """One frame: its pixels, what is known of it, and where text was drawn (bool) if anywhere.
+
+    It may be magnified, and the errors of its labels with it.
+    """
 
     image: Pixels
     label: LabelledFrame | None = None
     horizon: HorizonLine | None = None
     text: NDArray[np.bool_] | None = None
+    zoom: int = 1
 
 
 View = Callable[[Shot, int], Shot]
@@ -60,7 +64,7 @@ def following(below: float, zoom: int = 1) -> View:
 
 
 def _cut(shot: Shot, top: int, zoom: int) -> Shot:
-    image, label, horizon, _ = shot
+    image, label, horizon = shot[:3]
     height, width = image.shape[:2]
     left = 0
     if zoom > 1:
@@ -82,7 +86,7 @@ def _cut(shot: Shot, top: int, zoom: int) -> Shot:
         middle = left + 0.5 * width / zoom - 0.5 * width
         row = horizon.row + middle * math.tan(horizon.slope)
         horizon = replace(horizon, row=zoom * (row - top + 0.5) - 0.5)
-    return Shot(np.ascontiguousarray(image), label, horizon)
+    return Shot(np.ascontiguousarray(image), label, horizon, None, zoom)
 
 
 def _above_cut(label: LabelledFrame, top: float) -> list[Point]:
@@ -120,6 +124,18 @@ def _text(image: Pixels, words: str, x: float, y: float, size: float, **how: Any
     cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, line, cv2.LINE_AA)
 
 
+def without_runway(shot: Shot, index: int) -> Shot:
+    """Paint over the runway with what is around it."""
+    assert shot.label is not None
+    label = shot.label
+    corners = np.array([label.near_left, label.near_right, label.far_right, label.far_left])
+    middle = corners.mean(axis=0)
+    grown = middle + 1.5 * (corners - middle) + np.sign(corners - middle) * 3
+    mask = np.zeros(shot.image.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.rint(grown).astype(np.int32)], 255)
+    return shot._replace(image=cv2.inpaint(shot.image, mask, 3, cv2.INPAINT_TELEA))
+
+
 _YELLOW = (0, 255, 255)
 
 
@@ -152,7 +168,7 @@ def _boxes(image: Pixels, index: int) -> None:
     _text(image, f'SPD {140 + index // 4 % 9}', 0.08, 0.2, 0.8, box=True, colour=_YELLOW)
     _text(image, f'HDG {269 + index // 9 % 4}', 0.4, 0.12, 0.8, box=True)
     _text(image, f'ALT {900 - index}', 0.7, 0.2, 0.8, box=True, colour=(0, 255, 0))
-    _text(image, 'TERRAIN AHEAD', 0.3, 0.45, 0.7, box=True, colour=_YELLOW)
+    _text(image, 'TERRAIN AHEAD', 0.3, 0.62, 0.7, box=True, colour=_YELLOW)
     _text(image, f'REC {index:06d}', 0.05, 0.93, 0.7, box=True, colour=(0, 0, 255))
 
 

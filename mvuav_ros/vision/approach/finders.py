@@ -28,8 +28,9 @@ _AFRESH = 10
 _NEAR_HORIZON = 10.0
 """Px of the working image between the runway's vanishing point and a horizon seen in the image, up
 to which the two are taken for the same."""
-_WHOLE = (0.03, 0.65)
-"""Share of the height in which vanishing points are looked for without a horizon."""
+_WHOLE, _ABOVE = (0.03, 0.65), -0.4
+"""Share of the height in which vanishing points are looked for without a horizon, and up to which
+they are where none may be in view."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,8 @@ class RunwayFinder:
         horizon = self._horizon.find(np.asarray(colour, np.uint8))
         whole = SearchRange(0.0, _WHOLE[0] * height, _WHOLE[1] * height)
         if horizon is None:
-            return Derotation(width, height, factor, 0.0), [whole], None
+            above = SearchRange(0.0, _ABOVE * height, _WHOLE[0] * height)
+            return Derotation(width, height, factor, 0.0), [whole, above], None
         level = Derotation(width, height, factor, horizon.slope)
         row = level.row_of(horizon.row)
         above, below = TUNING.horizon_reach

@@ -27,6 +27,8 @@ class Registration:
     def __init__(self) -> None:
         self._last: NDArray[Any] | None = None
         self._now: NDArray[Any] | None = None
+        self.gray = np.zeros((0, 0), np.uint8)
+        """The newest working image in 256 grey levels."""
         self.moving = False
         """The newest image differs from the last one; a still says nothing new."""
 
@@ -37,6 +39,7 @@ class Registration:
         if gray.dtype != np.uint8:
             gray = gray.astype(np.float32)
         self._last, self._now = self._now, np.asarray(gray)
+        self.gray = self._now.astype(np.uint8) if gray.dtype != np.uint8 else self._now
         self.moving = self._last is not None and not np.array_equal(self._last, self._now)
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:

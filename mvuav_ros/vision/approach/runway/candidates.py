@@ -22,7 +22,7 @@ from mvuav_ros.vision.approach.runway.profile import profile
 from mvuav_ros.vision.approach.runway.search import Strips, distinct, fan, fan_jobs
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 
-LEVELS = 3
+LEVELS = 4
 """Of the pyramid."""
 _SKY_STEP = 5
 _SKY_SMOOTHING = 31
@@ -66,14 +66,24 @@ class LevelledImage:
     """
 
     def __init__(
-        self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
+        self,
+        pixels: NDArray[Any],
+        level: Derotation | None = None,
+        scene: Scene | None = None,
+        overlaid: NDArray[np.uint8] | None = None,
     ) -> None:
-        """Begin with pixels of 256 grey levels, and the scene of a frame just before, if known."""
+        """Begin with pixels of 256 grey levels.
+
+        The scene of a frame just before, and where something is laid over the view (not 0), may be
+        known.
+        """
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
         self._pixels: list[NDArray[Any]] = []
         self._given_scene = scene
+        self._overlaid = overlaid
+        self._hidden: NDArray[np.bool_] | None = None
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
 
@@ -81,7 +91,8 @@ class LevelledImage:
         """The same image, levelled by another angle, rad."""
         if slope == self.level.slope:
             return self
-        return LevelledImage(self._given, replace(self.level, slope=slope))
+        level = replace(self.level, slope=slope)
+        return LevelledImage(self._given, level, overlaid=self._overlaid)
 
     @property
     def used(self) -> bool:
@@ -96,10 +107,19 @@ class LevelledImage:
             self._pixels.append(halved(self._pixels[-1]))
         return self._pixels[level]
 
+    def hidden(self, level: int) -> NDArray[np.bool_] | None:
+        """Where something is laid over the image of a level of the pyramid."""
+        if self._overlaid is None:
+            return None
+        if self._hidden is None:
+            self._hidden = self.level.turned(self._overlaid) > 0
+        height, width = self.pixels(level).shape[:2]
+        return self._hidden[:: 2**level, :: 2**level][:height, :width]
+
     def map(self, level: int) -> EvidenceMap:
         """Evidence of a level of the pyramid."""
         if level not in self._maps:
-            self._maps[level] = gather_evidence(self.pixels(level))
+            self._maps[level] = gather_evidence(self.pixels(level), self.hidden(level))
         return self._maps[level]
 
     @cached_property
@@ -151,7 +171,24 @@ class LevelledImage:
         if right - left < _LEAST_PART or bottom - top < _LEAST_PART:
             return None
         known[:, :2] -= (left, top)
-        return Part(gather_evidence(pixels[top:bottom, left:right]), known, level, (left, top))
+        part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
+        image = gather_evidence(pixels[part], None if hidden is None else hidden[part])
+        return Part(image, known, level, (left, top))
+
+    def share_hidden(self, strip: Strip) -> float:
+        """Share of a strip's edges over which something is laid."""
+        hidden = self.hidden(0)
+        if hidden is None:
+            return 0.0
+        x, y, left, right, far, near = (float(value) for value in strip)
+        depth = np.linspace(far, near, 12)
+        columns = np.concatenate([x + left * depth, x + right * depth])
+        rows = np.concatenate([y + depth] * 2)
+        height, width = hidden.shape
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        if not inside.any():
+            return 1.0
+        return float(hidden[rows[inside].astype(np.intp), columns[inside].astype(np.intp)].mean())
 
 
 class Part(NamedTuple):

@@ -41,12 +41,13 @@ class EvidenceWeights:
     offset: float
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of (n, features) in the order of `FEATURES`."""
+        """(n,) of (n, features) in the order of `FEATURES`; what is NaN does not count."""
         values = np.clip((features - self.mean) / self.deviation, -_FARTHEST, _FARTHEST)
         total = values * self.slopes[0]
         for knot, slope in zip(self.knots, self.slopes[1:], strict=True):
             total += np.maximum(values - knot, 0.0) * slope
-        result: NDArray[np.float64] = total.sum(axis=1) + self.offset
+        # 0 is between what runways and what other strips have there.
+        result: NDArray[np.float64] = np.nan_to_num(total).sum(axis=1) + self.offset
         return result
 
 

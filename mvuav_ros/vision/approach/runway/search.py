@@ -135,7 +135,9 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[tuple[int, list[
     """
     for depth in TUNING.depths if level == 0 else TUNING.depths[2:]:
         step = 0.4 * depth
-        yield depth, np.arange(first, last + 0.5 * step, step).tolist()
+        rows = np.arange(first, last + 0.5 * step, step)
+        # The compared part of a strip must be in the image.
+        yield depth, rows[rows > 0.5 - TUNING.first_row * depth].tolist()
 
 
 def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:

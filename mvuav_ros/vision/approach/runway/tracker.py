@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.overlaid import Overlaid
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.appearance import Scene
 from mvuav_ros.vision.approach.runway.candidates import (
@@ -37,6 +38,8 @@ _BEST_PERIOD, _OTHERS_PERIOD = 6, 12
 """Frames from one weighing of the best track, and of others, to the next."""
 _SCENE_FRAMES = 24
 """For which the image as a whole is taken to stay alike."""
+_MOST_HIDDEN = 0.5
+"""Share of a strip's edges: more is the edge of what is laid over the view."""
 _HOPELESS = -5.0
 _LEAST_START = -3.0
 """Log odds below which a candidate is not followed."""
@@ -64,6 +67,7 @@ class RunwayTracker:
         self._attitude = False
         self._scene: Scene | None = None
         self._registration = Registration()
+        self._overlaid = Overlaid()
         self._frame = 0
         self._job = 0
 
@@ -88,8 +92,9 @@ class RunwayTracker:
         if self._frame % _SCENE_FRAMES == 0:
             self._scene = None
         self._registration.take(pixels)
+        self._overlaid.take(self._registration.gray)
         level = frame.level
-        working = LevelledImage(pixels, level, self._scene)
+        working = LevelledImage(pixels, level, self._scene, self._overlaid.mask)
         view = View(frame, working, horizon, self._registration)
         for track in self.tracks:
             if self._level is not None:
@@ -98,7 +103,11 @@ class RunwayTracker:
             track.step(view, period)
         self._level, self._attitude = level, attitude
         self.tracks = [
-            track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
+            track
+            for track in self.tracks
+            if not track.lost
+            and track.log_odds > _HOPELESS
+            and working.share_hidden(track.strip()) < _MOST_HIDDEN
         ]
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
