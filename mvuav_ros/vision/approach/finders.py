@@ -108,14 +108,14 @@ class RunwayFinder:
         colour = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
         horizon = self._horizon.find(np.asarray(colour, np.uint8))
         whole = SearchRange(0.0, _WHOLE[0] * height, _WHOLE[1] * height)
+        beyond = SearchRange(0.0, _ABOVE * height, _WHOLE[0] * height)
         if horizon is None:
-            above = SearchRange(0.0, _ABOVE * height, _WHOLE[0] * height)
-            return Derotation(width, height, factor, 0.0), [whole, above], None
+            return Derotation(width, height, factor, 0.0), [whole, beyond], None
         level = Derotation(width, height, factor, horizon.slope)
         row = level.row_of(horizon.row)
         above, below = TUNING.horizon_reach
         near = SearchRange(level.slope, row - above, row + below)
-        return level, [near, whole], row
+        return level, [near, whole, beyond], row
 
     def _agreed(self, row: float | None) -> tuple[float, float] | None:
         """The seen horizon where the runway's edges meet at it; a cloud's edge is none."""

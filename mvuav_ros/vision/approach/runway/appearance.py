@@ -24,7 +24,7 @@ from mvuav_ros.vision.approach.runway.tuning import TUNING
 _MIRROR = np.array([-1, -1, -1, 1], np.float32)
 _SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
 """Widths of strips around and within a strip that are compared with it, of its width."""
-_LEAST_SKY = -1.0
+LEAST_SKY = -1.0
 """Row of the vanishing point from which on what is above it is in the image; else it is unknown."""
 _SIDE = np.array([1.0, 2.0])
 """Of half its width: how much wider on one side."""
@@ -165,7 +165,7 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     counted = (-up <= np.maximum(0.5 * near, 4)[:, None]) & in_one & in_other
     strength = np.minimum(strength / UNIT, MOST_GAIN) * counted
     result: Numbers = strength.sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
-    return np.where(y < _LEAST_SKY, np.nan, result)
+    return np.where(y < LEAST_SKY, np.nan, result)
 
 
 def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
@@ -264,7 +264,7 @@ def _of_the_sky(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, Numb
         'sky_texture': np.log(above / below),
         'skyline': np.clip((y - scene.skyline[column]) / np.maximum(near, 5), -3, 3),
     }
-    return {name: np.where(y < _LEAST_SKY, np.nan, value) for name, value in values.items()}
+    return {name: np.where(y < LEAST_SKY, np.nan, value) for name, value in values.items()}
 
 
 def _texture(image: EvidenceMap, rows: Any, columns: Any) -> Numbers:

@@ -75,7 +75,9 @@ class Fan:
         slopes, inside = self.slopes[kept], self.inside.ravel().take(place)
         first, second = slopes[:, _FIRST], slopes[:, _SECOND]
         width, middle = second - first, 0.5 * (first + second)
-        possible = (width * self.depth >= TUNING.narrowest) & (width <= TUNING.widest)
+        possible = (width * self.depth >= TUNING.narrowest) & (
+            width <= (TUNING.widest if top >= 0 else TUNING.widest_above)
+        )
         possible &= np.abs(middle) <= TUNING.farthest_aside * np.maximum(width, 0.15)
         possible &= inside[:, _FIRST] & inside[:, _SECOND]
         score[~possible] = 0.0

@@ -34,7 +34,7 @@ from mvuav_ros.vision.approach.runway.geometry import (
     strip_through,
 )
 from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
-from mvuav_ros.vision.approach.runway.probability import evidence_weights
+from mvuav_ros.vision.approach.runway.probability import log_odds_of
 
 _MOST_STRIPS = 8
 """Tried around the mean each time."""
@@ -167,7 +167,7 @@ class RunwayTrack(EdgeTrack):
         if seen is None:
             return False
         measured, features, valid = seen
-        odds = np.where(valid, evidence_weights().log_odds(features), -np.inf)
+        odds = np.where(valid, log_odds_of(features), -np.inf)
         best = int(odds.argmax())
         now = float(odds[best]) + math.log(
             float(np.exp(odds[apart(measured, odds)] - odds[best]).sum())

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from itertools import islice
+from collections.abc import Iterator
+from itertools import islice, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from mvuav_ros.vision.approach.runway.edge_track import View
 from mvuav_ros.vision.approach.runway.probability import (
     Report,
     confidence_weights,
-    evidence_weights,
+    log_odds_of,
 )
 from mvuav_ros.vision.approach.runway.search import fan_jobs
 from mvuav_ros.vision.approach.runway.track import RunwayTrack
@@ -55,6 +56,23 @@ class SearchRange(NamedTuple):
     slope: float
     first: float
     last: float
+
+
+_Chunk = tuple[SearchRange, int, int, list[float]]
+"""What is searched in one frame: range, level, depth, and rows."""
+
+
+def _chunks(where: SearchRange) -> Iterator[_Chunk]:
+    for level in range(LEVELS):
+        for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
+            for start in range(0, len(rows), _CHUNK):
+                yield where, level, depth, rows[start : start + _CHUNK]
+
+
+def _by_turns(ranges: list[list[_Chunk]]) -> Iterator[_Chunk]:
+    """One chunk of each range after the other."""
+    for together in zip_longest(*ranges):
+        yield from (chunk for chunk in together if chunk is not None)
 
 
 class RunwayTracker:
@@ -154,13 +172,7 @@ class RunwayTracker:
             image = view.working.at_slope(where.slope)
             found = find_candidates(image, where.first, where.last)
         else:
-            chunks = [
-                (where, level, depth, rows[start : start + _CHUNK])
-                for where in ranges
-                for level in range(LEVELS)
-                for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level)
-                for start in range(0, len(rows), _CHUNK)
-            ]
+            chunks = list(_by_turns([list(_chunks(where)) for where in ranges]))
             where, level, depth, rows = chunks[self._job % len(chunks)]
             self._job += 1
             image = view.working.at_slope(where.slope)
@@ -173,7 +185,7 @@ class RunwayTracker:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
         if not len(found.strips):
             return
-        odds = evidence_weights().log_odds(found.features)
+        odds = log_odds_of(found.features)
         fresh: list[RunwayTrack] = []
         for index in islice(np.argsort(-odds, kind='stable'), _MOST_TAKEN):
             if odds[index] < max(_LEAST_START, float(odds.max()) - _FAR_BELOW):
