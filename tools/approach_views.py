@@ -51,6 +51,10 @@ def cropped(top: int, zoom: int = 1) -> View:
     return view
 
 
+_ROWS_BELOW = 100
+"""Of 240, which are left in every frame of runs 2, 3 and 5."""
+
+
 def following(below: float, zoom: int = 1) -> View:
     """Cut off all that is above so many rows below the horizon, as a gimbal would keep it."""
 
@@ -58,7 +62,9 @@ def following(below: float, zoom: int = 1) -> View:
         assert shot.horizon is not None
         width = shot.image.shape[1]
         lower_side = shot.horizon.row + 0.5 * width * abs(math.tan(shot.horizon.slope))
-        return _cut(shot, math.ceil(lower_side + below), zoom)
+        # Every frame has the same size.
+        shot = _cut(shot, math.ceil(lower_side + below), zoom)
+        return shot if zoom > 1 else shot._replace(image=shot.image[:_ROWS_BELOW])
 
     return view
 
@@ -74,7 +80,8 @@ def _cut(shot: Shot, top: int, zoom: int) -> Shot:
         left = int(
             np.clip(32 * round((middle - 0.5 * width / zoom) / 32), 0, width - width // zoom)
         )
-        part = image[top : top + height // zoom, left : left + width // zoom]
+        rows = min(height // zoom, _ROWS_BELOW)
+        part = image[top : top + rows, left : left + width // zoom]
         image = cv2.resize(part, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
     else:
         image = image[top:]

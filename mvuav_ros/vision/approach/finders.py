@@ -23,6 +23,8 @@ from mvuav_ros.vision.approach.runway.tracker import RunwayTracker, SearchRange
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 from mvuav_ros.vision.point_operations import Pixels
 
+_FROZEN = 50
+"""Frames that are all the same, from which a picture is frozen and shows nothing: two seconds."""
 _AFRESH = 10
 """Frames between two looks for the horizon at any slope."""
 _NEAR_HORIZON = 10.0
@@ -42,12 +44,14 @@ class Found:
         confidence: of the track.
         level: the frame's derotation.
         horizon_row: on the levelled working image, if it is known.
+        unchanged: frames before this one that were the same, if they were counted.
     """
 
     track: FollowedStrip | None
     confidence: float
     level: Derotation
     horizon_row: float | None
+    unchanged: int = 0
 
 
 class _ImageHorizon:
@@ -92,7 +96,9 @@ class RunwayFinder:
             row, known = seen, self._agreed(seen)
         frame = LevelledFrame(image, level)
         track = self._tracker.step(frame, pixels, ranges, known, attitude=attitude is not None)
-        return Found(track, self._tracker.confidence, level, row)
+        unchanged = self._tracker.unchanged
+        confidence = 0.0 if unchanged > _FROZEN else self._tracker.confidence
+        return Found(track, confidence, level, row, unchanged)
 
     @property
     def report(self) -> Report | None:

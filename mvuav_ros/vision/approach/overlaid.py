@@ -28,8 +28,9 @@ _LEAST_MOVING, _LEAST_AGREEING = 10, 0.6
 """Corners that have moved, and the share of them that fit one map, for a map to be known."""
 _FIT = 1.0
 """Px by which corners may miss the map."""
-_OVERLAID, _MOST_VOTES, _FORGET = 2.0, 6.0, 0.05
-"""Votes from which a cell is overlaid, most votes, and the share forgotten in a comparison."""
+_OVERLAID, _MOST_VOTES, _FORGET = 1.8, 6.0, 0.1
+"""Votes, one of a comparison, from which a cell is overlaid, the most votes, and the share of them
+that is forgotten in a comparison: one map that was wrong hides nothing."""
 
 
 class Overlaid:
@@ -95,19 +96,23 @@ class Overlaid:
             self._votes = np.zeros((height // _CELL + 1, width // _CELL + 1), np.float32)
         votes = self._votes
         votes *= 1.0 - _FORGET
-        for places, vote in ((still, 1.0), (moved, -1.0)):
-            cells = (places / _CELL).astype(np.intp)
-            inside = (cells >= 0).all(axis=1)
-            cells = cells[inside]
-            inside = (cells[:, 1] < votes.shape[0]) & (cells[:, 0] < votes.shape[1])
-            cells = cells[inside]
-            votes[cells[:, 1], cells[:, 0]] += vote
+        # Beside a letter that stands still there may be digits that change.
+        around = cv2.dilate(self._counted(still), np.ones((3, 3), np.uint8))
+        votes += np.minimum(around, 1.0) - self._counted(moved)
         np.clip(votes, 0.0, _MOST_VOTES, out=votes)
-        cells = (votes >= _OVERLAID).astype(np.uint8)
+        cells = np.where(votes >= _OVERLAID, 255, 0).astype(np.uint8)
         if not cells.any():
             self.mask = None
             return
-        # Beside a letter that stands still there may be digits that change.
-        grown = cv2.dilate(cells, np.ones((3, 3), np.uint8))
-        mask = np.repeat(np.repeat(grown * np.uint8(255), _CELL, axis=0), _CELL, axis=1)
+        mask = np.repeat(np.repeat(cells, _CELL, axis=0), _CELL, axis=1)
         self.mask = np.ascontiguousarray(mask[:height, :width])
+
+    def _counted(self, places: Any) -> NDArray[np.float32]:
+        """How many places (n, 2) lie in each cell."""
+        assert self._votes is not None
+        rows, columns = self._votes.shape
+        column, row = (places / _CELL).astype(np.intp).T
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        cells = row[inside] * columns + column[inside]
+        counts = np.bincount(cells, minlength=rows * columns)
+        return counts.reshape(rows, columns).astype(np.float32)

@@ -31,6 +31,8 @@ class Registration:
         """The newest working image in 256 grey levels."""
         self.moving = False
         """The newest image differs from the last one; a still says nothing new."""
+        self.unchanged = 0
+        """Images that were the same as the newest."""
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
@@ -40,7 +42,9 @@ class Registration:
             gray = gray.astype(np.float32)
         self._last, self._now = self._now, np.asarray(gray)
         self.gray = self._now.astype(np.uint8) if gray.dtype != np.uint8 else self._now
-        self.moving = self._last is not None and not np.array_equal(self._last, self._now)
+        same = self._last is not None and np.array_equal(self._last, self._now)
+        self.moving = self._last is not None and not same
+        self.unchanged = self.unchanged + 1 if same else 0
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
         """Px to the right and down by which the surroundings of the last frame's strip have moved.

@@ -38,7 +38,7 @@ class Candidates(NamedTuple):
     features: NDArray[np.float64]
 
 
-_NONE = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
+NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
 def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -148,14 +148,14 @@ class LevelledImage:
             self._packed[level] = of.packed()
         return fan(depth, of.width).find(*self._packed[level], of.height, row)
 
-    def weigh(self, found: NDArray[np.float64], level: int) -> Candidates:
-        """Align what a search of a level found, and describe what still are strips."""
-        best = distinct(found, TUNING.candidates if level == 0 else TUNING.candidates // 2)
+    def weigh(self, found: NDArray[np.float64], level: int, most: int) -> Candidates:
+        """Align the best of what a search of a level found, and describe what still are strips."""
+        best = distinct(found, most)
         if not len(best):
-            return _NONE
+            return NO_CANDIDATES
         aligned, valid = align(self.map(level), best[:, :6])
         if not valid.any():
-            return _NONE
+            return NO_CANDIDATES
         features, strips = describe(self.map(level), aligned[valid], self.scene(level), level)
         return Candidates(_to_finest(strips, level), features)
 
@@ -177,18 +177,19 @@ class LevelledImage:
 
     def share_hidden(self, strip: Strip) -> float:
         """Share of a strip's edges over which something is laid."""
-        hidden = self.hidden(0)
-        if hidden is None:
+        if self._overlaid is None:
             return 0.0
         x, y, left, right, far, near = (float(value) for value in strip)
         depth = np.linspace(far, near, 12)
-        columns = np.concatenate([x + left * depth, x + right * depth])
-        rows = np.concatenate([y + depth] * 2)
-        height, width = hidden.shape
+        slopes = np.array([[left], [right]])
+        frame = replace(self.level, factor=1)
+        columns, rows = frame.to_frame(x + slopes * depth, np.broadcast_to(y + depth, (2, 12)))
+        height, width = self._overlaid.shape
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
         if not inside.any():
             return 1.0
-        return float(hidden[rows[inside].astype(np.intp), columns[inside].astype(np.intp)].mean())
+        at = rows[inside].astype(np.intp), columns[inside].astype(np.intp)
+        return float((self._overlaid[at] > 0).mean())
 
 
 class Part(NamedTuple):
@@ -261,7 +262,7 @@ def _to_level(strips: Strips, level: int) -> Strips:
 
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
     """All runways whose edges may meet between two rows of a levelled image, px."""
-    parts = [_NONE]
+    parts = [NO_CANDIDATES]
     for level in range(LEVELS):
         factor = 2**level
         found = [
@@ -270,5 +271,6 @@ def find_candidates(image: LevelledImage, first: float, last: float) -> Candidat
             for row in rows
         ]
         if found:
-            parts.append(image.weigh(np.concatenate(found), level))
+            most = TUNING.candidates if level == 0 else TUNING.candidates // 2
+            parts.append(image.weigh(np.concatenate(found), level, most))
     return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))

@@ -40,6 +40,11 @@ _MOST_STRIPS = 8
 """Tried around the mean each time."""
 _MISS_MEMORY = 0.15
 """Share of a frame that does not show it in what a track remembers."""
+_DIM = -1.5
+"""Log odds below which nothing is reported, and the lines along a strip are not worth their time
+between two weighings."""
+_DIM_PERIOD = 4
+"""Frames from one weighing to the next of a young track that is."""
 _MISSED = -4.0
 """Log odds of a weighing in which nothing is there."""
 _CLEAR_PX, _CLEAR_SHARE = 1.0, 0.03
@@ -114,7 +119,12 @@ class RunwayTrack(EdgeTrack):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        if self._rested < period and self.age > YOUNG:
+        dim = self.log_odds < _DIM
+        if self.age <= YOUNG:
+            period = _DIM_PERIOD if dim else 1
+        elif dim:
+            period *= 2
+        if self._rested < period and self.age > 1:
             if self.locked:
                 self.follow_edges(view)
             elif self.points is not None:
@@ -139,6 +149,8 @@ class RunwayTrack(EdgeTrack):
         rows = strip[1] + strip[4:6]
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
+        if self.log_odds < _DIM:
+            return
         lines = self.by_lines(view, strip)
         if lines is not None:
             self.take_in(lines, rows, view)

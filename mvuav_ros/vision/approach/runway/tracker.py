@@ -17,6 +17,7 @@ from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.appearance import Scene
 from mvuav_ros.vision.approach.runway.candidates import (
     LEVELS,
+    NO_CANDIDATES,
     Candidates,
     LevelledImage,
     find_candidates,
@@ -33,8 +34,12 @@ from mvuav_ros.vision.approach.runway.track import RunwayTrack
 _MOST_TRACKS = 3
 _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
-_OFTEN, _SELDOM = 2, 24
-"""Frames from one share of the search to the next without and with a runway."""
+_OFTEN, _LATER, _SELDOM = 2, 4, 24
+"""Frames from one share of the search to the next without a runway, after `_ROUNDS` through all of
+them, and with a runway."""
+_ROUNDS = 1
+_MOST_WEIGHED = 14
+"""Of the strips that a share of the search finds."""
 _BEST_PERIOD, _OTHERS_PERIOD = 6, 12
 """Frames from one weighing of the best track, and of others, to the next."""
 _SCENE_FRAMES = 24
@@ -87,7 +92,7 @@ class RunwayTracker:
         self._registration = Registration()
         self._overlaid = Overlaid()
         self._frame = 0
-        self._job = 0
+        self._job = self._rounds = 0
 
     def step(
         self,
@@ -129,13 +134,19 @@ class RunwayTracker:
         ]
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
-        if self._frame % (_SELDOM if certain else _OFTEN) == 0:
+        period = _SELDOM if certain else _OFTEN if self._rounds < _ROUNDS else _LATER
+        if self._frame % period == 0:
             self._start(self._search(view, ranges), view)
         self._frame += 1
         if working.used:
             self._scene = working.whole_scene
         self._choose()
         return self.best
+
+    @property
+    def unchanged(self) -> int:
+        """Frames before the newest that were the same."""
+        return self._registration.unchanged
 
     @property
     def report(self) -> Report | None:
@@ -173,11 +184,14 @@ class RunwayTracker:
             found = find_candidates(image, where.first, where.last)
         else:
             chunks = list(_by_turns([list(_chunks(where)) for where in ranges]))
-            where, level, depth, rows = chunks[self._job % len(chunks)]
+            if not chunks:
+                return NO_CANDIDATES
+            self._rounds, number = divmod(self._job, len(chunks))
+            where, level, depth, rows = chunks[number]
             self._job += 1
             image = view.working.at_slope(where.slope)
             strips = np.concatenate([image.search(level, depth, row) for row in rows])
-            found = image.weigh(strips, level)
+            found = image.weigh(strips, level, _MOST_WEIGHED)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 
