@@ -69,10 +69,15 @@ class Overlaid:
         assert self._first is not None
         assert self._corners is not None
         now, found, _ = cv2.calcOpticalFlowPyrLK(
-            self._first, gray, self._corners, None, winSize=_WINDOW, maxLevel=_LEVELS
+            self._first,
+            gray,
+            self._corners,
+            self._corners.copy(),
+            winSize=_WINDOW,
+            maxLevel=_LEVELS,
         )
-        known = found[:, 0] > 0
-        old, new = self._corners[known, 0], now[known, 0]
+        known = np.asarray(found)[:, 0] > 0
+        old, new = self._corners[known, 0], np.asarray(now)[known, 0]
         way = np.linalg.norm(new - old, axis=1)
         moving = way > _STILL
         if np.count_nonzero(moving) < _LEAST_MOVING:
@@ -82,7 +87,7 @@ class Overlaid:
         )
         if plane is None or agree.mean() < _LEAST_AGREEING:
             return False
-        there = cv2.perspectiveTransform(old[:, None], plane)[:, 0]
+        there = np.asarray(cv2.perspectiveTransform(old[:, None], plane))[:, 0]
         expected = np.linalg.norm(there - old, axis=1)
         overlaid = ~moving & (expected > _MOVED)
         if not (expected > _MOVED).any():

@@ -100,9 +100,7 @@ class EvidenceMap:
         return total / np.maximum(end - begin, 1), end > begin
 
 
-def gather_evidence(
-    pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = None
-) -> EvidenceMap:
+def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = None) -> EvidenceMap:
     """Make the maps of a levelled image of 256 grey levels, or colours.
 
     There is no evidence where it is hidden, (height, width).

@@ -105,6 +105,9 @@ class RunwayTrack(EdgeTrack):
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
         if self.age:
             self.predict(view)
+        if not self._plausible(view):
+            self.give_up()
+            return
         before = self.strip()
         self._follow(view, period)
         if self._plausible(view):
