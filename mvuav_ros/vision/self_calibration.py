@@ -1,0 +1,262 @@
+"""The focal length that a rig's lights show, beside what the calibration says.
+
+A bundle adjustment of a few frames: each has a pose of its own, all share the focal length and how
+far the rig's markers are from where its file puts them. Without the latter a rig measured badly
+would pass for a wrong calibration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.reprojection import rotation_of
+from mvuav_ros.vision.rig import MarkerRig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CalibrationTuning:
+    """How well rigs and lights are measured, and what contradicts a calibration.
+
+    Chosen on seeds 100 to 105 and 20000 to 20008 of `test/support/marker_flights.py`.
+    """
+
+    fewest: int = 4  # markers of a frame that tells anything: it has eight numbers, a pose six
+    noise: float = 0.15  # px (1 sigma), of a light's place per axis
+    # Of a marker's place on the rig per axis, in parts of the rig's size (1 sigma): as a rig is
+    # measured well, and, where the lights do not fit that, badly.
+    rig_errors: tuple[float, ...] = (0.002, 0.006)
+    # Of the focal length's logarithm before anything was seen (1 sigma).
+    focal_error: float = 0.5
+    barrel_error: float = 0.1  # the same of k1, of a camera that has no calibration
+    contradiction: float = 3.0  # deviations from the calibration, and
+    least_contradiction: float = 0.04  # part of it, from which on the lights contradict it
+    # Of the squared residuals over their variances, per degree of freedom: with more, the names
+    # are wrong or the camera is another one altogether.
+    most_misfit: float = 6.0
+    frames: int = 12  # that are kept
+    step: float = 1e-4  # of the logarithm, after which the next one would change nothing
+
+
+TUNING = CalibrationTuning()
+_MOST_ITERATIONS = 12
+_LONGEST_STEP = 0.25
+_F, _K1 = slice(6, 8), 10
+"""Columns of OpenCV's derivatives: of both focal lengths, and of the first distortion coefficient;
+those before are of the rotation vector and the translation."""
+
+
+class Keyframe(NamedTuple):
+    """Named lights of a frame.
+
+    Attributes:
+        labels: (n,), of the markers.
+        pixels: (n, 2), where they are seen, px.
+    """
+
+    labels: NDArray[np.intp]
+    pixels: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What lights tell of the focal length.
+
+    Attributes:
+        shift: logarithm of the focal length over that of the calibration.
+        deviation: of it (1 sigma).
+        k1: by which the first distortion coefficient is more than the calibration's.
+        offsets: (n, 3), of the markers from where the rig's file puts them, m.
+        misfit: squared residuals over their variances per degree of freedom: about 1.
+    """
+
+    shift: float
+    deviation: float
+    k1: float
+    offsets: Array
+    misfit: float
+
+    @property
+    def fits(self) -> bool:
+        """Whether some focal length explains the lights."""
+        return self.misfit <= TUNING.most_misfit
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it is another one than that of the calibration."""
+        limit = max(TUNING.contradiction * self.deviation, TUNING.least_contradiction)
+        return self.fits and abs(self.shift) > limit
+
+    def of_camera(self, camera: CameraModel) -> CameraModel:
+        """The calibration with the focal length that the lights show."""
+        k, d = list(camera.k), list(camera.d or (0.0,) * 5)
+        k[0], k[4] = math.exp(self.shift) * k[0], math.exp(self.shift) * k[4]
+        d[0] += self.k1
+        return replace(camera, k=tuple(k), d=tuple(d))
+
+    def of_rig(self, rig: MarkerRig) -> MarkerRig:
+        """The rig with its markers where the lights show them."""
+        places = (rig.positions + self.offsets).tolist()
+        markers = tuple(
+            (name, (x, y, z)) for name, (x, y, z) in zip(rig.names, places, strict=True)
+        )
+        return replace(rig, markers=markers)
+
+
+class SelfCalibration:
+    """Collects frames of one rig before one camera, and estimates the focal length by them.
+
+    Examples:
+        >>> from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+        >>> from mvuav_ros.vision.rig import TANKER_747
+        >>> told = CameraModel(640, 480, (700.0, 0.0, 320.0, 0.0, 700.0, 240.0, 0.0, 0.0, 1.0))
+        >>> true = np.array([(600.0, 0.0, 320.0), (0.0, 600.0, 240.0), (0.0, 0.0, 1.0)])
+        >>> rvec, tvec = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array((2.0, -1.0, 120.0))
+        >>> seen = cv2.projectPoints(TANKER_747.positions, rvec, tvec, true, None)[0]
+        >>> check = SelfCalibration(TANKER_747.positions, told)
+        >>> check.add(range(5), seen.reshape(-1, 2))
+        >>> estimate = check.estimate()
+        >>> estimate.contradicts, round(estimate.of_camera(told).k[0])
+        (True, 600)
+    """
+
+    def __init__(self, points: Array, camera: CameraModel, free_lens: bool = False) -> None:
+        """Begin with a rig's markers (n, 3), m; a free lens has its k1 estimated as well."""
+        self._points = np.asarray(points, np.float64)
+        middle = self._points.mean(axis=0)
+        self._size = float(np.linalg.norm(self._points - middle, axis=1).max()) or 1.0
+        self._camera = camera
+        distortion = camera.distortion
+        self._distortion = distortion if len(distortion) >= 4 else np.resize(distortion, 5) * 0.0
+        self._shared = 2 if free_lens else 1
+        self._frames: list[tuple[Keyframe, Array, Array]] = []
+        self._estimate: Estimate | None = None
+        self._told: Array = np.zeros(self._shared + self._points.size)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def add(self, labels: Sequence[int], pixels: Array) -> None:
+        """Take a frame's named lights: their places in the rig, and where they are seen, px.
+
+        Of many frames the newest are kept. Frames with too few lights are not taken.
+        """
+        if len(labels) < TUNING.fewest:
+            return
+        frame = Keyframe(np.array(labels, np.intp), np.array(pixels, np.float64).reshape(-1, 2))
+        pose = self._first_pose(frame)
+        if pose is not None:
+            self._frames = [*self._frames[1 - TUNING.frames :], (frame, *pose)]
+            self._estimate = None
+
+    def _first_pose(self, frame: Keyframe) -> tuple[Array, Array] | None:
+        matrix, distortion, points = self._model(self._told)
+        points = np.ascontiguousarray(points[frame.labels])
+        try:
+            found, rvec, tvec = cv2.solvePnP(
+                points, frame.pixels, matrix, distortion, flags=cv2.SOLVEPNP_SQPNP
+            )
+        except cv2.error:
+            return None
+        if not found or not (np.isfinite(rvec).all() and tvec[2, 0] > 0.0):
+            return None
+        return np.asarray(rvec, np.float64).reshape(3), np.asarray(tvec, np.float64).reshape(3)
+
+    def estimate(self) -> Estimate | None:
+        """What the frames tell; None where there are none, or nothing follows from them."""
+        if self._estimate is None and self._frames:
+            for rig_error in TUNING.rig_errors:
+                self._estimate = self._adjust(rig_error)
+                if self._estimate is None or self._estimate.fits:
+                    break
+        return self._estimate
+
+    def _model(self, value: Array) -> tuple[Array, Array, Array]:
+        """Camera matrix, distortion and markers by what is shared."""
+        matrix, distortion = self._camera.matrix.copy(), self._distortion.copy()
+        matrix[[0, 1], [0, 1]] *= math.exp(min(max(float(value[0]), -3.0), 3.0))
+        distortion[0] += value[1] if self._shared > 1 else 0.0
+        return matrix, distortion, self._points + value[self._shared :].reshape(-1, 3)
+
+    def _adjust(self, rig_error: float) -> Estimate | None:
+        """Gauss-Newton steps in which the poses are eliminated."""
+        shared = self._shared
+        deviations = np.full(len(self._told), rig_error * self._size)
+        deviations[0] = TUNING.focal_error
+        deviations[1:shared] = TUNING.barrel_error
+        weight = deviations**-2
+        value = self._told
+        poses = [(rvec, tvec) for _, rvec, tvec in self._frames]
+        for _ in range(_MOST_ITERATIONS):
+            normal, towards = np.diag(weight), -weight * value
+            squares, eliminated = float((weight * value**2)[shared:].sum()), []
+            for (frame, _, _), pose in zip(self._frames, poses, strict=True):
+                residual, own, common = self._linearize(frame, *pose, value)
+                if not np.isfinite(common).all():
+                    return None
+                back = np.linalg.pinv(own)
+                rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
+                normal += rest.T @ rest
+                towards += rest.T @ left
+                squares += float(residual @ residual)
+                eliminated.append((back, common, residual))
+            try:
+                covariance = np.linalg.inv(normal)
+            except np.linalg.LinAlgError:
+                return None
+            step = covariance @ towards
+            step *= min(1.0, _LONGEST_STEP / max(abs(float(step[0])), 1e-9))
+            value = value + step
+            poses = [
+                (rvec + change[:3], tvec + change[3:])
+                for (rvec, tvec), change in zip(
+                    poses,
+                    (back @ (residual - common @ step) for back, common, residual in eliminated),
+                    strict=True,
+                )
+            ]
+            if abs(float(step[0])) < TUNING.step:
+                break
+        freedom = sum(2 * len(frame.labels) - 6 for frame, _, _ in self._frames) - shared
+        misfit = squares / max(freedom, 1)
+        deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
+        k1 = float(value[1]) if shared > 1 else 0.0
+        offsets = value[shared:].reshape(-1, 3)
+        told = Estimate(float(value[0]), deviation, k1, offsets, misfit)
+        if told.fits:
+            # The next frames begin here.
+            kept = zip(self._frames, poses, strict=True)
+            self._told, self._frames = value, [(frame, *pose) for (frame, _, _), pose in kept]
+        return told
+
+    def _linearize(
+        self, frame: Keyframe, rvec: Array, tvec: Array, value: Array
+    ) -> tuple[Array, Array, Array]:
+        """A frame's residuals (2 n,), and their derivatives by its pose and by what is shared.
+
+        All over the noise.
+        """
+        shared, labels = self._shared, frame.labels
+        matrix, distortion, points = self._model(value)
+        seen, slopes = cv2.projectPoints(points[labels], rvec, tvec, matrix, distortion)
+        common = np.zeros((2 * len(labels), len(value)))
+        common[:, 0] = slopes[:, _F] @ matrix[[0, 1], [0, 1]]
+        if shared > 1:
+            common[:, 1] = slopes[:, _K1]
+        by_point = slopes[:, 3:6] @ rotation_of(rvec)
+        for row, label in enumerate(labels.tolist()):
+            place = slice(shared + 3 * label, shared + 3 * label + 3)
+            common[2 * row : 2 * row + 2, place] = by_point[2 * row : 2 * row + 2]
+        residual = (frame.pixels - seen.reshape(-1, 2)).ravel()
+        noise = TUNING.noise
+        own = np.asarray(slopes[:, :6], np.float64)
+        return residual / noise, own / noise, common / noise
