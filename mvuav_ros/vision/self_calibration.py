@@ -44,6 +44,13 @@ class CalibrationTuning:
     # are wrong or the camera is another one altogether.
     most_misfit: float = 6.0
     frames: int = 12  # that are kept
+    # Frames by which rig and camera are known well enough to see that a further one does not fit
+    # them: its squared residuals are above `most_odd` and by a factor above those before.
+    known: int = 3
+    most_odd: float = 4.0
+    odd: float = 4.0
+    # Such frames in a row, after which it was not one of the lights but what was known.
+    most_refused: int = 8
     step: float = 1e-4  # of the logarithm, after which the next one would change nothing
 
 
@@ -140,23 +147,51 @@ class SelfCalibration:
         self._shared = 2 if free_lens else 1
         self._frames: list[tuple[Keyframe, Array, Array]] = []
         self._estimate: Estimate | None = None
+        self._refused = 0
         self._told: Array = np.zeros(self._shared + self._points.size)
+        self._covariance: Array = np.zeros((len(self._told), len(self._told)))
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def add(self, labels: Sequence[int], pixels: Array) -> None:
+    def add(self, labels: Sequence[int], pixels: Array) -> bool:
         """Take a frame's named lights: their places in the rig, and where they are seen, px.
 
-        Of many frames the newest are kept. Frames with too few lights are not taken.
+        Of many frames the newest are kept. Not taken are frames with too few lights, and such as do
+        not fit what the others tell, unless they keep coming: a light may be another one.
+
+        Returns:
+            Whether it was taken.
         """
         if len(labels) < TUNING.fewest:
-            return
+            return False
         frame = Keyframe(np.array(labels, np.intp), np.array(pixels, np.float64).reshape(-1, 2))
         pose = self._first_pose(frame)
-        if pose is not None:
-            self._frames = [*self._frames[1 - TUNING.frames :], (frame, *pose)]
-            self._estimate = None
+        if pose is None:
+            return False
+        if self._is_odd(frame, pose) and self._refused < TUNING.most_refused:
+            self._refused += 1
+            return False
+        self._refused = 0
+        self._frames = [*self._frames[1 - TUNING.frames :], (frame, *pose)]
+        self._estimate = None
+        return True
+
+    def _is_odd(self, frame: Keyframe, pose: tuple[Array, Array]) -> bool:
+        told = self.estimate()
+        if len(self._frames) < TUNING.known or told is None or not told.fits:
+            return False
+        for _ in range(2):
+            residual, own, common = self._linearize(frame, *pose, self._told)
+            step = np.linalg.lstsq(own, residual, rcond=None)[0]
+            pose = pose[0] + step[:3], pose[1] + step[3:]
+        # What no pose explains, over what camera and rig may still turn out to be.
+        residual, own, common = self._linearize(frame, *pose, self._told)
+        back = np.linalg.pinv(own)
+        rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
+        spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
+        misfit = float(left @ np.linalg.solve(spread, left)) / max(len(left) - 6, 1)
+        return misfit > max(TUNING.most_odd, TUNING.odd * told.misfit)
 
     def _first_pose(self, frame: Keyframe) -> tuple[Array, Array] | None:
         matrix, distortion, points = self._model(self._told)
@@ -235,6 +270,7 @@ class SelfCalibration:
         if told.fits:
             # The next frames begin here.
             kept = zip(self._frames, poses, strict=True)
+            self._covariance = covariance
             self._told, self._frames = value, [(frame, *pose) for (frame, _, _), pose in kept]
         return told
 

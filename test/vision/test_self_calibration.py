@@ -97,3 +97,17 @@ def test_the_newest_frames_are_kept():
     for frame in range(0, 60, 3):
         check.add(range(5), flight.truth(frame).pixels)
     assert len(check) == 12
+
+
+def test_a_light_that_is_another_one_for_a_moment_teaches_nothing():
+    flight = MarkerFlight(Scene(), 3)
+    check = SelfCalibration(flight.rig, camera_of(flight))
+    for frame in range(0, 24, 6):
+        assert check.add(range(5), flight.truth(frame).pixels)
+    shift = check.estimate().shift
+    for frame in range(24, 60, 6):
+        pixels = flight.truth(frame).pixels.copy()
+        pixels[0] += (2.0, 0.0)
+        assert not check.add(range(5), pixels)
+    assert check.estimate().shift == shift
+    assert check.add(range(5), flight.truth(60).pixels)

@@ -109,10 +109,10 @@ class CalibratedTracker:
     ) -> MarkerResult:
         """Hold a frame's named lights against the calibration."""
         seen = [index for index, marker in enumerate(result.markers) if _is_seen(marker)]
-        check.add(seen, _places([result.markers[index] for index in seen]))
+        taken = check.add(seen, _places([result.markers[index] for index in seen]))
         estimate = check.estimate()
-        if estimate is None or not estimate.fits:
-            self._next = time + FIRST_STEP
+        if not taken or estimate is None or not estimate.fits:
+            self._next = time + 2.0 * FIRST_STEP
             return result
         self._tell(estimate)
         settled = not self._differs(estimate)
