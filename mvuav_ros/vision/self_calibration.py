@@ -47,7 +47,7 @@ class CalibrationTuning:
     # Frames by which rig and camera are known well enough to see that a further one does not fit
     # them: its squared residuals are above `most_odd` and by a factor above those before.
     known: int = 3
-    most_odd: float = 4.0
+    most_odd: float = 2.0
     odd: float = 4.0
     # Such frames in a row, after which it was not one of the lights but what was known.
     most_refused: int = 8

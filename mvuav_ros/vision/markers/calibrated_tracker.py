@@ -61,7 +61,7 @@ class CalibratedTracker:
         self._size = (0, 0)
         self._trial: IdentityTracker | None = None
         self._has_named = False
-        self._frames = 0
+        self._frames = self._differing = 0
         # Logarithm of the focal length in use over the calibration's, and the markers' offsets, m.
         self._learnt: tuple[float, Array] = 0.0, np.zeros((len(self._rig.names), 3))
         self._doubt = ''
@@ -115,11 +115,12 @@ class CalibratedTracker:
             self._next = time + 2.0 * FIRST_STEP
             return result
         self._tell(estimate)
-        settled = not self._differs(estimate)
-        self._step = min(2.0 * self._step, LONGEST_STEP)
+        differing = self._differs(estimate)
+        self._differing = self._differing + 1 if differing else 0
+        self._step = FIRST_STEP if differing else min(2.0 * self._step, LONGEST_STEP)
         self._next = time + self._step
-        if settled or len(check) < AGREED or len(seen) < len(result.markers):
-            self._step = self._step if settled else FIRST_STEP
+        # What one frame alone shows may be another light.
+        if self._differing < 2 or len(check) < AGREED or len(seen) < len(result.markers):
             return result
         again = self._with_learnt(estimate, image, time, parameters)
         apart = _places(again.markers) - _places(result.markers)
@@ -177,6 +178,7 @@ class CalibratedTracker:
     def _take(self, estimate: Estimate) -> None:
         """Go on with that tracker."""
         self._tracker, self._learnt = self._other, (estimate.shift, estimate.offsets)
+        self._differing = 0
 
     def _tell(self, estimate: Estimate) -> None:
         """Say what contradicts the calibration."""
