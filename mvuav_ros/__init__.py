@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mvuav_ros.parameters.nodes import load_parameters
+    from mvuav_ros.recordings.sources.calibration import load_calibration
     from mvuav_ros.vision.approach.detector import ApproachDetector
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.image import Image
@@ -39,6 +40,7 @@ __all__ = [
     'PoseEstimator',
     'RunwayDetector',
     '__version__',
+    'load_calibration',
     'load_parameters',
 ]
 
@@ -50,6 +52,7 @@ _MODULES = {
     'MarkerTracker': 'vision.markers.tracker',
     'PoseEstimator': 'vision.pose',
     'RunwayDetector': 'vision.runway.detector',
+    'load_calibration': 'recordings.sources.calibration',
     'load_parameters': 'parameters.nodes',
 }
 

@@ -16,6 +16,7 @@ matplotlib.use('Agg')
 from doc_pictures.coordinate_frames import body_frames, image_frame, roll_sign, runway_frame
 from doc_pictures.marker_stages import marker_parameters, marker_pipeline
 from doc_pictures.node_graph import node_graph
+from doc_pictures.protection_level import protection_level
 from doc_pictures.runway_stages import approach_pipeline, runway_parameters, thesis_pipeline
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,6 +29,7 @@ PICTURES: Mapping[str, Callable[[Path], None]] = {
     'marker_pipeline.jpg': marker_pipeline,
     'runway_pipeline_thesis.jpg': thesis_pipeline,
     'runway_pipeline_approach.jpg': approach_pipeline,
+    'protection_level.png': protection_level,
     'parameter_threshold.jpg': lambda path: marker_parameters(path, 'threshold'),
     'parameter_search_radius.jpg': lambda path: marker_parameters(path, 'search_radius'),
     'parameter_edge_threshold.jpg': lambda path: runway_parameters(path, 'edge_threshold'),

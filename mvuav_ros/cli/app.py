@@ -12,6 +12,8 @@ from typing import Annotated, NoReturn
 import typer
 
 import mvuav_ros
+from mvuav_ros.cli.accounting import account_for_inputs
+from mvuav_ros.cli.terminal import say
 from mvuav_ros.cli.typer_annotations import spell_unions_out
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
@@ -51,6 +53,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
             app.add_typer(command, name=name)
         else:
             app.command(name)(command)
+    account_for_inputs(app)
     spell_unions_out(app)
     return app
 
@@ -118,7 +121,7 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
 
 
 def _fail(message: str, status: int) -> NoReturn:
-    print('mvuav: ' + ' '.join(message.split()), file=sys.stderr)
+    say(f'mvuav: {" ".join(message.split())}', err=True)
     _leave(status)
 
 

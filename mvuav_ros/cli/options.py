@@ -35,6 +35,14 @@ Param = Annotated[
     typer.Option(help='A parameter, node:name:=value; may be repeated.', show_default=False),
 ]
 ImageTopic = Annotated[str | None, typer.Option(help='Image topic of a bag that has several.')]
+CameraInfo = Annotated[
+    str | None,
+    typer.Option(
+        help="The camera's calibration for all images: the YAML file of camera_calibration.",
+        metavar='FILE',
+        show_default=False,
+    ),
+]
 Dask = Annotated[
     str | None,
     typer.Option(help='Run on a Dask cluster; the address of its scheduler.', metavar='tcp://…'),
@@ -45,6 +53,12 @@ Format = Annotated[
 ]
 SplitMb = Annotated[
     int, typer.Option(help='MB after which a rosbag2 folder starts its next file.', min=0)
+]
+Strict = Annotated[
+    bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
+]
+AsJson = Annotated[
+    bool, typer.Option('--json', help='Print JSON, with the account of what was lost.')
 ]
 Force = Annotated[bool, typer.Option('--force', help='Overwrite existing output.')]
 
@@ -57,12 +71,12 @@ def refuse_to_overwrite(output: Path | str, force: bool) -> None:
         raise RecordingError(f'{output} exists; --force overwrites it')
 
 
-def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], None]], Callable[..., None]]:
+def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], Any]], Callable[..., Any]]:
     """Make a command of a function of one dataclass, whose fields are annotated as its options."""
 
-    def command(work: Callable[[OptionsT], None]) -> Callable[..., None]:
-        def run(**given: Any) -> None:
-            work(options(**given))
+    def command(work: Callable[[OptionsT], Any]) -> Callable[..., Any]:
+        def run(**given: Any) -> Any:
+            return work(options(**given))
 
         run.__name__, run.__doc__ = work.__name__, work.__doc__
         run.__annotations__ = get_type_hints(options, include_extras=True)

@@ -1,4 +1,7 @@
-"""What every command shows: one progress bar, tables, and what is wrong with a recording."""
+"""What every command shows: one progress bar, tables, and what is wrong with a recording.
+
+Nothing else of the command line prints: what comes from files passes `visible` here.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+
+from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.foreign import visible
 
 
 class _Rate(ProgressColumn):
@@ -51,9 +57,19 @@ def table_console(width: int) -> Console:
     return console if console.is_terminal else Console(markup=False, highlight=False, width=width)
 
 
-def tell_damage(errors: Iterable[str], warnings: Iterable[str], *, err: bool = False) -> None:
-    """One line for each thing that is wrong with a recording, or worth a note."""
-    for error in errors:
-        typer.echo(f'damage: {error}', err=err)
-    for warning in warnings:
-        typer.echo(f'note: {warning}', err=err)
+def say(*lines: object, err: bool = False) -> None:
+    """Print lines; what others wrote in them comes out as visible characters."""
+    for line in lines:
+        typer.echo(visible(line), err=err)
+
+
+def tell_account(account: Account) -> None:
+    """A line for each thing that is wrong with an input or worth a note, and what it cost."""
+    account.is_told = True
+    tell_damage([*account.errors, *([account.balance] if account.is_lossy else [])])
+    say(*(f'note: {warning}' for warning in account.warnings), err=True)
+
+
+def tell_damage(errors: Iterable[str]) -> None:
+    """A line for each."""
+    say(*(f'damage: {error}' for error in errors), err=True)

@@ -62,6 +62,7 @@ class DetectorStatus:
             'stamp_jumps_forward': str(stamps.jumps_forward),
             'image': self._answerer.image_format,
             'image_topic': images.topic,
+            'calibration': self._processor.calibration,
             'image_publishers': ' '.join(images.publishers),
             'incompatible_publishers': str(events.incompatible),
         }

@@ -42,11 +42,14 @@ class FrameAnswerer:
         self._awaits_first = True
         self._logged: dict[str, float] = {}
 
-    def restart(self, publishers: ResultPublishers, transport: str) -> None:
-        """Forget all from before; images come as the parameter ``image_transport`` says."""
+    def restart(self, publishers: ResultPublishers, transport: str, topic: str) -> None:
+        """Forget all from before.
+
+        Images come as the parameter ``image_transport`` says, and belong to a topic.
+        """
         with self.lock:
             self._processor.reset()
-            self._publishers, self._decoder = publishers, FrameDecoder(transport)
+            self._publishers, self._decoder = publishers, FrameDecoder(transport, topic)
             self.stamps = StampMonitor()
             self.statistics.restart()
             self._awaits_first = True

@@ -25,9 +25,10 @@ _MOST_REMEMBERED = 64
 class FrameDecoder:
     """Decodes what comes on one topic, in its order."""
 
-    def __init__(self, transport: str) -> None:
+    def __init__(self, transport: str, image_topic: str = '') -> None:
         """Begin a topic of a transport; see the parameter ``image_transport``."""
         self._transport = transport
+        self._topic = image_topic
         self._raw = RawImageDecoder()
         self._video = VideoTopic(low_delay=True)
         self._received: dict[int, ReceivedImage] = {}
@@ -42,13 +43,13 @@ class FrameDecoder:
         if isinstance(data, Frame):
             yield data
         elif self._transport == 'raw':
-            yield _completed(Frame(*self._raw.decode(data)), received)
+            yield self._completed(Frame(*self._raw.decode(data)), received)
         elif (packet := self._packet(data)) is not None:
             yield from self._of_video(packet, received)
         elif not received.is_skipped:
             coded = view_compressed_image(data)
             frame = Frame(coded.stamp_ns, coded.frame_id, decode_compressed_image(coded))
-            yield _completed(frame, received)
+            yield self._completed(frame, received)
 
     def _packet(self, data: bytes) -> VideoPacket | None:
         if self._transport == 'ffmpeg':
@@ -67,13 +68,12 @@ class FrameDecoder:
         for frame in self._video.frames(packet, not received.is_skipped):
             known = self._received.pop(frame.stamp_ns, None)
             if isinstance(frame, Frame) and known is not None:
-                frame = _completed(frame, known)
+                frame = self._completed(frame, known)
             yield frame
 
-
-def _completed(frame: Frame, received: ReceivedImage) -> Frame:
-    """With the calibration and attitude that came with it."""
-    if received.info is None and received.attitude is None:
-        return frame
-    camera = None if received.info is None else decode_camera_info(received.info)
-    return replace(frame, camera=camera, attitude=received.attitude)
+    def _completed(self, frame: Frame, received: ReceivedImage) -> Frame:
+        """With the calibration and attitude that came with it."""
+        if received.info is None and received.attitude is None:
+            return frame
+        camera = None if received.info is None else decode_camera_info(received.info, self._topic)
+        return replace(frame, camera=camera, attitude=received.attitude)

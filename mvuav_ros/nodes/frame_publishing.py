@@ -19,8 +19,8 @@ from mvuav_ros.recordings.serialization.serialized_image import (
     serialize_compressed_image,
     serialize_image,
 )
-from mvuav_ros.recordings.sources.calibration import Calibration
 from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 
 Listener = Callable[[Frame], None]
@@ -30,7 +30,7 @@ class FramePublisher:
     """Publishes frames where somebody listens, and hands them to detectors of this process."""
 
     def __init__(
-        self, node: Node, calibration: Calibration | None, listeners: Sequence[Listener]
+        self, node: Node, calibration: CameraModel | None, listeners: Sequence[Listener]
     ) -> None:
         """Make the topics; without a calibration frames keep their own, if they have one."""
         self._node = node
@@ -79,17 +79,16 @@ class FramePublisher:
             return
         info = self._camera_info(frame, image, make_header(stamp_ns, frame_id))
         for listener in self._listeners:
-            listener(Frame(stamp_ns, frame_id, image, decode_camera_info(info)))
+            camera = decode_camera_info(info, str(self._images.topic_name))
+            listener(Frame(stamp_ns, frame_id, image, camera))
         if heard:
             self._infos.publish(info)
 
     def _camera_info(self, frame: Frame, image: Image, header: Header) -> CameraInfo:
         """All-zero matrices say that the camera is not calibrated."""
-        if self._calibration is not None:
-            given = {name: _plain(value) for name, value in vars(self._calibration).items()}
-            return CameraInfo(header=header, **given)
-        if frame.camera is not None:
-            return encode_camera_info(frame.camera, header)
+        camera = self._calibration or frame.camera
+        if camera is not None:
+            return encode_camera_info(camera, header)
         return CameraInfo(header=header, width=image.width, height=image.height)
 
 
@@ -109,7 +108,3 @@ def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
     pixels = image.pixels if gray else image.bgr()
     _, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return serialize_compressed_image('jpeg', data.tobytes(), header)
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value

@@ -181,9 +181,8 @@ class SourcePlayer:
         return True
 
     def _at_end(self, count: int, bad: int) -> None:
-        for error in self._source.errors:
+        for error in self._source.account.errors:
             self._warn(error)
-        self._source.errors.clear()
         if self._current().loop and count:
             return
         self._status.state = 'ended'

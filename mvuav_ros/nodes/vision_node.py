@@ -71,7 +71,7 @@ class VisionNode(ManagedNode):
         self._told_silence = False
         images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
-        self._answerer.restart(self._results, transport)
+        self._answerer.restart(self._results, transport, images)
         if self._handed_over:
             self._input = IntraProcessInput(images, answer)
         else:

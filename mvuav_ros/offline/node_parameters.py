@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
+from mvuav_ros.parameters.nodes import NODE_PARAMETERS, refuse_unknown_nodes
 from mvuav_ros.parameters.parameter_file import (
     is_every_nodes,
     parse_assignment,
@@ -42,8 +42,10 @@ def resolve_parameters(
 
     Raises:
         ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
-            or the file none of parameters.
+            or the file none of parameters, or one of other nodes.
     """
+    if path:
+        refuse_unknown_nodes(path)
     given: dict[str, dict[str, object]] = {
         node: read_parameter_values(path, node) if path else {} for node in nodes
     }

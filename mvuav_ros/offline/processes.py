@@ -24,6 +24,7 @@ from mvuav_ros.offline.stopping import (
     stop_on_signals,
 )
 from mvuav_ros.processing.process_tuning import keep_freed_memory
+from mvuav_ros.recordings.account import Account, collect, collecting
 
 ResultT = TypeVar('ResultT')
 
@@ -49,11 +50,15 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True)
 class Done(Generic[ResultT]):
-    """A task that has ended: its number, and its result or what went wrong."""
+    """A task that has ended: its number, and its result or what went wrong.
+
+    ``accounts`` are of the inputs that it has opened.
+    """
 
     number: int
     result: ResultT | None
     error: Exception | None = None
+    accounts: Sequence[Account] = ()
 
 
 class Worker:
@@ -108,6 +113,8 @@ class Worker:
         except (EOFError, OSError):
             self._process.join()
             raise ProcessDiedError(_ending(self._process.exitcode)) from None
+        if isinstance(message, Done):
+            collect(message.accounts)
         return message
 
     def request_stop(self) -> None:
@@ -203,10 +210,13 @@ def _heard(worker: Worker, number: int) -> Told | Done[Any]:
 
 def attempted(number: int, work: Callable[[], ResultT]) -> Done[ResultT]:
     """The result of some work, or what went wrong."""
-    try:
-        return Done(number, work())
-    except Exception as error:
-        return Done(number, None, error)
+    with collecting() as accounts:
+        try:
+            done = Done(number, work(), accounts=accounts)
+        except Exception as error:
+            done = Done(number, None, error, accounts)
+    collect(accounts)
+    return done
 
 
 def _serve(
@@ -256,7 +266,7 @@ def _sendable(done: Done[Any]) -> Done[Any]:
         try:
             pickle.loads(pickle.dumps(done.error))
         except Exception:
-            return Done(done.number, None, RuntimeError(str(done.error)))
+            return Done(done.number, None, RuntimeError(str(done.error)), done.accounts)
     return done
 
 

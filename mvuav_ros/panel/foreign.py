@@ -8,13 +8,17 @@ or into a string that NiceGUI parses (``props``, ``classes``, ``style``).
 from __future__ import annotations
 
 import math
+import os
 import re
-import unicodedata
+import stat
 from collections.abc import Iterable, Sequence
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
-LONGEST_WORDS = 200
+from mvuav_ros.recordings.foreign import LONGEST_WORDS as LONGEST_WORDS
+from mvuav_ros.recordings.foreign import words as words
+
 LONGEST_DESCRIPTION = 2000
 LONGEST_NAME = 255
 """Characters of a ROS name; DDS itself allows no more."""
@@ -22,33 +26,10 @@ _MOST_VALUES = 100
 _MOST_STATUSES = 100
 _MOST_NUMBERS = 16
 """Of one parameter; a user does not type more."""
-_MOST_MARKS = 2
-"""Combining marks on one letter; towers of them cover other lines."""
+_LARGEST_INTEGER = 2**63
+"""Of a ROS parameter; a larger one does not fit a float either."""
 _FILE_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 _.-]{0,63}', re.ASCII)
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-
-
-def words(text: object, longest: int = LONGEST_WORDS) -> str:
-    """One line of visible characters, cut where it is too long."""
-    raw = str(text)
-    if len(raw) <= longest and raw.isascii() and raw.isprintable() and '  ' not in raw:
-        return raw.strip()
-    shown: list[str] = []
-    marks = 0
-    for letter in raw[: 4 * longest]:
-        category = unicodedata.category(letter)
-        if letter.isspace() or category in ('Zl', 'Zp', 'Cc'):
-            letter = ' '
-        elif category[0] == 'C':
-            # Unseen: direction overrides, joiners, surrogates, private use.
-            continue
-        marks = marks + 1 if category[0] == 'M' else 0
-        if marks <= _MOST_MARKS:
-            shown.append(letter)
-    line = ' '.join(''.join(shown).split())
-    if len(line) > longest or len(raw) > 4 * longest:
-        return line[: longest - 1].rstrip() + '…'
-    return line
 
 
 def number(text: object) -> float:
@@ -95,11 +76,34 @@ def parameter_value(value: Any) -> Any:
 
 def plain_value(value: object) -> Any:
     """A parameter's value in a file: a scalar as it is, numbers as a tuple; None where neither."""
+    numbers = value if isinstance(value, list) else [value]
+    if any(isinstance(each, int) and abs(each) > _LARGEST_INTEGER for each in numbers):
+        return None
     if isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, list) and all(type(number) in (int, float) for number in value):
         return tuple(map(float, value))
     return None
+
+
+def file_text(path: Path, longest: int) -> str:
+    """The text of a file of at most ``longest`` bytes.
+
+    Raises:
+        OSError: it is larger, is no file, or cannot be read.
+        UnicodeDecodeError: it is no text.
+    """
+    # Opening a FIFO would wait for somebody to write into it, and reading a device never end.
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError('is not a regular file')
+        content = os.read(descriptor, longest + 1)
+    finally:
+        os.close(descriptor)
+    if len(content) > longest:
+        raise OSError(f'has more than {longest} bytes')
+    return content.decode()
 
 
 class NameRefusedError(ValueError):

@@ -34,6 +34,8 @@ REPORT = 'report'
 _SUMMARY = 'run.json'
 _MOST_BAGS, _MOST_METRICS = 500, 200
 _LARGEST_SUMMARY = 1_000_000
+_LATEST = 253_402_300_799.0
+"""s since the epoch: the end of the year 9999."""
 _ENDING_TIME = 5.0
 _NICENESS = 5
 
@@ -134,17 +136,24 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
 
 
 class RunStore:
-    """The runs of a folder; a name that none can have raises NameRefusedError."""
+    """The runs of a folder; a name that none can have raises NameRefusedError.
+
+    ``rejected`` are those that the last call of `all` could not read, with the reasons.
+    """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
+        self.folder, self.rejected = folder, dict[str, str]()
 
     def all(self) -> list[Run]:
-        """Every complete run, the oldest first; what cannot be read is left out."""
-        runs = []
-        for path in self.folder.glob(f'*/{_SUMMARY}'):
-            with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+        """Every complete run, the oldest first."""
+        runs, self.rejected = [], {}
+        for path in sorted(self.folder.glob(f'*/{_SUMMARY}')):
+            try:
                 runs.append(_read(path))
+            except Exception as error:
+                # It may hold anything, and one such file must not hide the others.
+                said = f'{type(error).__name__}: {error}'
+                self.rejected[foreign.words(path.parent.name)] = foreign.words(said)
         return sorted(runs, key=lambda run: run.made)
 
     def free_name(self) -> str:
@@ -185,10 +194,11 @@ class RunStore:
 
 
 def _read(path: Path) -> Run:
-    if path.stat().st_size > _LARGEST_SUMMARY:
-        raise ValueError(path)
-    content = json.loads(path.read_text())
+    content = json.loads(foreign.file_text(path, _LARGEST_SUMMARY))
     number, words = foreign.number, foreign.words
+    made, frames, answered = (number(content[key]) for key in ('made', 'frames', 'answered'))
+    if not (0.0 <= made <= _LATEST and 0.0 <= answered <= frames):
+        raise ValueError('made at no time, or over an impossible number of frames')
     return Run(
         # The folder's name counts: a user may have renamed it.
         name=checked_name(path.parent.name),
@@ -204,9 +214,9 @@ def _read(path: Path) -> Run:
             for m in content['metrics'][:_MOST_METRICS]
         ),
         version=words(content['version']),
-        made=float(content['made']),
-        frames=int(content['frames']),
-        answered=int(content['answered']),
+        made=made,
+        frames=int(frames),
+        answered=int(answered),
         settings=words(content.get('settings', '')),
     )
 

@@ -11,7 +11,7 @@ import yaml
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.parameter_file import read_parameter_values
+from mvuav_ros.parameters.parameter_file import parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
 
 LARGEST_SET = 100_000
@@ -34,18 +34,26 @@ class SetStore:
 
     All methods with a name raise NameRefusedError where no set can have it, or may not have it;
     those that read a file ParameterError where it is none of ours, and all of them OSError.
+    ``rejected`` are the files that the last call of `names` could not use, with the reasons.
     """
 
     def __init__(self, folder: Path, built_in: Path | None = None) -> None:
         """Look after a folder, made when the first set is saved; ``built_in`` has the shipped."""
-        self.folder = folder
+        self.folder, self.rejected = folder, dict[str, str]()
         shipped = {name: built_in / f'{name}{_SUFFIX}' for name in _BUILT_IN} if built_in else {}
         self._built_in = {name: path for name, path in shipped.items() if path.is_file()}
 
     def names(self, kind: str) -> list[str]:
         """The sets that say something of a kind of node; the shipped ones first."""
         own = sorted({path.stem for path in self.folder.glob(f'*{_SUFFIX}')} - {*self._built_in})
-        return [name for name in (*self._built_in, *own) if self._says(name, kind)]
+        found, self.rejected = [], {}
+        for name in (*self._built_in, *own):
+            try:
+                if self.load(name, kind) and self._path(name).stem == name:
+                    found.append(name)
+            except (ParameterError, NameRefusedError) as error:
+                self.rejected[foreign.words(name)] = foreign.words(error)
+        return found
 
     def is_built_in(self, name: str) -> bool:
         """Whether a set is shipped with the package."""
@@ -53,15 +61,13 @@ class SetStore:
 
     def load(self, name: str, kind: str) -> dict[str, Value]:
         """The values of a set for a kind of node; lists of anything but numbers are left out."""
-        path = self._path(name)
-        _check_content(path)
-        values = read_parameter_values(path, kind)
+        values = _values(self._path(name), kind)
         known = {name: foreign.plain_value(value) for name, value in values.items()}
         return {name: value for name, value in known.items() if value is not None}
 
     def content(self, name: str) -> bytes:
         """The file of a set."""
-        return self._path(name).read_bytes()
+        return foreign.file_text(self._path(name), LARGEST_SET).encode()
 
     def add(self, name: str, content: bytes) -> list[str]:
         """Take in a parameter file; returns the kinds of nodes that it says something of."""
@@ -71,8 +77,7 @@ class SetStore:
         new = self._new(path)
         try:
             new.write_bytes(content)
-            _check_content(new)
-            kinds = [kind for kind in PROCESSORS if read_parameter_values(new, kind)]
+            kinds = [kind for kind in PROCESSORS if _values(new, kind)]
             if not kinds:
                 raise ParameterError(name, f'has no values of {" or ".join(PROCESSORS)}')
             new.rename(path)
@@ -102,22 +107,17 @@ class SetStore:
     def _new(self, path: Path) -> Path:
         """Where a file is written before it takes its place as a whole."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        return path.with_suffix('.new')
-
-    def _says(self, name: str, kind: str) -> bool:
-        try:
-            return bool(self.load(name, kind)) and self._path(name).stem == name
-        except ValueError:
-            return False
+        new = path.with_suffix('.new')
+        # It may be anything that somebody has put there, such as a FIFO.
+        new.unlink(missing_ok=True)
+        return new
 
 
-def _check_content(path: Path) -> None:
-    """Refuse what would make YAML's reader take all memory or stack."""
+def _values(path: Path, kind: str) -> dict[str, object]:
+    """Of a file for a kind of node; what takes YAML's reader all memory or stack is refused."""
     try:
-        if path.stat().st_size > LARGEST_SET:
-            raise ParameterError(path.stem, f'has more than {LARGEST_SET} bytes')
-        depth = 0
-        for event in yaml.parse(path.read_text(), yaml.SafeLoader):
+        text, depth = foreign.file_text(path, LARGEST_SET), 0
+        for event in yaml.parse(text, yaml.SafeLoader):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
@@ -126,6 +126,7 @@ def _check_content(path: Path) -> None:
                 )
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ParameterError(path.stem, f'cannot be read: {foreign.words(error)}') from None
+    return parameter_values(text, path.stem, kind)
 
 
 def differences(

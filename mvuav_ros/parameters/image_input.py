@@ -20,6 +20,16 @@ def image_transport() -> Any:
     )
 
 
+def image_is_rectified() -> Any:
+    """Whether a processing node's images are rectified."""
+    return parameter(
+        False,
+        'The images are rectified: P of camera_info holds for them, without distortion. Images '
+        'whose topic begins with image_rect are taken so without this.',
+        stage='Node',
+    )
+
+
 def opencv_threads() -> Any:
     """How many threads OpenCV has in a processing node."""
     return parameter(

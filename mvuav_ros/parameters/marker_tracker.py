@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
+from mvuav_ros.parameters.image_input import (
+    autostart,
+    image_is_rectified,
+    image_transport,
+    opencv_threads,
+)
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')
@@ -16,6 +21,7 @@ _GROUPED = ({'mode': ('detect', 'detect_any')}, {'mode': ('track',), 'prediction
 _detection = partial(parameter, stage='Detection')
 _tracking = partial(parameter, stage='Tracking')
 _pose = partial(parameter, stage='Pose')
+_integrity = partial(parameter, stage='Integrity', counts=({'mode': ('detect', 'track')},))
 
 
 @dataclass(frozen=True)
@@ -124,6 +130,44 @@ class MarkerTrackerParameters(ParameterSet):
         'needs tf2_msgs.',
         read_only=True,
     )
+    integrity_risk: float = _integrity(
+        1e-7,
+        'Probability per frame with which an error of the pose may exceed its protection level on '
+        '~/integrity (docs/integrity.md).',
+        limits=(1e-12, 0.1),
+        unit='per frame',
+        usual=(1e-9, 1e-3),
+    )
+    light_fault_prior: float = _integrity(
+        1e-4,
+        'Probability per frame with which a light is not where its marker is, or is another one. '
+        'The default is twice the share of wrong names that was measured.',
+        limits=(0.0, 0.1),
+        unit='per frame',
+        usual=(1e-6, 1e-2),
+    )
+    focal_length_error: float = _integrity(
+        0.1,
+        'Standard deviation of the calibrated focal length, in per cent of it; a calibration '
+        'report states it.',
+        limits=(0.0, 20.0),
+        unit='%',
+        usual=(0, 1),
+    )
+    principal_point_error: float = _integrity(
+        0.2,
+        'Standard deviation of the calibrated principal point on each axis.',
+        limits=(0.0, 100.0),
+        unit='px',
+        usual=(0, 2),
+    )
+    alert_limit: tuple[float, float, float] = _integrity(
+        (0.0, 0.0, 0.0),
+        'Protection levels along the line of sight, across and up from which on ~/integrity says '
+        'alert; 0: no limit.',
+        limits=(0.0, 10_000.0),
+        unit='m',
+    )
     min_area: int = _detection(
         1,
         'Clusters of fewer bright pixels are ignored.',
@@ -148,6 +192,7 @@ class MarkerTrackerParameters(ParameterSet):
         counts=_FOLLOWED,
     )
     image_transport: str = image_transport()
+    image_is_rectified: bool = image_is_rectified()
     opencv_threads: int = opencv_threads()
     autostart: bool = autostart('Node')
 

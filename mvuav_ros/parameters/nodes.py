@@ -6,7 +6,12 @@ from pathlib import Path
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.parameter_file import is_every_nodes, read_parameter_values
+from mvuav_ros.parameters.parameter_file import (
+    is_every_nodes,
+    names_node,
+    read_node_keys,
+    read_parameter_values,
+)
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 
@@ -15,6 +20,19 @@ NODE_PARAMETERS: dict[str, type[ParameterSet]] = {
     'marker_tracker': MarkerTrackerParameters,
     'runway_detector': RunwayDetectorParameters,
 }
+
+
+def refuse_unknown_nodes(path: Path) -> None:
+    """Make sure that a parameter file is for nodes of this package alone: a name may be misspelt.
+
+    Raises:
+        ParameterError: it is not, or cannot be read.
+    """
+    for key in read_node_keys(path):
+        if not any(names_node(key, node) for node in NODE_PARAMETERS):
+            raise ParameterError(
+                str(path), f'no such node: {key}; there are {", ".join(NODE_PARAMETERS)}'
+            )
 
 
 def load_parameters(path: str | Path, node: str) -> ParameterSet:
@@ -28,8 +46,8 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
         `MarkerTrackerParameters`, `RunwayDetectorParameters` or `VideoSourceParameters`.
 
     Raises:
-        ParameterError: no such node, the file cannot be read, or it holds an unknown parameter
-            or a value that the parameter cannot take.
+        ParameterError: no such node, the file cannot be read, or it holds an unknown node, an
+            unknown parameter or a value that the parameter cannot take.
 
     Examples:
         >>> from pathlib import Path
@@ -43,6 +61,7 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
     parameters = NODE_PARAMETERS.get(node)
     if parameters is None:
         raise ParameterError(node, f'no such node; there are {", ".join(NODE_PARAMETERS)}')
+    refuse_unknown_nodes(Path(path))
     values = read_parameter_values(Path(path), node)
     own = {name: value for name, value in values.items() if not is_every_nodes(name)}
     return parameters.from_mapping(own)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -21,23 +21,55 @@ def read_parameter_values(path: Path, node: str) -> dict[str, object]:
     Raises:
         ParameterError: the file cannot be read or is not a parameter file.
     """
+    return parameter_values(_text(path), str(path), node)
+
+
+def parameter_values(text: str, name: str, node: str) -> dict[str, object]:
+    """As `read_parameter_values`, of a file's text; ``name`` is what errors call it."""
+    values: dict[str, object] = {}
+    for key, section in _sections(text, name):
+        if names_node(key, node):
+            values.update(_flattened(section))
+    return values
+
+
+def names_node(key: str, node: str) -> bool:
+    """Whether a key of a parameter file is for a node, in any namespace."""
+    return fnmatchcase(node, key.rsplit('/', 1)[-1].replace('**', '*'))
+
+
+def read_node_keys(path: Path) -> list[str]:
+    """The nodes that a parameter file speaks of, as it names them.
+
+    Raises:
+        ParameterError: the file cannot be read or is not a parameter file.
+    """
+    return [key for key, _ in _sections(_text(path), str(path))]
+
+
+def _text(path: Path) -> str:
     try:
-        content = yaml.safe_load(path.read_text())
+        return path.read_text()
     except OSError as error:
         raise ParameterError(str(path), error.strerror or str(error)) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ParameterError(str(path), f'is not YAML: {error}') from error
+
+
+def _sections(text: str, name: str) -> Iterator[tuple[str, Mapping[Any, Any]]]:
+    """The nodes' keys and parameters in a file's text."""
+    try:
+        content = yaml.safe_load(text)
+    except Exception as error:
+        # Beside YAMLError whatever its constructors stumble over: ``!!int ""`` is an IndexError.
         problem = ' '.join(str(error).split())
-        raise ParameterError(str(path), f'is not YAML: {problem}') from error
+        raise ParameterError(name, f'is not YAML: {problem}') from error
     if not isinstance(content, dict):
-        raise ParameterError(str(path), 'is not a ROS 2 parameter file')
-    values: dict[str, object] = {}
+        raise ParameterError(name, 'is not a ROS 2 parameter file')
     for key, sections in _flattened_nodes(content):
         if not isinstance(sections, dict) or not isinstance(sections.get('ros__parameters'), dict):
-            raise ParameterError(str(path), f'{key} has no ros__parameters')
-        # In any namespace.
-        if fnmatchcase(node, key.rsplit('/', 1)[-1].replace('**', '*')):
-            values.update(_flattened(sections['ros__parameters']))
-    return values
+            raise ParameterError(name, f'{key} has no ros__parameters')
+        yield key, sections['ros__parameters']
 
 
 def is_every_nodes(name: str) -> bool:

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import autostart, image_transport, opencv_threads
+from mvuav_ros.parameters.image_input import (
+    autostart,
+    image_is_rectified,
+    image_transport,
+    opencv_threads,
+)
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 MOST_ROUND = 31
@@ -230,6 +235,7 @@ class RunwayDetectorParameters(ParameterSet):
         counts=_THESIS,
     )
     image_transport: str = image_transport()
+    image_is_rectified: bool = image_is_rectified()
     opencv_threads: int = opencv_threads()
     autostart: bool = autostart('Node')
 

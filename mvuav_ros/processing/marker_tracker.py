@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.messages import transforms
 from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
+from mvuav_ros.processing.messages.statuses import encode_integrity
 from mvuav_ros.processing.processor import Output, Processor
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
 from mvuav_ros.vision.markers.drawing import draw_markers
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
@@ -33,6 +37,7 @@ _TOPICS = {
     'rpy': Vector3Stamped,
     'pose': PoseWithCovarianceStamped,
     'vision_pose': PoseWithCovarianceStamped,
+    'integrity': DiagnosticArray,
 }
 _TOPIC_WORD = re.compile(r'[A-Za-z]\w*', re.ASCII)
 
@@ -57,10 +62,10 @@ class MarkerTrackerProcessor(Processor):
     def __init__(self, parameters: MarkerTrackerParameters | None = None) -> None:
         super().__init__()
         self._parameters = parameters or MarkerTrackerParameters()
-        self._camera: CameraModel | None = None
         self._newest: tuple[Image, MarkerResult, Pose | None, bytes] | None = None
         self._checked: tuple[CameraModel, int, int] | None = None
         self._rejection = ''
+        self._seen: tuple[list[int], NDArray[np.float64]] = [], np.empty((0, 2))
         self._warnings: list[str] = []
         self._set_rig(self._parameters)
 
@@ -97,6 +102,8 @@ class MarkerTrackerProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
+        if self._parameters.image_is_rectified:
+            camera = camera.rectified()
         if camera != self._camera:
             self._camera = camera
             self._poses.reset()
@@ -120,6 +127,7 @@ class MarkerTrackerProcessor(Processor):
             Output('markers', partial(encode_markers, result, header, numbered=numbered)),
             Output('rpy', partial(encode_rpy, result, header, pose)),
             Output('pose', partial(transforms.encode_pose, pose, header)),
+            Output('integrity', partial(self._encode_integrity, pose, header)),
         ]
         outputs += [
             Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
@@ -160,10 +168,32 @@ class MarkerTrackerProcessor(Processor):
         ]
         lights = [int(marker.label) for marker in seen]
         pixels = np.array([(marker.x, marker.y) for marker in seen])
+        self._seen = lights, pixels
         pose = self._poses.estimate(self._camera, lights, pixels, frame.stamp_ns * 1e-9)
         if pose is None and len(seen) >= FEWEST:
             self._warnings.append(f'no pose: {self._poses.reason}')
         return pose
+
+    def _encode_integrity(self, pose: Pose | None, header: bytes) -> bytes:
+        """How wrong the newest frame's pose may be; computed only where somebody listens."""
+        given, camera = self._parameters, self._camera
+        if pose is not None and camera is not None:
+            levels = protection_levels(
+                camera,
+                self._rig,
+                *self._seen,
+                pose.rotation,
+                pose.translation,
+                self._poses.noise,
+                _budget(given),
+            )
+        elif camera is None or not given.pose:
+            reason = 'no calibration' if camera is None else 'the parameter pose is off'
+            levels = ProtectionLevels(reason=reason)
+        else:
+            reason = '; '.join(self._warnings) or f'{len(self._seen[0])} lights have a name'
+            levels = ProtectionLevels(reason=reason)
+        return encode_integrity('pose', levels, given.alert_limit, given.integrity_risk, header)
 
     def _check(self, camera: CameraModel, image: Image) -> None:
         """Find out whether the calibration is one of such images, if that is not known yet."""
@@ -174,6 +204,16 @@ class MarkerTrackerProcessor(Processor):
                 camera.check(image.width, image.height)
             except CalibrationError as error:
                 self._rejection = f'no pose: {error}'
+
+
+@lru_cache(maxsize=4)
+def _budget(given: MarkerTrackerParameters) -> IntegrityBudget:
+    return IntegrityBudget(
+        given.integrity_risk,
+        given.light_fault_prior,
+        given.focal_length_error / 100.0,
+        given.principal_point_error,
+    )
 
 
 def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:

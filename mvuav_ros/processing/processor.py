@@ -71,6 +71,7 @@ class Processor(ABC):
     def __init__(self) -> None:
         self.status = ''
         self.resets = 0
+        self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
 
     @property
@@ -129,8 +130,19 @@ class Processor(ABC):
         """The message class of an `Output`'s topic."""
         return self.topics.get(topic) or self.periodic_topics.get(topic) or Image
 
-    def set_camera(self, camera: CameraModel) -> None:  # noqa: B027 - most need none
+    def set_camera(self, camera: CameraModel) -> None:
         """Take the calibration of the next frame on; it may be an unusable one."""
+        self._camera = camera
+
+    @property
+    def calibration(self) -> str:
+        """Which part of the calibration is used, in words."""
+        camera = self._camera
+        if camera is None:
+            return 'none'
+        if camera.is_rectified:
+            return 'P: the images are rectified'
+        return f'K and d ({camera.distortion_model or "without a name"})'
 
     def periodic(self, header: bytes) -> list[Output]:
         """What a live node says once a second and a replay at its end."""

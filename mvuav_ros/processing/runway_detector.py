@@ -70,7 +70,6 @@ class RunwayDetectorProcessor(Processor):
         self._parameters = parameters or RunwayDetectorParameters()
         self._thesis = RunwayDetector(parameters)
         self._approach = ApproachDetector(parameters)
-        self._camera: CameraModel | None = None
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
         self._set_topics(type(self).topics, self._parameters.publish_tf)
 
@@ -97,7 +96,9 @@ class RunwayDetectorProcessor(Processor):
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
-        self._camera = camera
+        if self._parameters.image_is_rectified:
+            camera = camera.rectified()
+        super().set_camera(camera)
         self._approach.set_camera(camera)
 
     def reset_statistics(self) -> None:

@@ -16,8 +16,8 @@ from typing import Any, BinaryIO, NamedTuple
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import Problems
 
 SIZE_LIMIT = 1 << 30
 """Bytes; a larger chunk or message is refused."""
@@ -92,7 +92,7 @@ def decompress_message(data: bytes | memoryview) -> memoryview:
     return raw
 
 
-def decompress_file(source: Path, target: Path, problems: Problems) -> None:
+def decompress_file(source: Path, target: Path, account: Account) -> None:
     """Decompress a zstd file as far as it goes; what is missing is noted as an error.
 
     Raises:
@@ -115,8 +115,8 @@ def decompress_file(source: Path, target: Path, problems: Problems) -> None:
             '(set TMPDIR to a folder with more space)'
         ) from None
     if reason:
-        problems.error(
-            (source, 'zstd'), f'{source.name}: zstd data {reason}, read as far as it goes'
+        account.lose(
+            target.name, 'zstd', f'{source.name}: zstd data {reason}, read as far as it goes'
         )
 
 

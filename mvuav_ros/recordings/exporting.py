@@ -1,261 +1,159 @@
-"""Results as tables for other tools: CSV, Parquet, and TUM trajectories for evo."""
+"""Results of one or many flights as one file for each topic; the forms are in `tables`."""
 
 from __future__ import annotations
 
-import csv
+import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Mapping
 from contextlib import ExitStack
-from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
-from mvuav_ros.recordings.images import decode_message
-from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.remote import write_text
+from mvuav_ros.recordings.result_rows import TABLE_TYPES, Columns, ResultRows
+from mvuav_ros.recordings.tables import TABLES, Table
 
-_NS = 1_000_000_000
-POSE_COLUMNS = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
-_NUMBERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
-"""NumPy's names of sensor_msgs/PointField's datatypes."""
+ACCOUNT = 'account.json'
+"""Beside the tables: what could not be read or exported."""
 
-Row = tuple[int | float, ...]
-_ROWS_AT_ONCE = 10_000
 _LONGEST_NAME = 200
+_LONGEST_REASON = 200
+_MOST_TABLES = 500
+_ENDINGS = {'mot': 'txt'}
+_ONE_FLIGHT = ('tum', 'mot')
+"""Forms without a column for the flight."""
 
 
-def export(source: Path, folder: Path, form: str, *, overwrite: bool = False) -> dict[Path, int]:
-    """Write one file for each topic that can be a table.
+def export(
+    flights: Mapping[str, Path], folder: Path, form: str, *, overwrite: bool = False
+) -> dict[Path, int]:
+    """Write one file for each topic that can be a table, with the rows of all flights.
 
     Tables are made of PointCloud2 (markers, lines), Vector3Stamped (roll), PointStamped, and
-    poses with and without covariance. TUM has poses only, and of them those that are known.
+    poses with and without covariance. TUM has poses only, and of them those that are known; MOT
+    has markers only, and of them those that were measured. Of several flights each has TUM and
+    MOT files of its own, in a folder for each topic. What was lost is in ``account.json`` beside
+    them: messages that do not decode, too.
 
     Args:
-        source: the recording of results.
+        flights: recordings of results by the names of their flights.
         folder: where the files go; it is made.
-        form: 'csv', 'parquet' or 'tum'.
+        form: 'csv', 'parquet', 'tum' or 'mot'.
         overwrite: replace files that exist.
 
     Returns:
-        The files with the number of their rows.
+        The tables with the number of their rows.
 
     Raises:
         RecordingError: there is nothing to export, or a file exists.
     """
-    tables: dict[str, _Table] = {}
+    accounts: list[Account] = []
     try:
-        with open_recording(source) as recording, ExitStack() as stack:
-            kinds = {topic.name: topic.type for topic in recording.topics if topic.type in _READERS}
-            if form == 'tum':
-                kinds = {name: kind for name, kind in kinds.items() if 'Pose' in kind}
-            files = _files(folder, kinds, form)
-            for path in files.values():
-                if path.exists() and not overwrite:
-                    raise RecordingError(
-                        f'{path} exists; choose another folder, or overwrite it (--force)'
-                    )
-            for topic, columns, rows in _contents(recording, kinds):
-                if topic not in tables:
-                    folder.mkdir(parents=True, exist_ok=True)
-                    tables[topic] = _TABLES[form](files[topic], ('stamp_ns', 'row', *columns))
-                    stack.enter_context(tables[topic])
-                tables[topic].add(('stamp_ns', 'row', *columns), rows)
+        with ExitStack() as stack:
+            files = _Files(folder, form, overwrite, several=len(flights) > 1)
+            for flight, source in flights.items():
+                accounts.append(_export(flight, source, files, stack))
+        if files.tables:
+            content = [account.record() for account in accounts]
+            record = content[0] if len(content) == 1 else {'flights': content}
+            write_text(str(folder / ACCOUNT), json.dumps(record, indent=2))
     except OSError as error:
         raise RecordingError(f'{folder} cannot be written: {error.strerror or error}') from None
-    if not tables:
-        raise RecordingError(f'{source} holds nothing that can be exported as {form}')
-    return {table.path: table.count for table in tables.values()}
+    if not files.tables:
+        names = ', '.join(map(str, flights.values()))
+        raise RecordingError(f'{names} holds nothing that can be exported as {form}')
+    return {table.path: table.count for table in files.tables.values()}
 
 
-def _files(folder: Path, topics: Iterable[str], form: str) -> dict[str, Path]:
-    """A file for each topic, of a name of its own."""
-    files: dict[str, Path] = {}
-    for topic in topics:
-        name = re.sub(r'[/\0]', '_', topic.strip('/'))[:_LONGEST_NAME] or 'root'
-        path, number = folder / f'{name}.{form}', 1
-        while path in files.values():
-            number += 1
-            path = folder / f'{name}_{number}.{form}'
-        files[topic] = path
-    return files
+def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Account:
+    """Add one flight's rows."""
+    lost: Counter[tuple[str, str]] = Counter()
+    with open_recording(source) as recording, ExitStack() as own:
+        rows = ResultRows(recording, flight)
+        wanted = {name: kind for name, kind in rows.kinds.items() if files.takes(name, kind)}
+        for topic in wanted:  # before anything is written
+            files.refuse_to_overwrite(topic, flight)
+        for message in recording.messages(wanted):
+            if not files.takes(message.topic, message.type):
+                continue
+            try:
+                columns, values = rows.of(message)
+            except MalformedMessageError as error:
+                lost[message.topic, str(error)[:_LONGEST_REASON]] += 1
+                continue
+            files.table(message.topic, flight, columns, own if files.one_flight else stack).add(
+                values
+            )
+        for (name, reason), count in lost.items():
+            said = f'{counted(count, "message")} of {name} not exported: {reason}'
+            recording.account.lose('export', (name, reason), said, count)
+    return recording.account
 
 
-def _contents(
-    recording: Recording, kinds: Mapping[str, str]
-) -> Iterator[tuple[str, tuple[str, ...], list[Row]]]:
-    """Each message's topic, columns and rows."""
-    for message in recording.messages(kinds):
-        if message.type != kinds[message.topic]:
-            continue
-        try:
-            columns, rows = _rows(message)
-        except (MalformedMessageError, KeyError, TypeError, ValueError):
-            continue
-        yield message.topic, columns, rows
-
-
-def _rows(recorded: RecordedMessage) -> tuple[tuple[str, ...], list[Row]]:
-    message = decode_message(recorded.type, recorded.data)
-    stamp_ns = stamp_ns_of(message.header)
-    columns, values = _READERS[recorded.type](message)
-    return columns, [(stamp_ns, number, *row) for number, row in enumerate(values)]
-
-
-def _points(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
-    names = tuple(field.name for field in message.fields)
-    dtype = np.dtype(
-        {
-            'names': names,
-            'formats': [_NUMBERS[field.datatype] for field in message.fields],
-            'offsets': [field.offset for field in message.fields],
-            'itemsize': message.point_step,
-        }
-    )
-    points = np.frombuffer(message.data, dtype, count=message.width * message.height)
-    return names, iter(points.tolist())
-
-
-def _vector(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
-    return ('x', 'y', 'z'), iter([(message.vector.x, message.vector.y, message.vector.z)])
-
-
-def _point(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
-    return ('x', 'y', 'z'), iter([(message.point.x, message.point.y, message.point.z)])
-
-
-def _pose(message: Any) -> tuple[tuple[str, ...], Iterator[Row]]:
-    pose = getattr(message.pose, 'pose', message.pose)
-    place, turn = pose.position, pose.orientation
-    return POSE_COLUMNS, iter([(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)])
-
-
-_READERS: dict[str, Callable[[Any], tuple[tuple[str, ...], Iterator[Row]]]] = {
-    'sensor_msgs/msg/PointCloud2': _points,
-    'geometry_msgs/msg/Vector3Stamped': _vector,
-    'geometry_msgs/msg/PointStamped': _point,
-    'geometry_msgs/msg/PoseStamped': _pose,
-    'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
-}
-
-
-class _Table:
-    """One topic's file; the first two columns are the stamp (ns) and the row in its message.
+class _Files:
+    """A file for each table, of a name of its own.
 
     Attributes:
-        path: of the file, which is there when all of it is; after an error the one before stays.
-        count: of the rows written.
+        tables: those begun, by topic, columns and, where each flight has its own, flight.
+        one_flight: whether each flight has its own.
     """
 
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        self.path = path
-        self.count = 0
-        self._columns = columns
-        self._part = path.with_name(f'.{path.name}.part')
-        self._file = self._part.open('wb')
+    def __init__(self, folder: Path, form: str, overwrite: bool, *, several: bool) -> None:
+        self._folder, self._form, self._overwrite = folder, form, overwrite
+        self._several = several
+        self.one_flight = form in _ONE_FLIGHT
+        self.tables: dict[tuple[str, Columns, str], Table] = {}
+        self._taken: dict[Path, str] = {}
 
-    def __enter__(self) -> _Table:
-        return self
+    def takes(self, topic: str, kind: str) -> bool:
+        """Whether the form can hold a topic's messages."""
+        if self._form == 'mot':
+            return kind.endswith('PointCloud2') and topic.endswith('/markers')
+        return kind in TABLE_TYPES and (self._form != 'tum' or 'Pose' in kind)
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            try:
-                if kind is None:
-                    self._end()
-            finally:
-                self._close()
-            if kind is None:
-                self._part.replace(self.path)
-        finally:
-            self._part.unlink(missing_ok=True)
+    def refuse_to_overwrite(self, topic: str, flight: str) -> None:
+        """Look before anything is written.
 
-    def add(self, columns: tuple[str, ...], rows: list[Row]) -> None:
-        """Write a message's rows; those of other columns are left out."""
-        if columns == self._columns:
-            self.count += self._write(rows)
+        Raises:
+            RecordingError: the topic's file exists.
+        """
+        if not self._is_begun(topic, flight):
+            self._free_path(topic, flight)
 
-    def _write(self, rows: list[Row]) -> int:
-        raise NotImplementedError
+    def table(self, topic: str, flight: str, columns: Columns, stack: ExitStack) -> Table:
+        """The table of a topic's messages with these columns; others have one of their own.
 
-    def _end(self) -> None:
-        pass
+        Raises:
+            RecordingError: its file exists, or there are too many.
+        """
+        key = topic, columns, flight if self.one_flight else ''
+        if key not in self.tables:
+            if len(self.tables) == _MOST_TABLES:
+                raise RecordingError(f'it would be more than {_MOST_TABLES} tables')
+            path = self._free_path(topic, flight)
+            self._taken[path] = topic
+            self.tables[key] = stack.enter_context(TABLES[self._form](path, columns))
+        return self.tables[key]
 
-    def _close(self) -> None:
-        self._file.close()
+    def _is_begun(self, topic: str, flight: str) -> bool:
+        of = flight if self.one_flight else ''
+        return any(known == topic and its == of for known, _, its in self.tables)
 
-
-class _Csv(_Table):
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        super().__init__(path, columns)
-        self._text = TextIOWrapper(self._file, 'utf-8', newline='', write_through=True)
-        self._writer = csv.writer(self._text)
-        self._writer.writerow(columns)
-
-    def _write(self, rows: list[Row]) -> int:
-        self._writer.writerows(rows)
-        return len(rows)
-
-    def _end(self) -> None:
-        self._text.flush()
-
-
-class _Parquet(_Table):
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError as error:
-            raise RecordingError(
-                f'parquet needs PyArrow: pip install "mvuav_ros[parquet]" ({error})'
-            ) from error
-        super().__init__(path, columns)
-        self._arrow = pyarrow
-        self._rows: list[Row] = []
-        self._writer: Any = None
-
-    def _write(self, rows: list[Row]) -> int:
-        self._rows += rows
-        if len(self._rows) >= _ROWS_AT_ONCE:
-            self._flush()
-        return len(rows)
-
-    def _flush(self) -> None:
-        columns = zip(*self._rows, strict=True) if self._rows else ([] for _ in self._columns)
-        content = {name: list(rows) for name, rows in zip(self._columns, columns, strict=True)}
-        schema = None if self._writer is None else self._writer.schema
-        try:
-            table = self._arrow.table(content, schema=schema)
-        except (ValueError, TypeError, OverflowError) as error:
-            raise RecordingError(f'{self.path}: its columns change: {error}') from None
-        if self._writer is None:
-            self._writer = self._arrow.parquet.ParquetWriter(self._file, table.schema)
-        self._writer.write_table(table)
-        self._rows.clear()
-
-    def _end(self) -> None:
-        if self._rows or self._writer is None:
-            self._flush()
-
-    def _close(self) -> None:
-        try:
-            # Before the file: it writes that one's end, at the latest when it is collected.
-            if self._writer is not None:
-                self._writer.close()
-        finally:
-            super()._close()
-
-
-class _Tum(_Table):
-    def _write(self, rows: list[Row]) -> int:
-        known = [row for row in rows if all(np.isfinite(row))]
-        for stamp_ns, _, *pose in known:
-            seconds, rest = divmod(int(stamp_ns), _NS)
-            numbers = ' '.join(repr(float(value)) for value in pose)
-            self._file.write(f'{seconds}.{rest:09d} {numbers}\n'.encode())
-        return len(known)
-
-
-_TABLES: dict[str, type[_Table]] = {'csv': _Csv, 'parquet': _Parquet, 'tum': _Tum}
+    def _free_path(self, topic: str, flight: str) -> Path:
+        name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_LONGEST_NAME] or 'root'
+        ending = _ENDINGS.get(self._form, self._form)
+        number = 1
+        while True:
+            table = name if number == 1 else f'{name}_{number}'
+            inner = f'{table}/{flight}' if self.one_flight and self._several else table
+            path = self._folder / f'{inner}.{ending}'
+            if path not in self._taken:
+                break
+            number += 1
+        if path.exists() and not self._overwrite:
+            raise RecordingError(f'{path} exists; choose another folder, or overwrite it (--force)')
+        return path

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.content import is_bag_file
 from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import Problems, counted
+from mvuav_ros.recordings.recording import counted
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
 _LARGEST_METADATA = 1 << 24
@@ -19,7 +21,7 @@ _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
 
-def recording_files(path: Path, problems: Problems) -> list[Path]:
+def recording_files(path: Path, account: Account) -> list[Path]:
     """The files of the recording at ``path`` in the order in which they were written.
 
     Raises:
@@ -43,30 +45,41 @@ def recording_files(path: Path, problems: Problems) -> list[Path]:
         raise RecordingError(f'{path} holds no recording (*.mcap, *.db3); give {_ACCEPTED}')
     present.sort(key=lambda entry: _natural_key(entry.name))
     if not (path / METADATA).exists():
-        problems.warning((path, METADATA), f'{path.name}: {METADATA} is missing')
+        account.note((path, METADATA), f'{path.name}: {METADATA} is missing')
         return _only_series(path, present)
-    listed = _listed_names(path / METADATA, problems)
+    listed = _listed_names(path / METADATA, account)
     if listed is None:
         return _only_series(path, present)
-    return _chosen(present, listed, problems)
+    return _chosen(present, listed, account)
 
 
-def _listed_names(path: Path, problems: Problems) -> Sequence[str] | None:
+def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
             raise ValueError('no file, or implausibly large')
         content = YAML(typ='safe').load(path.read_text('utf-8'))
-        names = content['rosbag2_bagfile_information']['relative_file_paths']
+        told = content['rosbag2_bagfile_information']
+        names = told['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
+            _take_counts(told, [Path(name).name for name in names], account)
             return [Path(name).name for name in names]
     except (OSError, YAMLError, RecursionError, KeyError, TypeError, ValueError):
         pass
-    problems.warning((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
+    account.note((path, METADATA), f'{path.parent.name}: {path.name} is damaged; not used')
     return None
 
 
-def _chosen(present: list[Path], listed: Sequence[str], problems: Problems) -> list[Path]:
+def _take_counts(told: Mapping[str, Any], names: Sequence[str], account: Account) -> None:
+    """What metadata.yaml says of each file's messages."""
+    listed = told.get('files') or [{'path': names[0], 'message_count': told.get('message_count')}]
+    if len(names) == 1 or told.get('files'):
+        for file in listed:
+            if isinstance(file.get('message_count'), int):
+                account.promise(_plain(Path(file['path']).name), file['message_count'])
+
+
+def _chosen(present: list[Path], listed: Sequence[str], account: Account) -> list[Path]:
     chosen: list[Path] = []
     missing: list[str] = []
     by_name = {entry.name: entry for entry in present}
@@ -79,8 +92,9 @@ def _chosen(present: list[Path], listed: Sequence[str], problems: Problems) -> l
             chosen.append(entry)
     if missing:
         names = ', '.join(missing[:3]) + (', …' if len(missing) > 3 else '')
-        problems.error(
-            ('missing', *missing),
+        account.lose(
+            METADATA,
+            'missing',
             f'{len(missing)} of the {counted(len(listed), "file")} that {METADATA} lists '
             f'{"is" if len(missing) == 1 else "are"} missing: {names}',
         )
@@ -92,9 +106,11 @@ def _chosen(present: list[Path], listed: Sequence[str], problems: Problems) -> l
         # After a crash, metadata.yaml may not know the last files of a split recording.
         if _series(entry.name) in series:
             chosen.append(entry)
-            problems.warning((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
+            account.note((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, read')
         else:
-            problems.error((entry, 'unlisted'), f'{entry.name}: not listed in {METADATA}, not read')
+            account.lose(
+                entry.name, 'unlisted', f'{entry.name}: not listed in {METADATA}, not read'
+            )
     chosen.sort(key=lambda entry: _natural_key(entry.name))
     if not chosen:
         raise RecordingError(

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
 from io import BytesIO
 from typing import BinaryIO
@@ -13,20 +11,24 @@ from typing import BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Statistics
+from mcap.records import Channel, Statistics
 from mcap.records import Schema as SchemaRecord
 
-from mvuav_ros.recordings.mcap_records import HEADER, MAGIC
+from mvuav_ros.recordings.foreign import words
+from mvuav_ros.recordings.mcap_records import HEADER, MAGIC, is_intact, summary_start
 from mvuav_ros.recordings.recording import Schema, TopicInfo, normalised_type
 from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
 
-_FOOTER_SIZE = HEADER.size + 20 + len(MAGIC)
 _PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
-_DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
+_DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
+_IN_SUMMARY = (
+    *_DEFINING,
+    *(Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
+    *(Opcode.SUMMARY_OFFSET, Opcode.FOOTER, *range(0x80, 0x100)),
+)
+_Key = tuple[int, str, str, str]
 MOST_SCHEMA_BYTES = 1 << 26
 """Of all schemas together; those of Autoware's hundreds of types are two million."""
-
-_BLOCK = 1 << 20
 
 
 class DefinitionError(ValueError):
@@ -34,23 +36,50 @@ class DefinitionError(ValueError):
 
 
 class Channels:
-    """Channels by their number; the first definition of a number counts.
+    """Channels by their number, as they are defined on the way through the file.
 
     Attributes:
-        topics: each channel's topic.
+        topics: each channel's topic by now.
         ros1: what converts the messages of a channel that holds ROS 1's.
-        promised: number of messages that the file's statistics promise; None without any.
+        counts: messages of each definition; None if nobody has said or counted them.
     """
 
     def __init__(self) -> None:
         self.topics: dict[int, TopicInfo] = {}
         self.ros1: dict[int, Ros1Type] = {}
-        self.promised: int | None = None
+        self.counts: Counter[_Key] | None = None
+        self._found: dict[_Key, TopicInfo] = {}
+        self._first: dict[int, TopicInfo] = {}
         self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0
 
-    def define(self, opcode: int, body: bytes | memoryview) -> None:
-        """Take in a schema or channel record.
+    def begin(self) -> None:
+        """Begin at the file's start: until it defines a channel, the first that is known counts."""
+        self.topics = dict(self._first)
+
+    def forget(self) -> None:
+        """Begin another file, joined to the one before: its numbers mean something else."""
+        self.topics = {}
+        self._schemas = {}
+        self._schema_bytes = 0
+
+    def listed(self) -> tuple[TopicInfo, ...]:
+        """Every definition with its number of messages."""
+        if self.counts is None:
+            return tuple(self._found.values())
+        counts = self.counts
+        return tuple(replace(info, message_count=counts[key]) for key, info in self._found.items())
+
+    def count(self, channel: int) -> None:
+        """Count a message, if its channel is known."""
+        if self.counts is not None and channel in self.topics:
+            self.counts[_key(channel, self.topics[channel])] += 1
+
+    def define(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> str:
+        """Take in a schema or channel record; one of a summary counts where the data have none.
+
+        Returns:
+            In words, how it contradicts what was said of the channel before; '' if it does not.
 
         Raises:
             DefinitionError: it is damaged.
@@ -65,52 +94,61 @@ class Channels:
                 record = SchemaRecord.read(stream)
                 text = record.data.decode('utf-8', 'replace')
                 schema = Schema(record.encoding, text) if text else None
-                self._schemas.setdefault(record.id, (normalised_type(record.name), schema))
-            elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(stream)
-                if channel.id not in self.topics:
-                    self.topics[channel.id] = self._topic(channel)
+                if not (in_summary and record.id in self._schemas):
+                    self._schemas[record.id] = normalised_type(record.name), schema
+                return ''
+            channel = Channel.read(stream)
         except _PARSE_ERRORS:
             raise DefinitionError('a channel or schema record is damaged') from None
+        if in_summary and channel.id in self.topics:
+            return ''
+        return self._take_channel(channel)
 
-    def set_counts(self, counts: Mapping[int, int]) -> None:
-        """Set every channel's number of messages."""
-        for key, topic in self.topics.items():
-            self.topics[key] = replace(topic, message_count=counts.get(key, 0))
-
-    def read_summary(self, stream: BinaryIO) -> None:
-        """Take the channels and counts from the file's end.
+    def read_summary(self, stream: BinaryIO) -> bool:
+        """Take the channels and counts from the file's end; whether it has them.
 
         Raises:
             DefinitionError: not all of it is sound.
         """
         size = stream.seek(0, 2)
-        start, end = _summary_start(stream, size), size - len(MAGIC)
+        start, end = summary_start(stream, size), size - len(MAGIC)
         if start is None:
             raise DefinitionError('its index is missing (was the recording cut off?)')
-        if not _is_intact(stream, start, end):
+        if not is_intact(stream, start, end):
             raise DefinitionError('its index is damaged')
+        statistics = None
         while start + HEADER.size <= end:
             stream.seek(start)
             opcode, length = HEADER.unpack(stream.read(HEADER.size))
             start += HEADER.size + length
-            if opcode in _DEFINING and start <= end and length <= MOST_SCHEMA_BYTES:
-                self._take(opcode, stream.read(length))
+            if opcode not in _IN_SUMMARY or start > end:
+                raise DefinitionError('its index is damaged')
+            if opcode in _DEFINING and length <= MOST_SCHEMA_BYTES:
+                self.define(opcode, stream.read(length))
+            elif opcode == Opcode.STATISTICS:
+                statistics = statistics_of(stream.read(length))
+        if statistics is not None:
+            counts = statistics.channel_message_counts
+            self.counts = Counter({key: counts.get(key[0], 0) for key in self._found})
+        return bool(self._found) or (statistics is not None and statistics.message_count == 0)
 
-    def _take(self, opcode: int, body: bytes) -> None:
-        if opcode != Opcode.STATISTICS:
-            self.define(opcode, body)
-            return
-        try:
-            statistics = Statistics.read(ReadDataStream(BytesIO(body)))
-        except _PARSE_ERRORS:
-            return
-        self.promised = statistics.message_count
-        self.set_counts(Counter(statistics.channel_message_counts))
+    def _take_channel(self, channel: Channel) -> str:
+        topic = self._topic(channel)
+        before = self.topics.get(channel.id)
+        self.topics[channel.id] = topic
+        self._first.setdefault(channel.id, topic)
+        self._found.setdefault(_key(channel.id, topic), topic)
+        if before is None or _key(0, before) == _key(0, topic):
+            return ''
+        return (
+            f'channel {channel.id} was said to be {words(before.name)} ({words(before.type)}), '
+            f'and is {words(topic.name)} ({words(topic.type)}) in the data'
+        )
 
     def _topic(self, channel: Channel) -> TopicInfo:
         kind, schema = self._schemas.get(channel.schema_id, ('', None))
         encoding = channel.message_encoding
+        self.ros1.pop(channel.id, None)
         if encoding == 'ros1':
             try:
                 self.ros1[channel.id] = ros1_type(kind, schema.text if schema else '')
@@ -127,31 +165,14 @@ class Channels:
         )
 
 
-def _summary_start(stream: BinaryIO, size: int) -> int | None:
-    """Where the summary begins (the footer, if there is none); None without a footer."""
-    footer_offset = size - _FOOTER_SIZE
-    if footer_offset < len(MAGIC):
+def statistics_of(body: bytes) -> Statistics | None:
+    """The statistics record; None if it is damaged."""
+    try:
+        statistics: Statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+    except _PARSE_ERRORS:
         return None
-    stream.seek(footer_offset)
-    end = stream.read(_FOOTER_SIZE)
-    if end[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(end) != (Opcode.FOOTER, 20):
-        return None
-    footer = Footer.read(ReadDataStream(BytesIO(end[HEADER.size :])))
-    if footer.summary_start == 0:
-        return footer_offset
-    return footer.summary_start if footer.summary_start <= footer_offset else None
+    return statistics
 
 
-def _is_intact(stream: BinaryIO, start: int, end: int) -> bool:
-    """Whether the checksum at the summary's end holds; without one it is believed."""
-    stream.seek(end - 4)
-    (expected,) = struct.unpack('<I', stream.read(4))
-    if expected == 0:
-        return True
-    stream.seek(start)
-    checksum, left = 0, end - 4 - start
-    while left > 0:
-        block = stream.read(min(left, _BLOCK))
-        checksum = zlib.crc32(block, checksum)
-        left -= len(block)
-    return bool(checksum == expected)
+def _key(channel: int, topic: TopicInfo) -> _Key:
+    return channel, topic.name, topic.type, topic.serialization_format

@@ -59,8 +59,11 @@ class Chunk:
         """Add a schema or channel."""
         self._records += record_bytes(record)
 
-    def add(self, channel: int, sequence: int, stamp_ns: int, data: bytes | memoryview) -> None:
-        """Add a message."""
+    def add(
+        self, channel: int, sequence: int, times_ns: tuple[int, int], data: bytes | memoryview
+    ) -> None:
+        """Add a message; ``times_ns`` are when it was logged and published."""
+        stamp_ns = times_ns[0]
         offset = len(self._records)
         entries = self._entries.get(channel)
         if entries is None:
@@ -68,7 +71,7 @@ class Chunk:
         indexed = len(entries)
         try:
             self._records += HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
-            self._records += MESSAGE_HEADER.pack(channel, sequence, stamp_ns, stamp_ns)
+            self._records += MESSAGE_HEADER.pack(channel, sequence, *times_ns)
             self._records += data
             entries += _INDEX_ENTRY.pack(stamp_ns, offset)
             self.message_count += 1

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Container, Generator, Iterator, Sequence
+from collections.abc import Container, Hashable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
 from rosbags.serde import SerdeError
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT, unpack
-from mvuav_ros.recordings.mcap_channels import MOST_SCHEMA_BYTES, Channels, DefinitionError
+from mvuav_ros.recordings.mcap_channels import (
+    MOST_SCHEMA_BYTES,
+    Channels,
+    DefinitionError,
+    statistics_of,
+)
 from mvuav_ros.recordings.mcap_records import (
     HEADER,
+    MAGIC,
     MESSAGE_HEADER,
     ChunkHeader,
     RecordSpan,
@@ -22,13 +29,17 @@ from mvuav_ros.recordings.mcap_records import (
 )
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
-    Problems,
+    ChunkTally,
     RecordedMessage,
     TopicInfo,
     counted,
 )
 
 _INDEX_ENTRY_SIZE = 16
+_FIRST_BODY = len(MAGIC) + HEADER.size
+_BLOCK = 1 << 20
+# Of a chunk that is out of the range: enough to see its first message's time.
+_PEEK = 1 << 16
 # A chunk whose size is wrong is still good where its checksum holds, up to this size in bytes.
 _CREDIBLE_SIZE = 1 << 26
 # From here on a message is given as a view of its chunk, as two copies would take twice the memory.
@@ -36,12 +47,17 @@ _LARGE = 1 << 24
 
 
 class McapFile:
-    """One mcap file; it is opened anew for every pass."""
+    """One mcap file, or several that were joined; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, problems: Problems) -> None:
+    written: int | None = None
+    sound = 0
+    skipped = 0
+    _is_contradicted = False
+
+    def __init__(self, path: Path, account: Account) -> None:
         self._path = path
         self._name = path.name
-        self._problems = problems
+        self._account = account
         self._channels = Channels()
         self._indexed = False
         self._scanned = False
@@ -52,103 +68,120 @@ class McapFile:
             with self._path.open('rb') as stream:
                 self._indexed = self._read_summary(stream)
                 if not self._indexed:
-                    promised = self._channels.promised
                     self._channels = Channels()
-                    self._channels.promised = promised
-                    self._channels.set_counts(self._count(stream))
+                    self._channels.counts = Counter()
+                    for channel, _ in self._messages(stream, -1, 1 << 64):
+                        self._channels.count(channel)
             self._scanned = True
-        return tuple(self._channels.topics.values())
+        return self._channels.listed()
 
     def messages(
         self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[RecordedMessage]:
         """The messages in stored order, ``start_ns`` <= log time < ``end_ns``."""
         self.channels()
+        self._channels.begin()
         first = -1 if start_ns is None else start_ns
         last = 1 << 64 if end_ns is None else end_ns
-        everything = start_ns is None and end_ns is None
-        malformed: Counter[str] = Counter()
-        seen = orphans = 0
-        promised = self._channels.promised
+        unreadable: Counter[str] = Counter()
+        self.sound = self.skipped = 0
         with self._path.open('rb') as stream:
-            for opcode, body in self._contents(stream, first, last):
-                if opcode != Opcode.MESSAGE:
-                    self._define(opcode, body)
-                    continue
-                seen += 1
-                channel, _, stamp_ns, _ = MESSAGE_HEADER.unpack_from(body)
+            for channel, body in self._messages(stream, first, last):
                 topic = self._channels.topics.get(channel)
                 if topic is None:
-                    orphans += 1
+                    unreadable[''] += 1
                     continue
+                self.sound += 1
                 if topic.serialization_format not in READABLE_FORMATS:
+                    self.skipped += 1
                     continue
+                _, sequence, stamp_ns, publish_ns = MESSAGE_HEADER.unpack_from(body)
                 if first <= stamp_ns < last and (topics is None or topic.name in topics):
                     try:
                         data = self._as_cdr(channel, body[MESSAGE_HEADER.size :])
                     except SerdeError:
-                        malformed[topic.name] += 1
+                        self.sound -= 1
+                        unreadable[topic.name] += 1
                         continue
                     yield RecordedMessage(
-                        topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos
+                        *(topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos),
+                        *(publish_ns, sequence),
                     )
-        if orphans:
-            self._note('orphans', f'{counted(orphans, "message")} of unknown channels skipped')
-        for name, count in malformed.items():
-            self._note(name, f'{counted(count, "malformed message")} of {name} skipped')
-        if everything and promised is not None and seen < promised:
-            self._note('count', f'{promised - seen} of {promised} messages lost')
+        for name, count in unreadable.items():
+            what = f'{counted(count, "malformed message")} of {name}'
+            what = what if name else f'{counted(count, "message")} of unknown channels'
+            self._lose(('messages', name), f'{what} skipped', count)
 
     def _as_cdr(self, channel: int, data: memoryview) -> bytes | memoryview:
         if channel in self._channels.ros1:
             return self._channels.ros1[channel].to_cdr(data)
         return bytes(data) if len(data) < _LARGE else data
 
-    def _count(self, stream: BinaryIO) -> Counter[int]:
-        counts: Counter[int] = Counter()
-        for opcode, body in self._contents(stream, -1, 1 << 64):
-            if opcode == Opcode.MESSAGE:
-                counts[MESSAGE_HEADER.unpack_from(body)[0]] += 1
-            else:
-                self._define(opcode, body)
-        return counts
-
-    def _contents(
+    def _messages(
         self, stream: BinaryIO, first: int, last: int
     ) -> Iterator[tuple[int, memoryview]]:
-        """Schema, channel and message records, those inside chunks included."""
-        walk = RecordWalk(stream, self._name, self._problems)
-        lost_chunk: tuple[int, str] | None = None
-        lost = 0
+        """Message records with their channels, whose definitions are taken in on the way."""
+        walk = RecordWalk(stream, self._name, self._account)
+        chunk = ChunkTally(self._name)
+        promised: int | None = None
+        totals: list[int | None] = []
+        is_closed = in_summary = False
         for span in walk.spans():
             if span.opcode == Opcode.MESSAGE_INDEX:
-                if lost_chunk is not None:
-                    lost += (span.length - 6) // _INDEX_ENTRY_SIZE
-                    self._note_chunk(lost_chunk, lost)
+                entries = (span.length - 6) // _INDEX_ENTRY_SIZE
+                chunk.indexed = entries + (chunk.indexed or 0)
                 continue
-            lost_chunk = None
+            chunk.end(self._account)
+            chunk = ChunkTally(self._name)
             if span.opcode == Opcode.CHUNK:
-                reason = yield from self._chunk(walk, span, first, last)
-                if reason:
-                    lost_chunk, lost = (span.body - HEADER.size, reason), 0
-                    self._note_chunk(lost_chunk, None)
+                chunk = ChunkTally(self._name, span.body - HEADER.size)
+                for opcode, body in self._chunk(walk, span, first, last, chunk):
+                    if opcode == Opcode.MESSAGE:
+                        chunk.got += 1
+                        yield MESSAGE_HEADER.unpack_from(body)[0], body
+                    else:
+                        self._define(opcode, body)
+            elif span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
+                self._account.note((self._name, 'joined'), f'{self._name}: several, joined in one')
+                self._channels.forget()
+                totals += [] if is_closed else [None]
+                is_closed = in_summary = False
+            elif span.opcode == Opcode.DATA_END:
+                in_summary = True
+            elif span.opcode == Opcode.FOOTER:
+                totals.append(promised if walk.is_summary_intact(span) else None)
+                promised, is_closed = None, True
+            elif span.opcode == Opcode.STATISTICS and span.available == span.length < _BLOCK:
+                statistics = statistics_of(walk.read(span.body, span.length))
+                promised = None if statistics is None else statistics.message_count
             elif span.length > SIZE_LIMIT:
-                self._note(span.body, f'record at byte {span.body} skipped: larger than 1 GB')
+                self._lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
             elif span.length > MOST_SCHEMA_BYTES and span.opcode in _DEFINITIONS:
-                self._note(span.body, f'definition at byte {span.body} skipped: larger than 64 MB')
+                said = f'definition at byte {span.body} skipped: larger than 64 MB'
+                self._lose(span.body, said, 0)
             elif span.opcode in _CONTENT and span.available == span.length:
-                yield span.opcode, memoryview(walk.read(span.body, span.length))
+                body = memoryview(walk.read(span.body, span.length))
+                if span.opcode == Opcode.MESSAGE:
+                    yield MESSAGE_HEADER.unpack_from(body)[0], body
+                else:
+                    self._define(span.opcode, body, in_summary=in_summary)
+        chunk.end(self._account)
+        totals += [] if is_closed else [None]
+        counts = [total for total in totals if total is not None]
+        self.written = sum(counts) if len(counts) == len(totals) else None
 
     def _chunk(
-        self, walk: RecordWalk, span: RecordSpan, first: int, last: int
-    ) -> Generator[tuple[int, memoryview], None, str]:
-        """Yield the records of a chunk; return why it cannot be read, '' if it can."""
+        self, walk: RecordWalk, span: RecordSpan, first: int, last: int, chunk: ChunkTally
+    ) -> Iterator[tuple[int, memoryview]]:
+        """The records of a chunk; why it cannot be read, or not all of it, goes to its reason."""
         header = walk.chunk_header(span)
         assert header is not None
         # Without an index, a chunk out of the range may still define a channel within it.
-        known_times = self._indexed and header.end_ns > 0
-        if known_times and (header.end_ns < first or header.start_ns >= last):
-            return ''
+        if self._indexed and not (header.start_ns < last and first <= header.end_ns):
+            if self._are_true(walk, header):
+                return
+            said = f'{self._name}: times of chunks are wrong; all are read'
+            self._account.note((self._name, 'times'), said)
         size = header.uncompressed_size
         raw, problem = unpack(
             walk.stream_at(header.data_offset),
@@ -159,53 +192,73 @@ class McapFile:
         )
         if span.available < span.length:
             yield from self._records(raw)
-            return ''
+            return
         if header.crc and header.crc == zlib.crc32(raw):
             problem = ''
         elif not problem:
             problem = _contradiction(header, raw)
         elif size > SIZE_LIMIT:
             problem = f'it is larger than 1 GB ({size} bytes)'
-        for opcode, body in self._records(raw):
+        is_whole = True
+        records = self._records(raw)
+        while (record := next(records, None)) is not None:
+            is_whole = record[0] != 0
             # The first chunk often defines the channels of all others, at its very start.
-            if not problem or opcode != Opcode.MESSAGE:
-                yield opcode, body
-        return problem
+            if is_whole and not (problem and record[0] == Opcode.MESSAGE):
+                yield record
+        chunk.reason = problem or ('' if is_whole else 'it holds what is no record')
 
-    def _records(self, view: memoryview) -> Iterator[tuple[int, memoryview]]:
+    def _are_true(self, walk: RecordWalk, header: ChunkHeader) -> bool:
+        """Whether the first message of a chunk lies between the times that its header says."""
+        length = min(header.data_size, _PEEK)
+        stream = walk.stream_at(header.data_offset)
+        raw, _ = unpack(stream, length, header.compression, -1, _CREDIBLE_SIZE)
+        for opcode, body in self._records(raw, whole=False):
+            if opcode == Opcode.MESSAGE:
+                stamp_ns = MESSAGE_HEADER.unpack_from(body)[2]
+                return bool(header.start_ns <= stamp_ns <= header.end_ns)
+        return header.end_ns > 0
+
+    def _records(self, view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, memoryview]]:
+        """The records of a chunk, the last one of kind 0 if it ends in what is none."""
         position = 0
         while position + HEADER.size <= len(view):
             opcode, length = HEADER.unpack_from(view, position)
             position += HEADER.size
-            if opcode == 0 or position + length > len(view):  # zeros are no records
-                return
+            if opcode == 0 or (whole and position + length > len(view)):  # zeros are no records
+                break
             credible = length <= MOST_SCHEMA_BYTES or opcode == Opcode.MESSAGE
-            if credible and opcode in _CONTENT and length >= _CONTENT[opcode]:
-                yield opcode, view[position : position + length]
+            end = min(position + length, len(view))
+            if credible and opcode in _CONTENT and end - position >= _CONTENT[opcode]:
+                yield opcode, view[position:end]
             position += length
+        if whole and position != len(view):
+            yield 0, view[:0]
 
-    def _define(self, opcode: int, body: bytes | memoryview) -> None:
+    def _define(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> None:
         try:
-            self._channels.define(opcode, body)
+            contradiction = self._channels.define(opcode, body, in_summary=in_summary)
         except DefinitionError as error:
-            self._note('definitions', str(error))
+            self._lose('definitions', str(error), 0)
+            return
+        if contradiction:
+            self._is_contradicted = True
+            self._account.note((self._name, contradiction), f'{self._name}: {contradiction}')
 
     def _read_summary(self, stream: BinaryIO) -> bool:
-        """Whether the channels could be taken from the file's end."""
+        """Whether the channels could be taken from the file's end, and the data begin likewise."""
         try:
-            self._channels.read_summary(stream)
+            if not self._channels.read_summary(stream):
+                return False
         except DefinitionError as error:
-            self._note('index', str(error))
+            self._lose('index', str(error), 0)
             return False
-        return bool(self._channels.topics) or self._channels.promised == 0
+        self._channels.begin()
+        next(self._messages(stream, -1, 1 << 64), None)
+        return not self._is_contradicted
 
-    def _note_chunk(self, chunk: tuple[int, str], lost: int | None) -> None:
-        offset, reason = chunk
-        messages = 'its messages are' if lost is None else f'{counted(lost, "message")}'
-        self._note(offset, f'chunk at byte {offset} skipped, as {reason}: {messages} lost')
-
-    def _note(self, key: object, text: str) -> None:
-        self._problems.error((self._path, key), f'{self._name}: {text}')
+    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
+        self._account.lose(self._name, key, f'{self._name}: {text}', count)
 
 
 def _contradiction(header: ChunkHeader, raw: memoryview) -> str:

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import re
 import struct
+import zlib
 from collections.abc import Iterator
+from io import BytesIO
 from typing import BinaryIO, NamedTuple
 
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.records import Footer
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT
-from mvuav_ros.recordings.recording import Problems
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER = struct.Struct('<BQ')
@@ -41,8 +45,10 @@ _MINIMUM_LENGTHS = {
 }
 _PRIVATE_OPCODES = 0x80
 _LONGEST_COMPRESSION_NAME = 16
-_CANDIDATE = re.compile(rb'[\x02-\x0f](?=.{4}\0{4})', re.DOTALL)
+_CANDIDATE = re.compile(rb'[\x01-\x0f](?=.{4}\0{4})', re.DOTALL)
 _SEARCH_BLOCK = 1 << 20
+_BLOCK = 1 << 20
+_FOOTER_SIZE = HEADER.size + 20 + len(MAGIC)
 
 
 class RecordSpan(NamedTuple):
@@ -69,41 +75,49 @@ class ChunkHeader(NamedTuple):
 class RecordWalk:
     """The records of an open mcap file in stored order."""
 
-    def __init__(self, stream: BinaryIO, name: str, problems: Problems) -> None:
+    def __init__(self, stream: BinaryIO, name: str, account: Account) -> None:
         self._stream = stream
         self._name = name
-        self._problems = problems
+        self._account = account
         self._size = stream.seek(0, 2)
+        self._base = 0
 
     def spans(self) -> Iterator[RecordSpan]:
-        """Every record up to the footer; damage is stepped over and noted."""
+        """Every record, those of files that were joined included; damage is stepped over."""
         offset = len(MAGIC)
         search_from = offset
+        is_closed = False
         while offset < self._size:
             span = self._span_at(offset)
             if span is None or not self._credible(span):
                 found = self._next_record(search_from)
                 if found is None:
-                    self._note_end(offset)
+                    self._note_end(offset, is_closed)
                     return
-                self._problems.error(
-                    (self._name, offset),
+                self._account.lose(
+                    self._name,
+                    offset,
                     f'{self._name}: damaged at byte {offset}, reading continues at byte {found}',
                 )
                 offset, search_from = found, found + 1
                 continue
             if span.opcode >= _PRIVATE_OPCODES:
-                self._problems.error(
-                    (self._name, offset),
+                self._account.lose(
+                    self._name,
+                    offset,
                     f'{self._name}: record of unknown kind {span.opcode} skipped at byte {offset}',
+                    0,
                 )
+            elif span.opcode == Opcode.HEADER:
+                self._base = offset - len(MAGIC)
             yield span
             if span.available < span.length:
                 self._note_end(offset)
                 return
-            if span.opcode == Opcode.FOOTER:
-                return
             offset = span.body + span.length
+            is_closed = span.opcode == Opcode.FOOTER
+            while is_closed and self.read(offset, len(MAGIC)) == MAGIC:
+                offset += len(MAGIC)
             # A message's length cannot be checked: if what follows makes no sense, it was wrong.
             search_from = span.body if span.opcode == Opcode.MESSAGE else offset + 1
 
@@ -176,9 +190,58 @@ class RecordWalk:
                 return True
         return True
 
-    def _note_end(self, offset: int) -> None:
-        self._problems.error(
-            (self._name, 'end'),
+    def is_summary_intact(self, footer: RecordSpan) -> bool:
+        """Whether the checksum in a footer holds, if it has one."""
+        end = footer.body + footer.length
+        start = summary_start(self._stream, end + len(MAGIC), self._base)
+        return start is not None and is_intact(self._stream, start, end)
+
+    def _note_end(self, offset: int, is_closed: bool = False) -> None:
+        if is_closed:
+            left = self._size - offset
+            said = f'{self._name}: the {left} bytes behind its end are no records'
+            self._account.note((self._name, 'end'), said)
+            return
+        self._account.lose(
+            self._name,
+            'end',
             f'{self._name}: cut off or damaged; '
             f'its last {self._size - offset} bytes cannot be read in full',
         )
+
+
+def summary_start(stream: BinaryIO, size: int, base: int = 0) -> int | None:
+    """Where the summary begins (the footer, if there is none); None without a footer.
+
+    Args:
+        stream: the file.
+        size: where the file ends, or that one of several that were joined.
+        base: where it begins.
+    """
+    footer_offset = size - _FOOTER_SIZE
+    if footer_offset < base + len(MAGIC):
+        return None
+    stream.seek(footer_offset)
+    end = stream.read(_FOOTER_SIZE)
+    if end[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(end) != (Opcode.FOOTER, 20):
+        return None
+    footer = Footer.read(ReadDataStream(BytesIO(end[HEADER.size :])))
+    if footer.summary_start == 0:
+        return footer_offset
+    start: int = base + footer.summary_start
+    return start if start <= footer_offset else None
+
+
+def is_intact(stream: BinaryIO, start: int, end: int) -> bool:
+    """Whether the checksum at the summary's end holds; without one it is believed."""
+    stream.seek(end - 4)
+    (expected,) = struct.unpack('<I', stream.read(4))
+    if expected == 0:
+        return True
+    stream.seek(start)
+    checksum, left = 0, end - 4 - start
+    while left > 0:
+        block = stream.read(min(left, _BLOCK))
+        checksum = zlib.crc32(block, checksum)
+        left -= len(block)
+    return bool(checksum == expected)

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import (
     CompressionError,
     decompress_file,
@@ -26,7 +27,6 @@ from mvuav_ros.recordings.layout import recording_files
 from mvuav_ros.recordings.mcap_file import McapFile
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
-    Problems,
     RecordedMessage,
     RecordingFile,
     SkippedChannel,
@@ -36,7 +36,7 @@ from mvuav_ros.recordings.recording import (
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
 
-_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Problems], RecordingFile]], ...] = (
+_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Account], RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),
     (SQLITE_START, '.db3', SqliteFile),
     (ROS1_START, '.bag', Ros1File),
@@ -63,19 +63,20 @@ class Recording:
         path: where it lies.
         topics: what can be read, in order of first definition.
         skipped: the channels that cannot, as their messages are not CDR.
+        account: what was kept and lost; more may come while messages are read.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.topics: tuple[TopicInfo, ...] = ()
         self.skipped: tuple[SkippedChannel, ...] = ()
-        self._problems = Problems()
+        self.account = Account(path)
         self._folder: TemporaryDirectory[str] | None = None
         self._unpacked: tuple[Path, RecordingFile] | None = None
         self._opened: dict[Path, RecordingFile] = {}
         self._files: list[Path] = []
         try:
-            self._files = self._readable_files(recording_files(path, self._problems))
+            self._files = self._readable_files(recording_files(path, self.account))
         except BaseException:
             self.close()
             raise
@@ -94,12 +95,12 @@ class Recording:
     @property
     def errors(self) -> list[str]:
         """What could not be read, in words; more may come while messages are read."""
-        return self._problems.errors
+        return self.account.errors
 
     @property
     def warnings(self) -> list[str]:
         """What is unusual about the recording, though nothing is lost by it."""
-        return self._problems.warnings
+        return self.account.warnings
 
     def messages(
         self,
@@ -117,11 +118,15 @@ class Recording:
         Raises:
             RecordingError: a compressed file cannot be unpacked (no space).
         """
+        account = self.account
+        account.kept = account.skipped = 0
         for path in self._files:
             unreadable: dict[str, int] = {}
             try:
-                for message in self._file(path).messages(topics, start_ns, end_ns):
+                file = self._file(path)
+                for message in file.messages(topics, start_ns, end_ns):
                     if message.data[:4] != ZSTD_START:
+                        account.kept += 1
                         yield message
                         continue
                     try:
@@ -129,14 +134,20 @@ class Recording:
                     except CompressionError:
                         unreadable[message.topic] = unreadable.get(message.topic, 0) + 1
                         continue
+                    account.kept += 1
                     yield message._replace(data=data)
+                account.skipped += file.skipped
+                is_whole = start_ns is None and end_ns is None
             except OSError as error:
-                self._note_io_error(path, error)
+                said = f'{path.name}: reading ended early: {error.strerror or error}'
+                account.lose(_plain(path), 'io', said)
+                is_whole = False
             for topic, count in unreadable.items():
-                self._problems.error(
-                    (path, topic, 'zstd'),
-                    f'{path.name}: {counted(count, "message")} of {topic} cannot be decompressed',
-                )
+                said = f'{counted(count, "message")} of {topic} cannot be decompressed'
+                account.lose(_plain(path), (topic, 'zstd'), f'{path.name}: {said}', count)
+            if is_whole:
+                sound = file.sound - sum(unreadable.values())
+                account.settle(_plain(path), file.written, sound)
 
     def close(self) -> None:
         """Remove what was unpacked; no message can be read any more."""
@@ -174,7 +185,7 @@ class Recording:
             reasons = '; '.join(self.errors)
             raise RecordingError(f'{self.path} holds no readable topic: {reasons}')
         for refusal in refusals:
-            self._problems.error(str(refusal), str(refusal))
+            self.account.lose(str(refusal), 'refused', str(refusal))
         self.topics = tuple(topics.values())
         self.skipped = tuple(skipped)
         return readable
@@ -187,37 +198,36 @@ class Recording:
             return self._unpacked[1]
         start = start_of(path)
         if not start.startswith(ZSTD_START):
-            self._opened[path] = _opened(path, start, self._problems)
+            self._opened[path] = _opened(path, start, self.account)
             return self._opened[path]
         # One unpacked file at a time, as all of a long recording might fill the disk.
         if self._folder is not None:
             self._folder.cleanup()
         self._folder = TemporaryDirectory(prefix='mvuav_')
-        target = Path(self._folder.name) / path.name.removesuffix('.zstd')
-        decompress_file(path, target, self._problems)
-        self._unpacked = (path, _opened(target, start_of(target), self._problems))
+        target = Path(self._folder.name) / _plain(path)
+        decompress_file(path, target, self.account)
+        self._unpacked = (path, _opened(target, start_of(target), self.account))
         return self._unpacked[1]
 
-    def _note_io_error(self, path: Path, error: OSError) -> None:
-        self._problems.error(
-            (path, 'io'), f'{path.name}: reading ended early: {error.strerror or error}'
-        )
+
+def _plain(path: Path) -> str:
+    """What a file is called in the account, unpacked or not."""
+    return path.name.removesuffix('.zstd')
 
 
-def _opened(path: Path, start: bytes, problems: Problems) -> RecordingFile:
+def _opened(path: Path, start: bytes, account: Account) -> RecordingFile:
     if not path.is_file():
         raise RecordingError(f'{path} is neither a file nor a folder')
     if not start:
         raise RecordingError(f'{path} is empty')
     for magic, _, kind in _FORMATS:
         if start.startswith(magic):
-            return kind(path, problems)
+            return kind(path, account)
     for magic, suffix, kind in _FORMATS:
         if plain_name(path.name).endswith(suffix) and len(start) == 16 and kind is not SqliteFile:
-            problems.error(
-                (path, 'start'), f'{path.name}: its first {len(magic)} bytes are damaged'
-            )
-            return kind(path, problems)
+            said = f'{path.name}: its first {len(magic)} bytes are damaged'
+            account.lose(path.name, 'start', said, 0)
+            return kind(path, account)
     if any(magic.startswith(start) for magic, _, _ in _FORMATS):
         raise RecordingError(f'{path} was cut off within its first bytes; nothing can be recovered')
     raise RecordingError(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
+
+from mvuav_ros.recordings.account import Account
 
 
 class Schema(NamedTuple):
@@ -42,7 +44,8 @@ class SkippedChannel(NamedTuple):
 class RecordedMessage(NamedTuple):
     """One message; ``stamp_ns`` is when it was logged, ``data`` is CDR with its header.
 
-    A very large message is a view of the chunk that it lies in.
+    A very large message is a view of the chunk that it lies in. ``publish_ns`` and ``sequence``
+    are the publisher's, where the recording has them.
     """
 
     topic: str
@@ -51,45 +54,53 @@ class RecordedMessage(NamedTuple):
     data: bytes | memoryview
     schema: Schema | None = None
     qos: str = ''
+    publish_ns: int | None = None
+    sequence: int | None = None
 
 
-class Problems:
-    """What is wrong with a recording; the same again (in a second pass) changes nothing.
+@dataclass
+class ChunkTally:
+    """A chunk on the way: the messages that came out of it, and those that its indexes list.
 
-    Of very many errors the first are told.
+    Attributes:
+        file: that it lies in.
+        offset: where it begins, bytes; -1 is none.
+        reason: why it is not read, or not all of it.
+        got: messages that came out.
+        indexed: messages that the indexes behind it list; None if there are none.
     """
 
-    def __init__(self) -> None:
-        self._errors: dict[Hashable, str] = {}
-        self._warnings: dict[Hashable, str] = {}
-        self._further = False
+    file: str
+    offset: int = -1
+    reason: str = ''
+    got: int = 0
+    indexed: int | None = None
 
-    def error(self, key: Hashable, text: str) -> None:
-        """Say what could not be read, replacing what was said under the same key."""
-        if key in self._errors or len(self._errors) < _MOST_TEXTS:
-            self._errors[key] = text
-        else:
-            self._further = True
-
-    def warning(self, key: Hashable, text: str) -> None:
-        """Say what is unusual, though nothing is lost by it."""
-        if len(self._warnings) < _MOST_TEXTS:
-            self._warnings[key] = text
-
-    @property
-    def errors(self) -> list[str]:
-        """The errors in order of discovery."""
-        errors = list(self._errors.values())
-        return [*errors, 'and more of that kind'] if self._further else errors
-
-    @property
-    def warnings(self) -> list[str]:
-        """The warnings in order of discovery."""
-        return list(self._warnings.values())
+    def end(self, account: Account) -> None:
+        """Say what is missing; nothing is of a chunk that was left out as nobody wanted it."""
+        missing = None if self.indexed is None else max(self.indexed - self.got, 0)
+        if self.offset < 0 or not (self.reason or (missing and self.got)):
+            return
+        if missing == 0 and self.got:  # what is no record held none
+            return
+        how = f'skipped, as {self.reason}' if self.reason else 'is not all there'
+        messages = 'its messages are' if missing is None else counted(missing, 'message')
+        said = f'{self.file}: chunk at byte {self.offset} {how}: {messages} lost'
+        account.lose(self.file, self.offset, said, missing)
 
 
 class RecordingFile(Protocol):
-    """One file of a recording."""
+    """One file of a recording.
+
+    Attributes:
+        written: messages that its index speaks of, once a pass has ended; None without an index.
+        sound: messages that the newest pass found whole, wanted or not.
+        skipped: those among them that are not ROS's.
+    """
+
+    written: int | None
+    sound: int
+    skipped: int
 
     def channels(self) -> Sequence[TopicInfo]:
         """Every channel, those that are not CDR included; found once, when first asked for."""
@@ -100,7 +111,6 @@ class RecordingFile(Protocol):
         """The messages in stored order, ``start_ns`` <= log time < ``end_ns``."""
 
 
-_MOST_TEXTS = 200
 READABLE_FORMATS = ('cdr', 'ros1')
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.rosbag2_folder import open_writer
 
@@ -15,19 +18,15 @@ _PROGRESS_STEP = 100
 
 @dataclass
 class RepairReport:
-    """What a repair wrote and what it could not read.
+    """What a repair wrote.
 
     Attributes:
         messages: number written, by topic.
-        skipped: topics whose messages are not ROS's, with their encodings.
-        errors: what could not be read, in words.
-        warnings: what is unusual without a loss.
+        account: what could not be read or not be copied as it is.
     """
 
-    messages: dict[str, int] = field(default_factory=dict)
-    skipped: dict[str, str] = field(default_factory=dict)
-    errors: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    messages: dict[str, int]
+    account: Account
 
 
 def repair(
@@ -38,7 +37,7 @@ def repair(
     split_bytes: int | None = None,
     progress: Callable[[int, int | None], None] = lambda *_: None,
 ) -> RepairReport:
-    """Copy every readable message, with its definition, QoS and log time.
+    """Copy every readable message, with its definition, QoS, times and number.
 
     Args:
         source: the recording, in whatever condition.
@@ -53,16 +52,22 @@ def repair(
     target, own = output.resolve(), source.resolve()
     if target == own or target in own.parents or own in target.parents:
         raise RecordingError(f'{output} is in or around the input itself; give another output')
-    report = RepairReport()
+    messages: Counter[str] = Counter()
     with open_recording(source) as recording:
+        account = recording.account
         counts = [topic.message_count for topic in recording.topics]
         total = None if None in counts else sum(count or 0 for count in counts)
         with open_writer(output, split_bytes, overwrite) as writer:
             for number, message in enumerate(recording.messages()):
                 writer.copy(message)
-                report.messages[message.topic] = report.messages.get(message.topic, 0) + 1
+                messages[message.topic] += 1
                 if number % _PROGRESS_STEP == 0:
                     progress(number, total)
-        report.skipped = dict(recording.skipped)
-        report.errors, report.warnings = recording.errors, recording.warnings
-    return report
+        for name, encoding in recording.skipped:
+            said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR'
+            account.lose('', name, f'skipped: {said}', 0)
+    if account.skipped:
+        account.lose('', 'skipped', f'{account.skipped} messages skipped', account.skipped)
+    if writer.moved:
+        account.alter('moved', f'{writer.moved} times before 1970 became 0', writer.moved)
+    return RepairReport(messages, account)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Hashable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -17,10 +17,12 @@ from typing import BinaryIO, NamedTuple
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from rosbags.serde import SerdeError
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, unpack
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.recording import (
-    Problems,
+    ChunkTally,
     RecordedMessage,
     TopicInfo,
     counted,
@@ -38,6 +40,7 @@ from mvuav_ros.recordings.ros1_records import (
 from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
 
 _LARGEST_CONNECTION = 1 << 24
+_INDEX_ENTRY_SIZE = 12
 _MOST_CONNECTIONS = 1 << 16
 _SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
@@ -48,14 +51,27 @@ class _Message(NamedTuple):
     data: memoryview
 
 
+class _Connection(NamedTuple):
+    topic: TopicInfo
+    converter: Ros1Type | None
+    raw: bytes
+
+
 class Ros1File:
     """One ROS 1 bag; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, problems: Problems) -> None:
+    written: int | None = None
+    sound = 0
+    skipped = 0
+
+    def __init__(self, path: Path, account: Account) -> None:
         self._path = path
-        self._problems = problems
-        self._topics: dict[int, TopicInfo] = {}
-        self._types: dict[int, Ros1Type] = {}
+        self._account = account
+        self._connections: dict[int, _Connection] = {}
+        self._first: dict[int, _Connection] = {}
+        self._found: dict[tuple[int, str, str], TopicInfo] = {}
+        self._counts: Counter[tuple[int, str, str]] = Counter()
+        self._is_contradicted = False
         self._scanned = False
 
     def channels(self) -> Sequence[TopicInfo]:
@@ -66,11 +82,20 @@ class Ros1File:
         """
         if not self._scanned:
             with self._path.open('rb') as stream:
-                if not self._read_index(stream):
-                    self._note('index', 'not indexed (was the recording cut off?)')
-                    self._set_counts(Counter(message.key for message in self._contents(stream)))
+                is_indexed = self._read_index(stream)
+                if not is_indexed:
+                    self._lose('index', 'not indexed (was the recording cut off?)', 0)
+                else:
+                    next(self._contents(stream), None)
+                if not is_indexed or self._is_contradicted:
+                    self.written = None
+                    self._counts.clear()
+                    for message in self._contents(stream):
+                        self._counts[self._key(message.key)] += 1
             self._scanned = True
-        return tuple(self._topics.values())
+        return tuple(
+            replace(topic, message_count=self._counts[key]) for key, topic in self._found.items()
+        )
 
     def messages(
         self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
@@ -78,66 +103,75 @@ class Ros1File:
         """The messages in stored order, ``start_ns`` <= log time < ``end_ns``, as CDR."""
         self.channels()
         unreadable: Counter[str] = Counter()
+        self.sound = self.skipped = 0
+        self._connections = dict(self._first)
         with self._path.open('rb') as stream:
             for key, stamp_ns, data in self._contents(stream):
-                topic = self._topics.get(key)
-                if topic is None:
+                connection = self._connections.get(key)
+                if connection is None:
                     unreadable['unknown topics'] += 1
                     continue
+                topic, converter, _ = connection
+                self.sound += 1
+                self.skipped += converter is None
                 early = start_ns is not None and stamp_ns < start_ns
                 late = end_ns is not None and stamp_ns >= end_ns
                 if early or late or (topics is not None and topic.name not in topics):
                     continue
-                if key not in self._types:
+                if converter is None:
                     continue
                 try:
-                    cdr = self._types[key].to_cdr(data)
+                    cdr = converter.to_cdr(data)
                 except SerdeError:
+                    self.sound -= 1
                     unreadable[topic.name] += 1
                     continue
                 yield RecordedMessage(topic.name, topic.type, stamp_ns, cdr, topic.schema)
         for name, count in unreadable.items():
-            self._note(name, f'{counted(count, "malformed message")} of {name} skipped')
+            said = f'{counted(count, "malformed message")} of {name} skipped'
+            self._lose(('messages', name), said, count)
 
     def _contents(self, stream: BinaryIO) -> Iterator[_Message]:
         """The message records; connections met on the way are taken in."""
         size = stream.seek(0, 2)
-        lost_chunk: tuple[int, str] | None = None
-        lost = 0
+        chunk = ChunkTally(self._path.name)
         position = len(VERSION_LINE)
         while position < size:
             record = record_at(stream, position)
             if record is None or record.size > SIZE_LIMIT:
                 found = next_chunk(stream, position + 1, size)
                 if found is None:
+                    chunk.end(self._account)
                     self._note_end(size - position)
                     return
-                self._note(
+                self._lose(
                     position, f'damaged at byte {position}, reading continues at byte {found}'
                 )
                 position = found
                 continue
             available = min(record.size, size - record.data)
-            if record.kind == RecordType.IDXDATA and lost_chunk is not None:
-                lost += record.size // 12
-                self._note_chunk(*lost_chunk, lost)
+            if record.kind == RecordType.IDXDATA:
+                chunk.indexed = (chunk.indexed or 0) + record.size // _INDEX_ENTRY_SIZE
             elif record.kind == RecordType.CHUNK:
-                lost_chunk, lost = None, 0
+                chunk.end(self._account)
+                chunk = ChunkTally(self._path.name, position)
                 stream.seek(record.data)
                 try:
                     raw = self._chunk(record, stream, cut=available < record.size)
                 except CompressionError as error:
-                    lost_chunk = (position, str(error))
-                    self._note_chunk(*lost_chunk, None)
+                    chunk.reason = str(error)
                 else:
-                    yield from self._records(raw)
+                    for message in self._records(raw, chunk):
+                        chunk.got += 1
+                        yield message
             elif record.kind in _SINGLE:
                 stream.seek(record.data)
-                yield from self._record(record, memoryview(stream.read(available)))
+                yield from self._record(record, memoryview(stream.read(available)), in_index=True)
             if available < record.size:
                 self._note_end(size - position)
                 return
             position = record.data + record.size
+        chunk.end(self._account)
 
     def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> memoryview:
         """What a chunk holds; of one that is cut, what there is of it."""
@@ -155,48 +189,71 @@ class Ros1File:
             raise CompressionError(problem)
         return raw
 
-    def _records(self, raw: memoryview) -> Iterator[_Message]:
+    def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[_Message]:
         stream = stream_of(raw)
         position = 0
         while position < len(raw):
             record = record_at(stream, position)
             if record is None or record.data + record.size > len(raw):
+                chunk.reason = 'it holds what is no record'
                 return
             yield from self._record(record, raw[record.data : record.data + record.size])
             position = record.data + record.size
 
-    def _record(self, record: Record, data: memoryview) -> Iterator[_Message]:
+    def _record(
+        self, record: Record, data: memoryview, *, in_index: bool = False
+    ) -> Iterator[_Message]:
         if record.kind == RecordType.CONNECTION:
-            self._connect(record.header, data)
+            self._connect(record.header, data, in_index)
         elif record.kind == RecordType.MSGDATA and len(data) == record.size:
             try:
                 yield _Message(
                     record.header.get_uint32('conn'), record.header.get_time('time'), data
                 )
             except PARSE_ERRORS:
-                self._note(record.data, 'a message record is damaged')
+                self._lose(record.data, 'a message record is damaged', 1)
 
-    def _connect(self, header: Header, data: memoryview) -> None:
-        """Take in a connection record; the first of an id counts."""
+    def _connect(self, header: Header, data: memoryview, in_index: bool) -> None:
+        """Take in a connection record; one of the index counts where the data have none."""
         try:
             key, name = header.get_uint32('conn'), header.get_string('topic')
-            if key in self._topics:
+            known = self._connections.get(key)
+            if known is not None and (
+                in_index or (known.topic.name, known.raw) == (name, bytes(data))
+            ):
                 return
-            if len(data) > _LARGEST_CONNECTION or len(self._topics) >= _MOST_CONNECTIONS:
+            full = key not in self._first and len(self._first) >= _MOST_CONNECTIONS
+            if len(data) > _LARGEST_CONNECTION or full:
                 raise ValueError('implausibly large')
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
             definition = fields.get_string('message_definition')
         except PARSE_ERRORS:
-            self._note('connections', 'a connection record is damaged')
+            self._lose('connections', 'a connection record is damaged', 0)
             return
         try:
             converter = ros1_type(kind, definition)
+            topic = TopicInfo(name, kind, None, 'ros1', converter.schema)
         except UnknownTypeError:
-            self._topics[key] = TopicInfo(name, kind, None, 'ros1 without a valid definition')
-            return
-        self._types[key] = converter
-        self._topics[key] = TopicInfo(name, kind, None, 'ros1', converter.schema)
+            converter = None
+            topic = TopicInfo(name, kind, None, 'ros1 without a valid definition')
+        if known is not None and (known.topic.name, known.topic.type) != (name, kind):
+            self._is_contradicted = True
+            said = (
+                f'connection {key} was said to be {words(known.topic.name)}, and is {words(name)}'
+            )
+            self._account.note((self._path.name, said), f'{self._path.name}: {said} in the data')
+        self._connections[key] = _Connection(topic, converter, bytes(data))
+        self._first.setdefault(key, self._connections[key])
+        self._found.setdefault(self._key(key), topic)
+
+    def _key(self, number: int) -> tuple[int, str, str]:
+        connection = self._connections.get(number)
+        return (
+            (number, connection.topic.name, connection.topic.type)
+            if connection
+            else (number, '', '')
+        )
 
     def _bag_header(self, stream: BinaryIO) -> Header | None:
         """The bag's header, None if it is damaged."""
@@ -233,26 +290,20 @@ class Ros1File:
             if len(data) < record.size:
                 return False
             if record.kind == RecordType.CONNECTION:
-                self._connect(record.header, data)
+                self._connect(record.header, data, True)
             elif record.kind == RecordType.CHUNK_INFO and record.size % 8 == 0:
                 for key, count in struct.iter_unpack('<II', data):
                     counts[key] += count
             else:
                 return False
             position = record.data + record.size
-        self._set_counts(counts)
+        for number, count in counts.items():
+            self._counts[self._key(number)] += count
+        self.written = counts.total()
         return position > len(VERSION_LINE)
 
-    def _set_counts(self, counts: Counter[int]) -> None:
-        for key, topic in self._topics.items():
-            self._topics[key] = replace(topic, message_count=counts[key])
-
-    def _note_chunk(self, offset: int, reason: str, lost: int | None) -> None:
-        messages = 'its messages are' if lost is None else counted(lost, 'message')
-        self._note(offset, f'chunk at byte {offset} skipped, as {reason}: {messages} lost')
-
     def _note_end(self, size: int) -> None:
-        self._note('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
+        self._lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
 
-    def _note(self, key: object, text: str) -> None:
-        self._problems.error((self._path, key), f'{self._path.name}: {text}')
+    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
+        self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)

@@ -78,6 +78,8 @@ class Rosbag2Writer:
         cdr: bytes | memoryview,
         schema: Schema | None = None,
         qos: str = RELIABLE_QOS,
+        publish_ns: int | None = None,
+        sequence: int | None = None,
     ) -> None:
         """Write one message; see `RecordingWriter.write`.
 
@@ -87,9 +89,14 @@ class Rosbag2Writer:
         if 0 < self._split_bytes <= self._parts[-1].writer.size:
             self._parts[-1].writer.close()
             self._begin_part()
-        self._parts[-1].writer.write(topic, type, stamp_ns, cdr, schema, qos)
+        self._parts[-1].writer.write(topic, type, stamp_ns, cdr, schema, qos, publish_ns, sequence)
         self._parts[-1].count(stamp_ns)
         self._topics.setdefault((topic, type), _Topic(qos)).messages += 1
+
+    @property
+    def moved(self) -> int:
+        """Messages from before 1970, which were given the time 0."""
+        return sum(part.writer.moved for part in self._parts)
 
     def copy(self, message: RecordedMessage) -> None:
         """Write a message of another recording with its own definition and QoS.

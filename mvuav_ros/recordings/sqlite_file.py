@@ -7,17 +7,19 @@ is searched without it.
 
 from __future__ import annotations
 
+import os
 import sqlite3
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Container, Hashable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT
 from mvuav_ros.recordings.recording import (
-    Problems,
     RecordedMessage,
     Schema,
     TopicInfo,
@@ -41,9 +43,13 @@ _MOST_TEXT = 1 << 26
 class SqliteFile:
     """One rosbag2 database; it is opened anew for every pass."""
 
-    def __init__(self, path: Path, problems: Problems) -> None:
+    written: int | None = None
+    sound = 0
+    skipped = 0
+
+    def __init__(self, path: Path, account: Account) -> None:
         self._path = path
-        self._problems = problems
+        self._account = account
         self._topics: dict[int, TopicInfo] | None = None
 
     def channels(self) -> Sequence[TopicInfo]:
@@ -52,14 +58,14 @@ class SqliteFile:
             self._topics = {}
             missing = PageFile(self._path).missing_bytes
             if missing:
-                self._note('cut', f'cut off; {counted(missing, "byte")} of it are missing')
+                self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
             try:
                 with self._connect() as database:
                     self._topics = _topics(database)
                     if not missing:
                         self._count(database)
             except (*_ERRORS, KeyError, ValueError) as error:
-                self._note('error', f'the database is damaged ({error})')
+                self._lose('error', f'the database is damaged ({error})')
         return tuple(self._topics.values())
 
     def messages(
@@ -75,23 +81,41 @@ class SqliteFile:
         }
         first = _FIRST if start_ns is None else max(start_ns, _FIRST)
         last = _LAST if end_ns is None else min(end_ns - 1, _LAST)
+        self.sound = self.skipped = 0
+        odd: Counter[str] = Counter()
+        for key, stamp_ns, data in self._rows(wanted, first, last):
+            problem = _oddity(stamp_ns, data)
+            topic = self._topics.get(key)
+            if problem or topic is None:
+                odd[problem or 'of topics that are not listed'] += 1
+                continue
+            self.sound += 1
+            self.skipped += topic.serialization_format != 'cdr'
+            if key in wanted and first <= stamp_ns <= last:
+                info = topic.schema, topic.qos
+                yield RecordedMessage(topic.name, topic.type, stamp_ns, data, *info)
+        for problem, count in odd.items():
+            self._lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
+
+    def _rows(self, wanted: Iterable[int], first: int, last: int) -> Iterator[tuple[Any, Any, Any]]:
+        """Topic, stamp and data of every row; the data are 1 where nobody wants them."""
         pages = PageFile(self._path)
         position = _FIRST
         # Of a file that was cut off, SQLite takes the missing part of its last page for zeros.
         if not pages.missing_bytes:
             try:
                 with self._connect() as database:
-                    for rowid, message in _rows(database, wanted, first, last):
-                        yield message
-                        position = rowid
+                    rows = _rows(database, wanted, first, last, self._size())
+                    for position, *row in rows:  # noqa: B007 - where SQLite gives up
+                        yield row[0], row[1], row[2]
                 return
             except _ERRORS as error:
-                self._note('error', f'the database is damaged ({error})')
-        for row in pages.messages(position):
-            if row.topic_id in wanted and first <= row.stamp_ns <= last:
-                yield _message(wanted[row.topic_id], row.stamp_ns, row.data)
+                self._lose('error', f'the database is damaged ({error})')
+        for found in pages.messages(position):
+            yield found.topic_id, found.stamp_ns, found.data
         if pages.incomplete_rows:
-            self._note('rows', f'{counted(pages.incomplete_rows, "message")} incomplete')
+            incomplete = pages.incomplete_rows
+            self._lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)
 
     def _count(self, database: sqlite3.Connection) -> None:
         assert self._topics is not None
@@ -106,7 +130,7 @@ class SqliteFile:
         logs = [log for log in _logs(self._path) if log.exists()]
         shared = Path(f'{self._path}-shm')
         if not all(log.is_file() for log in logs):
-            self._note('log', 'the log beside it is no file')
+            self._lose('log', 'the log beside it is no file')
             logs = []
         if not logs:
             with closing(self._opened('mode=ro&immutable=1')) as database:
@@ -117,7 +141,7 @@ class SqliteFile:
             database = self._opened('mode=ro')
             database.execute('SELECT count(*) FROM topics').fetchone()
         except sqlite3.OperationalError as error:
-            self._note('log', f'the log beside it cannot be used ({error})')
+            self._lose('log', f'the log beside it cannot be used ({error})')
             database = self._opened('mode=ro&immutable=1')
         try:
             with closing(database):
@@ -129,10 +153,12 @@ class SqliteFile:
 
     def _opened(self, mode: str) -> sqlite3.Connection:
         database = sqlite3.connect(
-            f'file:{quote(str(self._path.absolute()))}?{mode}', uri=True, check_same_thread=False
+            f'file:{quote(os.fsencode(self._path.absolute()))}?{mode}',
+            uri=True,
+            check_same_thread=False,
         )
         database.text_factory = _text
-        size = min(self._path.stat().st_size + _log_size(self._path), SIZE_LIMIT)
+        size = min(self._size(), SIZE_LIMIT)
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _SMALLEST_LIMIT))
         # Pages that point at each other would keep SQLite busy for ever.
         budget = iter(range(_STEPS_PER_BYTE * size // _STEPS + 1000))
@@ -141,8 +167,11 @@ class SqliteFile:
         database.execute('PRAGMA writable_schema=ON')
         return database
 
-    def _note(self, key: str, text: str) -> None:
-        self._problems.error((self._path, key), f'{self._path.name}: {text}')
+    def _size(self) -> int:
+        return self._path.stat().st_size + _log_size(self._path)
+
+    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
+        self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)
 
 
 def _logs(path: Path) -> list[Path]:
@@ -182,11 +211,12 @@ def _topics(database: sqlite3.Connection) -> dict[int, TopicInfo]:
 
 def _has_views(database: sqlite3.Connection) -> bool:
     """Whether it has what can have any number of rows; rosbag2 makes none."""
-    query = "SELECT 1 FROM sqlite_master WHERE sql LIKE 'CREATE%VIEW %' OR sql LIKE 'CREATE VIRT%'"
     try:
-        return database.execute(query).fetchone() is not None
+        listed = database.execute('PRAGMA main.table_list').fetchall()
     except _ERRORS:
         return False
+    # By what SQLite makes of the definition, which may be spelt in many ways.
+    return any(kind not in ('table', 'shadow') for _, _, kind, *_ in listed)
 
 
 def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
@@ -202,27 +232,36 @@ def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, 
 
 
 def _rows(
-    database: sqlite3.Connection, wanted: Mapping[int, TopicInfo], first: int, last: int
-) -> Iterator[tuple[int, RecordedMessage]]:
-    """The messages of some topics by row, ``first`` <= log time <= ``last``."""
+    database: sqlite3.Connection, wanted: Iterable[int], first: int, last: int, size: int
+) -> Iterator[tuple[int, Any, Any, Any]]:
+    """Every row's number, topic, log time, and the data if wanted: ``first`` <= time <= ``last``.
+
+    Raises:
+        sqlite3.DatabaseError: the rows hold more than the file's ``size``, or are out of order.
+    """
+    keys = ','.join(str(key) for key in wanted)
     rows = database.execute(
-        # The plus signs keep SQLite from walking the time index and then sorting.
-        'SELECT rowid, topic_id, timestamp, data FROM messages '
-        'WHERE +timestamp >= ? AND +timestamp <= ? '
-        f'AND +topic_id IN ({",".join(str(key) for key in wanted)}) ORDER BY rowid',
+        # Of a value whose type alone is asked for, SQLite reads nothing else.
+        "SELECT rowid, topic_id, timestamp, CASE WHEN typeof(data) != 'blob' THEN NULL "
+        f'WHEN topic_id IN ({keys}) AND timestamp BETWEEN ? AND ? THEN data ELSE 1 END '
+        'FROM messages ORDER BY rowid',
         (first, last),
     )
     previous = _FIRST
     for rowid, key, stamp_ns, data in rows:
-        if rowid <= previous:  # pages that point at each other would go on for ever
+        if isinstance(data, bytes):
+            size -= len(data)
+        if rowid <= previous or size < 0:  # pages that point at each other would go on for ever
             raise sqlite3.DatabaseError('its rows are out of order')
         previous = rowid
-        if isinstance(data, bytes) and isinstance(stamp_ns, int):
-            yield rowid, _message(wanted[key], stamp_ns, data)
+        yield rowid, key, stamp_ns, data
 
 
-def _message(topic: TopicInfo, stamp_ns: int, data: bytes) -> RecordedMessage:
-    return RecordedMessage(topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos)
+def _oddity(stamp_ns: object, data: object) -> str:
+    """Why a row is no message; '' if it is one."""
+    if not isinstance(stamp_ns, int):
+        return 'whose time is no integer'
+    return 'whose data are no bytes' if data is None else ''
 
 
 def _text(raw: bytes) -> str:

@@ -54,6 +54,10 @@ class RecordingWriter:
     removed. A process that is killed
     leaves what is older than a second. Messages are compressed and written by a thread of its
     own.
+
+    Attributes:
+        path: of the file.
+        moved: messages from before 1970, which were given the time 0.
     """
 
     def __init__(
@@ -73,6 +77,7 @@ class RecordingWriter:
             RecordingError: the file exists or cannot be created.
         """
         self.path = Path(path)
+        self.moved = 0
         self._file = OutputFile(self.path, overwrite)
         self._summary = Summary()
         self._schemas: dict[tuple[str, Schema | None], int] = {}
@@ -126,16 +131,20 @@ class RecordingWriter:
         cdr: bytes | memoryview,
         schema: Schema | None = None,
         qos: str = RELIABLE_QOS,
+        publish_ns: int | None = None,
+        sequence: int | None = None,
     ) -> None:
         """Write one message.
 
         Args:
             topic: the topic's full name.
             type: 'pkg/msg/Type'.
-            stamp_ns: the log and publishing time in ns since the epoch.
+            stamp_ns: the log time in ns since the epoch.
             cdr: the message with its four-byte CDR header.
             schema: the type's definition; Jazzy's if None.
             qos: the publisher's profiles as rosbag2 writes them.
+            publish_ns: the publishing time; the log time if None.
+            sequence: the publisher's number of the message; counted here if None.
 
         Raises:
             RecordingError: the file cannot be written, such as when the disk is full.
@@ -148,7 +157,9 @@ class RecordingWriter:
             if channel is None:
                 channel = self._new_channel(topic, type, schema, qos)
             # ROS clocks start at zero; an mcap file holds no earlier time.
+            self.moved += stamp_ns < 0
             stamp_ns = max(stamp_ns, 0)
+            publish_ns = stamp_ns if publish_ns is None else publish_ns
             if not self._chunks[-1].takes(stamp_ns, _CHUNK_NS):
                 self._hand_over()
             chunk = self._chunks[-1]
@@ -156,7 +167,8 @@ class RecordingWriter:
                 self._since = time.monotonic()
                 self._changed.notify_all()
             channel.sequence += 1
-            chunk.add(channel.id, channel.sequence, stamp_ns, cdr)
+            number = channel.sequence if sequence is None else sequence
+            chunk.add(channel.id, number, (stamp_ns, publish_ns), cdr)
             if chunk.size >= _CHUNK_BYTES:
                 self._hand_over()
 

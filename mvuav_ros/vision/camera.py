@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-# What sensor_msgs/CameraInfo calls them; OpenCV's coefficients are in the same order.
-DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial', '')
+Array = NDArray[np.float64]
+
+EQUIDISTANT = 'equidistant'
+COEFFICIENTS: dict[str, tuple[int, ...]] = {
+    'plumb_bob': (0, 4, 5, 8, 12, 14),
+    'rational_polynomial': (0, 4, 5, 8, 12, 14),
+    EQUIDISTANT: (0, 4),
+    '': (0, 4, 5, 8, 12, 14),
+}
+"""How many each of sensor_msgs/CameraInfo's models has, in OpenCV's order."""
+
+_NOWHERE = (0.0, 0.0, 0.0)
+_WIDEST_TURN = math.radians(89.0)
+"""Rad off the axis: what a fisheye sees farther out has no place on an image plane."""
+_WIDEST_POLYNOMIAL = 1.5
+"""Tangent of the angle off the axis: far outside of the frame the polynomials turn back."""
 
 
 class CalibrationError(ValueError):
@@ -18,22 +35,43 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera with lens distortion, as in sensor_msgs/CameraInfo.
+    """A camera with a lens, as in sensor_msgs/CameraInfo, for images as they are.
+
+    What OpenCV gives is taken as it is: ``k`` as a 3 x 3 array, ``d`` in any shape, or None.
+    `binned` and `cropped` give the calibration of smaller images of the same camera.
 
     Attributes:
         width: of the images that it was calibrated with, px.
         height: of these images, px.
         k: the camera matrix, nine numbers, row-major, px.
-        d: OpenCV's distortion coefficients, at most 14.
-        distortion_model: ``plumb_bob``, ``rational_polynomial`` or empty.
+        d: OpenCV's distortion coefficients: 0, 4, 5, 8, 12 or 14 numbers; ``equidistant``: 0 or 4.
+        distortion_model: ``plumb_bob``, ``rational_polynomial``, ``equidistant`` (OpenCV's
+            fisheye model: k1 to k4 in the angle off the axis) or empty.
+        r: the rectification, nine numbers; empty: none is known.
+        p: the projection of rectified images, twelve numbers, px; empty: none is known.
+        is_rectified: the images are rectified: ``p`` holds for them, without distortion, and
+            poses are those of the turned camera that ``r`` and ``p`` make of this one.
+
+    Raises:
+        CalibrationError: a matrix has another number of elements, or something is no number.
+            Whether the numbers can be used, `check` says.
 
     Examples:
+        >>> import numpy as np
         >>> from mvuav_ros import CameraModel
-        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> k = np.array([[600, 0, 320], [0, 600, 240], [0, 0, 1]])
+        >>> camera = CameraModel(640, 480, k, d=np.zeros((5, 1)))
         >>> camera.check(640, 480)
-        >>> camera.check(320, 240)  # doctest: +ELLIPSIS
+        >>> camera.project([(0.5, 0.0, 10.0)]).round(1).tolist()
+        [[350.0, 240.0]]
+        >>> camera.check(320, 240)
         Traceback (most recent call last):
-        mvuav_ros.vision.camera.CalibrationError: ...
+        mvuav_ros.vision.camera.CalibrationError: camera_info is for 640 x 480 px, the images are \
+320 x 240 px
+        >>> camera.binned(2, 2).check(320, 240)
+        >>> CameraModel(640, 480, k=(600, 600))
+        Traceback (most recent call last):
+        mvuav_ros.vision.camera.CalibrationError: the camera matrix needs 3 x 3 numbers, not 2
     """
 
     width: int
@@ -41,35 +79,185 @@ class CameraModel:
     k: tuple[float, ...]
     d: tuple[float, ...] = ()
     distortion_model: str = 'plumb_bob'
+    r: tuple[float, ...] = ()
+    p: tuple[float, ...] = ()
+    is_rectified: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'k', _numbers(self.k, 'camera matrix', '3 x 3', (9,)))
+        object.__setattr__(self, 'd', _numbers(self.d, 'distortion'))
+        r = _numbers(self.r, 'rectification matrix', '3 x 3', (0, 9))
+        object.__setattr__(self, 'r', r)
+        object.__setattr__(self, 'p', _numbers(self.p, 'projection matrix', '3 x 4', (0, 12)))
 
     @cached_property
-    def matrix(self) -> NDArray[np.float64]:
-        """K, (3, 3), px."""
-        return np.array(self.k, np.float64).reshape(3, 3)
+    def matrix(self) -> Array:
+        """What holds for the images: K, or of rectified ones the first three columns of P; px."""
+        if not self.is_rectified:
+            return np.array(self.k).reshape(3, 3)
+        return np.array(self.p or np.zeros(12)).reshape(3, 4)[:, :3].copy()
 
     @cached_property
-    def distortion(self) -> NDArray[np.float64]:
-        """Distortion coefficients, (n,); five zeros without distortion."""
-        return np.array(self.d or (0.0,) * 5, np.float64)
+    def distortion(self) -> Array:
+        """Distortion coefficients of the images, (n,); zeros without distortion."""
+        zeros = (0.0,) * (4 if self.is_fisheye else 5)
+        return np.array(zeros if self.is_rectified else self.d or zeros)
+
+    @cached_property
+    def is_straight(self) -> bool:
+        """Whether straight lines are straight in the images."""
+        return not self.is_fisheye and not self.distortion.any()
+
+    @property
+    def is_fisheye(self) -> bool:
+        """Whether images are seen through OpenCV's fisheye model."""
+        return self.distortion_model == EQUIDISTANT and not self.is_rectified
+
+    def rectified(self) -> CameraModel:
+        """The same for images that were rectified with it."""
+        return self if self.is_rectified else replace(self, is_rectified=True)
+
+    def cropped(self, x: int, y: int, width: int, height: int) -> CameraModel:
+        """The calibration of a part of the images: CameraInfo's ``roi``, px."""
+        k, p = (_shifted(matrix, -x, -y) for matrix in (self.k, self.p))
+        return replace(self, width=width, height=height, k=k, p=p)
+
+    def binned(self, x: int, y: int) -> CameraModel:
+        """The calibration of images in which ``x`` by ``y`` pixels are one: CameraInfo's binning.
+
+        The centre of the first pixel is (0, 0) before and after, so that of x pixels is at
+        (x - 1) / 2 before it becomes 0.
+        """
+        k, p = (
+            _scaled(_shifted(matrix, -0.5 * (x - 1), -0.5 * (y - 1)), x, y)
+            for matrix in (self.k, self.p)
+        )
+        return replace(self, width=self.width // x, height=self.height // y, k=k, p=p)
 
     def check(self, width: int, height: int) -> None:
         """Make sure that images of that size (px) can be measured with this calibration.
 
         Raises:
-            CalibrationError: it is all zeros (uncalibrated), of another size, or not a pinhole
-                camera's.
+            CalibrationError: it is all zeros (uncalibrated), of another size, or of a lens model
+                that is not known.
         """
-        if len(self.k) != 9 or not np.isfinite(self.k).all() or not np.isfinite(self.d).all():
+        if self.distortion_model not in COEFFICIENTS:
+            raise CalibrationError(
+                f'distortion model {self.distortion_model!r} is not one of '
+                f'{", ".join(filter(None, COEFFICIENTS))}'
+            )
+        if not np.isfinite((*self.k, *self.d, *self.p)).all():
             raise CalibrationError('camera_info contains values that are not finite')
-        if self.k[0] <= 0 or self.k[4] <= 0:
+        if self.is_rectified and not (self.p and self.p[0] > 0 and self.p[5] > 0):
+            raise CalibrationError(
+                'camera_info has no projection matrix P, which rectified images need'
+            )
+        if self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
             raise CalibrationError('camera_info is all zeros: the camera is not calibrated')
+        if len(self.d) not in COEFFICIENTS[self.distortion_model]:
+            *few, most = map(str, COEFFICIENTS[self.distortion_model])
+            raise CalibrationError(
+                f'{self.distortion_model or "a lens"} has {", ".join(few)} or {most} distortion '
+                f'coefficients, not {len(self.d)}'
+            )
         if (self.width, self.height) != (width, height):
             raise CalibrationError(
                 f'camera_info is for {self.width} x {self.height} px, '
                 f'the images are {width} x {height} px'
             )
-        if self.distortion_model not in DISTORTION_MODELS:
-            raise CalibrationError(
-                f'distortion model {self.distortion_model!r} is not one of '
-                f'{", ".join(filter(None, DISTORTION_MODELS))}'
-            )
+
+    def undistort(self, pixels: ArrayLike) -> Array:
+        """Where the rays of pixels meet the plane one ahead: (n, 2) px to (n, 2), x / z and y / z.
+
+        What a fisheye sees 89° and more off the axis is put at 89°.
+        """
+        points = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
+        if not len(points):
+            return np.empty((0, 2))
+        if self.is_straight:
+            matrix = self.matrix
+            flat = (points.reshape(-1, 2) - matrix[:2, 2]) / (matrix[0, 0], matrix[1, 1])
+            return np.asarray(flat)
+        if not self.is_fisheye:
+            flat = cv2.undistortPoints(points, self.matrix, self.distortion)
+            return np.asarray(flat, np.float64).reshape(-1, 2)
+        return self._undistort_fisheye(points.reshape(-1, 2))
+
+    def _undistort_fisheye(self, pixels: Array) -> Array:
+        """Newton's method on theta_d = theta (1 + k1 theta² + ... + k4 theta⁸).
+
+        OpenCV's own gives up on a part of the points beyond about 80°.
+        """
+        matrix = self.matrix
+        bent = (pixels - matrix[:2, 2]).T / np.array([(matrix[0, 0],), (matrix[1, 1],)])
+        wanted = np.hypot(*bent)
+        turn = np.minimum(wanted, _WIDEST_TURN)
+        powers = np.array((3, 5, 7, 9))[:, None]
+        d = self.distortion[:, None]
+        for _ in range(20):
+            error = turn + (d * turn**powers).sum(axis=0) - wanted
+            slope = 1.0 + (d * powers * turn ** (powers - 1)).sum(axis=0)
+            turn, before = np.clip(turn - error / np.maximum(slope, 0.1), 0.0, _WIDEST_TURN), turn
+            if np.abs(turn - before).max() < 1e-13:
+                break
+        scale = np.where(wanted > 1e-12, np.tan(turn) / np.maximum(wanted, 1e-12), 1.0)
+        return np.asarray((bent * scale).T)
+
+    def project(
+        self, points: ArrayLike, rvec: ArrayLike = _NOWHERE, tvec: ArrayLike = _NOWHERE
+    ) -> Array:
+        """Where points are seen: (n, 3) m, moved by ``rvec`` (rad) and ``tvec`` (m); (n, 2) px."""
+        return self._project(points, rvec, tvec)[0]
+
+    def project_with_jacobian(
+        self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike
+    ) -> tuple[Array, Array]:
+        """`project`, and its derivative (2n, 6) by ``rvec`` and ``tvec``."""
+        pixels, jacobian = self._project(points, rvec, tvec)
+        first = 8 if self.is_fisheye else 0
+        return pixels, jacobian[:, first : first + 6]
+
+    def _project(self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike) -> tuple[Array, Array]:
+        given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
+        turn, place = (np.array(each, np.float64).reshape(3, 1) for each in (rvec, tvec))
+        if not len(given):
+            return np.empty((0, 2)), np.empty((0, 15))
+        project: Any = cv2.fisheye.projectPoints if self.is_fisheye else cv2.projectPoints
+        seen, jacobian = project(given, turn, place, self.matrix, self.distortion)
+        return np.asarray(seen, np.float64).reshape(-1, 2), np.asarray(jacobian, np.float64)
+
+    @property
+    def widest(self) -> float:
+        """Greatest x / z and y / z for `project`: beyond, a lens model may turn back."""
+        return math.tan(_WIDEST_TURN) if self.is_fisheye else _WIDEST_POLYNOMIAL
+
+
+def _numbers(given: Any, name: str, shape: str = '', counts: tuple[int, ...] = ()) -> Any:
+    """Plain numbers, row-major, of a sequence or an array of any shape."""
+    is_plain = type(given) is tuple and all(type(value) is float for value in given)
+    try:
+        numbers = given if is_plain else np.asarray(() if given is None else given, np.float64)
+    except (TypeError, ValueError) as error:
+        raise CalibrationError(f'the {name} holds what is no number: {error}') from error
+    count = len(given) if is_plain else numbers.size
+    if counts and count not in counts:
+        raise CalibrationError(f'the {name} needs {shape} numbers, not {count}')
+    return given if is_plain else tuple(numbers.ravel().tolist())
+
+
+def _shifted(matrix: tuple[float, ...], x: float, y: float) -> tuple[float, ...]:
+    """K or P with its principal point moved, px."""
+    if not matrix:
+        return matrix
+    columns = len(matrix) // 3
+    moved = list(matrix)
+    moved[2] += x
+    moved[columns + 2] += y
+    return tuple(moved)
+
+
+def _scaled(matrix: tuple[float, ...], x: int, y: int) -> tuple[float, ...]:
+    """K or P of images that are so many times smaller."""
+    columns = len(matrix) // 3
+    parts = (matrix[:columns], matrix[columns : 2 * columns], matrix[2 * columns :])
+    return (*(v / x for v in parts[0]), *(v / y for v in parts[1]), *parts[2])

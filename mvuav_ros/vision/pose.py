@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -237,7 +236,7 @@ class PoseEstimator:
         if spread is None or not _is_known(covariance, tvec, share):
             self.reason = 'the pose is too uncertain'
             return None
-        seen = cv2.projectPoints(self._points, rvec, tvec, camera.matrix, camera.distortion)[0]
+        seen = camera.project(self._points, rvec, tvec)
         return Pose(
             rotation_of(rvec),
             tvec.reshape(3),

@@ -29,9 +29,7 @@ def draw_pose(image: NDArray[np.uint8], pose: Pose, camera: CameraModel, rig: Ma
     tips = origin + length * np.eye(3)
     points = np.vstack((origin, tips)) @ pose.rotation.T + pose.translation
     if points[:, 2].min() > _NEAREST:
-        pixels = cv2.projectPoints(
-            points, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
-        )[0].reshape(-1, 2)
+        pixels = camera.project(points)
         if np.abs(pixels).max() < 2.0**20:
             start, *ends = (np.round(pixels * 2**_SHIFT)).astype(int).tolist()
             for end, color in zip(ends, _AXES, strict=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import cv2
@@ -30,31 +31,56 @@ class Reprojection:
     def __init__(self, camera: CameraModel, points: Array, image: Array) -> None:
         self.image = image
         self._points = points
+        self._camera = camera
+        # OpenCV's solvers know pinhole cameras alone.
         self._matrix, self._distortion = camera.matrix, camera.distortion
+        self._flat = image
+        if camera.is_fisheye:
+            self._matrix, self._distortion = np.eye(3), np.zeros(5)
+            self._flat = camera.undistort(image)
 
     def refine(self, rvec: Array, tvec: Array) -> Solution | None:
         """The nearest minimum of the reprojection error; None behind the camera."""
         try:
-            refined = cv2.solvePnPRefineLM(
-                self._points,
-                self.image,
-                self._matrix,
-                self._distortion,
-                rvec.copy(),
-                tvec.copy(),
-                _REFINEMENT,
-            )
-        except cv2.error:
+            refined = self._refine_fisheye if self._camera.is_fisheye else self._refine_pinhole
+            rvec, tvec = refined(rvec, tvec)
+        except (cv2.error, np.linalg.LinAlgError):
             return None
-        rvec, tvec = (np.asarray(vector, np.float64) for vector in refined)
         if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
             return None
         in_front = (self._points @ rotation_of(rvec).T)[:, 2] + tvec[2] > 0.0
         if not in_front.all():
             return None
-        seen, _ = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)
-        residual = self.image - seen.reshape(-1, 2)
+        residual = self.image - self._camera.project(self._points, rvec, tvec)
         return rvec, tvec, float((residual * residual).sum())
+
+    def _refine_pinhole(self, rvec: Array, tvec: Array) -> tuple[Array, Array]:
+        image, model = self.image, (self._matrix, self._distortion)
+        refined = cv2.solvePnPRefineLM(
+            self._points, image, *model, rvec.copy(), tvec.copy(), _REFINEMENT
+        )
+        rvec, tvec = (np.asarray(vector, np.float64) for vector in refined)
+        return rvec, tvec
+
+    def _refine_fisheye(self, rvec: Array, tvec: Array) -> tuple[Array, Array]:
+        """Levenberg-Marquardt on the image error, as OpenCV's is for pinhole cameras alone."""
+        at = np.concatenate((rvec.ravel(), tvec.ravel()))
+        seen, jacobian = self._camera.project_with_jacobian(self._points, at[:3], at[3:])
+        residual, damping = (self.image - seen).ravel(), 1e-3
+        for _ in range(_REFINEMENT[1]):
+            normal = jacobian.T @ jacobian
+            damped = normal + damping * np.diag(np.diag(normal))
+            step = np.linalg.solve(damped, jacobian.T @ residual)
+            tried = at + step
+            seen, changed = self._camera.project_with_jacobian(self._points, tried[:3], tried[3:])
+            left = (self.image - seen).ravel()
+            if left @ left <= residual @ residual:
+                at, jacobian, residual, damping = tried, changed, left, 0.1 * damping
+                if np.linalg.norm(step) <= 1e-10 * np.linalg.norm(at):
+                    break
+            else:
+                damping *= 10.0
+        return at[:3].reshape(3, 1), at[3:].reshape(3, 1)
 
     def solve(self) -> list[Solution]:
         """All solutions that OpenCV's solvers and a few tilted starts lead to."""
@@ -85,7 +111,7 @@ class Reprojection:
         for method in methods:
             try:
                 _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-                    self._points, self.image, self._matrix, self._distortion, flags=method
+                    self._points, self._flat, self._matrix, self._distortion, flags=method
                 )
             except cv2.error:
                 continue
@@ -97,12 +123,41 @@ class Reprojection:
 
     def jacobian(self, rvec: Array, tvec: Array) -> Array:
         """(2n, 6), of the pixels by translation (m) and small turns about the fixed axes (rad)."""
-        derivatives = cv2.projectPoints(self._points, rvec, tvec, self._matrix, self._distortion)[1]
+        derivatives = self._camera.project_with_jacobian(self._points, rvec, tvec)[1]
         by_place = derivatives[:, 3:6]
         # A small turn w moves a point p, as seen from the body's origin, by w x p.
         points = np.repeat(self._points @ rotation_of(rvec).T, 2, axis=0)
         by_turn = points[:, _NEXT] * by_place[:, _LAST] - points[:, _LAST] * by_place[:, _NEXT]
         return np.hstack((by_place, by_turn))
+
+
+def projection_derivatives(
+    camera: CameraModel,
+    points: Array,
+    rotation: Array,
+    translation: Array,
+    about: Sequence[float],
+) -> tuple[Array, Array, Array]:
+    """Where points of a body are seen, and how that changes with its pose.
+
+    Args:
+        camera: calibrated.
+        points: (n, 3), m, in the body's frame.
+        rotation: (3, 3), optical frame from the body's.
+        translation: (3,), of the body's origin, m.
+        about: (3,), m, the body's point that small turns leave in its place.
+
+    Returns:
+        The pixels (n, 2), and their derivatives by the place (n, 2, 3, px/m) and by small turns
+        about the optical axes (n, 2, 3, px/rad).
+    """
+    rvec = cv2.Rodrigues(rotation)[0]
+    seen, derivatives = camera.project_with_jacobian(points, rvec, translation)
+    by_place = derivatives[:, 3:6].reshape(-1, 2, 3)
+    # A small turn w moves a point p, as seen from the fixed one, by w x p.
+    arms = ((points - about) @ rotation.T)[:, None, :]
+    by_turn = arms[:, :, _NEXT] * by_place[:, :, _LAST] - arms[:, :, _LAST] * by_place[:, :, _NEXT]
+    return seen, by_place, by_turn
 
 
 def rotation_of(rvec: Array) -> Array:

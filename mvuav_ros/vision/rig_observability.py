@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
-from mvuav_ros.vision.reprojection import rotation_of
+from mvuav_ros.vision.reprojection import Reprojection, rotation_of
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.rig_examination import cycles_of
 
 Array = NDArray[np.float64]
 
 TILTS_DEG = (-30.0, 0.0, 30.0)  # Pitch and yaw, each, of the views that are tried
-FARTHEST_TILT_DEG = 60.0
-"""A pose that is turned away further is not one seen from behind, and no confusion."""
+_LEAST_AHEAD = math.cos(math.radians(60.0))
+"""A pose whose x axis is turned away further is not one seen from behind, and no confusion."""
 _MOST_MARKERS = 8  # Of a rig of which more than two names are exchanged at once
 _STEP = 1e-6
 
@@ -127,30 +127,15 @@ def _exchanges(count: int) -> Iterator[tuple[int, ...]]:
 
 def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
     """Root mean square of the best pose that is seen from behind, px; infinite for none."""
-    try:
-        _, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-            points, seen, camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_SQPNP
-        )
-    except cv2.error:
-        return math.inf
+    view = Reprojection(camera, points, np.ascontiguousarray(seen))
     least = math.inf
-    for rvec, tvec in zip(rvecs, tvecs, strict=True):
-        if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
-            continue
-        rvec, tvec = cv2.solvePnPRefineLM(
-            points, seen, camera.matrix, camera.distortion, rvec, tvec
-        )
-        rotation = rotation_of(np.asarray(rvec, np.float64))
+    for rvec, tvec in view.closed_forms():
+        solution = view.refine(rvec, tvec)
         # The body's x axis is to point away from the camera.
-        if rotation[2, 0] < math.cos(math.radians(FARTHEST_TILT_DEG)):
-            continue
-        place = np.asarray(tvec, np.float64).reshape(3)
-        beside = _project(points, rotation, place, camera) - seen
-        least = min(least, math.sqrt(float((beside * beside).sum(axis=1).mean())))
+        if solution is not None and rotation_of(solution[0])[2, 0] >= _LEAST_AHEAD:
+            least = min(least, math.sqrt(solution[2] / len(points)))
     return least
 
 
 def _project(points: Array, rotation: Array, translation: Array, camera: CameraModel) -> Array:
-    rvec = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
-    seen = cv2.projectPoints(points, rvec, translation, camera.matrix, camera.distortion)[0]
-    return np.asarray(seen, np.float64).reshape(-1, 2)
+    return camera.project(points, cv2.Rodrigues(rotation)[0], translation)

@@ -6,8 +6,9 @@ import math
 import signal
 from itertools import islice
 
+import numpy as np
 import pytest
-from geometry_msgs.msg import PointStamped, Vector3Stamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3Stamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import SetBool, Trigger
@@ -22,6 +23,7 @@ from mvuav_ros.processing.messages.sensors import encode_camera_info
 from mvuav_ros.recordings.sources.simulated import camera_model
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.vision.camera import CameraModel
 
 NODE = 'marker_tracker'
 
@@ -73,6 +75,32 @@ def test_an_image_waits_for_the_camera_info_of_its_stamp(graph):
         graph.spin(0.02)
     graph.until(lambda: len(rpy) == 10, '10 answers')
     assert not any(math.isnan(message.vector.y) for message in rpy)
+
+
+def test_images_whose_topic_says_so_are_rectified(graph):
+    """P holds for them, not the K and d beside it; /diagnostics says so."""
+    flown = TankerFlight(TankerSettings(motion='docking', frames=90))
+    right = camera_model(flown.camera)
+    fx, _, cx, _, fy, cy, *_ = right.k
+    p = (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)
+    wrong_k = tuple(0.5 * value for value in right.k[:8])
+    raw = CameraModel(right.width, right.height, (*wrong_k, 1.0), (-0.3, 0.1, 0.0, 0.0), p=p)
+    graph.start(NODE, remap=('image_raw:=/nose/image_rect',))
+    poses = graph.listen(f'/{NODE}/pose', PoseWithCovarianceStamped)
+    infos = graph.probe.create_publisher(CameraInfo, '/nose/camera_info', QoSProfile(depth=10))
+    images = graph.probe.create_publisher(Image, '/nose/image_rect', QoSProfile(depth=10))
+    heard = images.get_subscription_count, infos.get_subscription_count
+    graph.until(lambda: all(count() for count in heard), 'subscribers')
+    for index, frame in enumerate(islice(flown, 6)):
+        image = image_message(frame.image.pixels, index)
+        infos.publish(encode_camera_info(raw, image.header))
+        images.publish(image)
+        graph.until(lambda: len(poses) > index, 'an answer')  # noqa: B023
+        if index > 2:
+            place = poses[-1].pose.pose.position
+            truth = np.linalg.norm(frame.truth.translation)
+            assert np.linalg.norm((place.x, place.y, place.z)) == pytest.approx(truth, rel=0.01)
+    assert graph.diagnostics(NODE)['calibration'] == 'P: the images are rectified'
 
 
 def test_absence_is_said(graph):

@@ -28,6 +28,7 @@ MARKER_TOPICS = {
     '/marker_tracker/markers': PointCloud2,
     '/marker_tracker/rpy': Vector3Stamped,
     '/marker_tracker/pose': PoseWithCovarianceStamped,
+    '/marker_tracker/integrity': DiagnosticArray,
     '/marker_tracker/marker/left_stabilizer': PointStamped,
 }
 RUNWAY_TOPICS = {

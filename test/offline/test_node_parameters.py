@@ -8,6 +8,7 @@ import pytest
 from support.commands import mvuav
 from support.places import ROOT
 
+from mvuav_ros import load_parameters
 from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
 from mvuav_ros.parameters.declaration import ParameterError
 
@@ -52,3 +53,20 @@ def test_every_command_refuses_it(tmp_path: Path, command: str) -> None:
     assert run.status == 1
     assert 'search_radios' in run.error
     assert not list(tmp_path.glob('out/*'))
+
+
+@pytest.mark.parametrize(
+    'key', ['marker_trackr', '/ns/marker_trackr', '/**/marker_trackr', 'markr*']
+)
+def test_a_misspelt_node_in_a_file_is_refused(tmp_path: Path, key: str) -> None:
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(
+        f'/**/runway_detector: {{ros__parameters: {{num_peaks: 2}}}}\n'
+        f"'{key}': {{ros__parameters: {{threshold: 0.5}}}}\n"
+    )
+    with pytest.raises(ParameterError, match=r'no such node: .*; there are video_source'):
+        resolve_parameters(['marker_tracker'], path)
+    with pytest.raises(ParameterError, match='no such node'):
+        load_parameters(path, 'marker_tracker')
+    run = mvuav('replay', BAG, '-o', tmp_path / 'out.mcap', '--params-file', path)
+    assert 'no such node' in run.error and not (tmp_path / 'out.mcap').exists()

@@ -18,7 +18,7 @@ from mvuav_ros.panel import foreign
         ('\u202eturned\u202c\u200b\x00', 'turned'),
         ('\x1b[31mred', '[31mred'),
         ('Z' + '\u0300' * 99, 'Z\u0300\u0300'),
-        ('\ud800lone', 'lone'),
+        ('\ud800lone', '\ufffdlone'),
         ('x' * 300, 'x' * 199 + '…'),
         (None, 'None'),
     ],

@@ -4,7 +4,10 @@ import asyncio
 import csv
 import io
 import json
+import os
+import re
 import shutil
+import threading
 from dataclasses import replace
 
 import pytest
@@ -113,7 +116,23 @@ def test_damaged_runs_are_left_out_and_deleted_ones_gone(made, tmp_path):
     for name, words in (('one', '{'), ('two', '{}'), ('three', '[]'), ('four', '[' * 100_000)):
         (store.folder / name).mkdir()
         (store.folder / name / 'run.json').write_text(words)
-    assert [each.name for each in store.all()] == ['first']
+    sound = (store.folder / 'first' / 'run.json').read_text()
+    made_at = re.compile(r'"made": [^,]+')
+    for number, words in enumerate(('1e400', '-1', 'NaN', '1e18', '1' * 5000)):
+        (store.folder / f'made {number}').mkdir()
+        bad = made_at.sub(f'"made": {words}', sound)
+        assert bad != sound
+        (store.folder / f'made {number}' / 'run.json').write_text(bad)
+    (store.folder / 'fifo').mkdir()
+    os.mkfifo(store.folder / 'fifo' / 'run.json')
+    found = []
+    thread = threading.Thread(target=lambda: found.extend(store.all()), daemon=True)
+    thread.start()
+    thread.join(60.0)
+    assert not thread.is_alive(), 'it waits for somebody to write into a FIFO'
+    assert [each.name for each in found] == ['first']
+    bad = {'one', 'two', 'three', 'four', 'fifo', *(f'made {number}' for number in range(5))}
+    assert store.rejected.keys() == bad and all(store.rejected.values())
     store.delete('first')
     assert store.all() == [] and not (store.folder / 'first').exists()
 

@@ -1,6 +1,9 @@
 """Named sets of the panel: ordinary parameter files that cannot leave their folder."""
 
+import os
+import threading
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -94,6 +97,43 @@ def test_foreign_files_in_the_folder_are_left_out(tmp_path):
     (tmp_path / '.hidden.yaml').write_text('marker_tracker: {ros__parameters: {threshold: 0.5}}')
     (tmp_path / 'good.yaml').write_text('marker_tracker: {ros__parameters: {threshold: 0.5}}')
     assert SetStore(tmp_path).names(KIND) == ['good']
+
+
+STRANGE = {
+    'fifo': os.mkfifo,
+    'folder': Path.mkdir,
+    'device': lambda path: path.symlink_to('/dev/zero'),
+    'nowhere': lambda path: path.symlink_to('nowhere'),
+    'long': lambda path: path.write_bytes(b' ' * 200_000),
+    **{
+        name: lambda path, words=words: path.write_text(
+            f'marker_tracker: {{ros__parameters: {{threshold: {words}}}}}'
+        )
+        for name, words in (('int', '!!int ""'), ('bool', '!!bool x'), ('digits', '1' * 5000))
+    },
+}
+
+
+def test_whatever_lies_in_the_folder_is_named_with_a_reason_and_waited_for_never(tmp_path):
+    store, found = SetStore(tmp_path), []
+    store.save('good', KIND, {'threshold': 0.5})
+    for name, make in STRANGE.items():
+        make(tmp_path / f'{name}.yaml')
+    os.mkfifo(tmp_path / 'good.new')
+
+    def use():
+        found.extend(store.names(KIND))
+        store.save('good', KIND, {'threshold': 0.6})
+        for name in STRANGE:
+            with pytest.raises(ParameterError):
+                store.load(name, KIND)
+
+    thread = threading.Thread(target=use, daemon=True)
+    thread.start()
+    thread.join(60.0)
+    assert not thread.is_alive(), 'it waits for somebody to write into a FIFO'
+    assert found == ['good'] and store.load('good', KIND) == {'threshold': 0.6}
+    assert store.rejected.keys() == STRANGE.keys() and all(store.rejected.values())
 
 
 def test_differences_of_two_sets():

@@ -30,6 +30,7 @@ CONTRACT = {
     'max_hold': 15,
     'association': 'nearest',
     'image_transport': 'raw',
+    'image_is_rectified': False,
     'opencv_threads': 1,
     'autostart': True,
     'publish_tf': True,

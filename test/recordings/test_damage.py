@@ -133,12 +133,11 @@ def test_corrupt_chunk_in_the_middle(tmp_path: Path, compression: str, summary: 
     path.write_bytes(content)
     got, errors = read(path)
     assert got == kept
-    assert len(errors) == (2 if summary else 1)
-    assert 'chunk' in errors[0]
+    (error,) = errors
+    assert 'chunk' in error
     if summary:  # only then do message indexes say how many there were
         lost = len(SAMPLES) - len(kept)
-        assert f'{lost} messages lost' in errors[0]
-        assert f'{lost} of {len(SAMPLES)} messages lost' in errors[1]
+        assert f'{lost} messages lost' in error
 
 
 def test_corrupt_chunk_of_ros1(tmp_path: Path) -> None:

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import csv
 import gc
+import itertools
+import json
 import math
+import re
 import sys
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support.recording_samples import STORE, cdr
+from support.commands import mvuav
+from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 
 from mvuav_ros.processing.messages.markers import encode_markers, encode_rpy
-from mvuav_ros.recordings import exporting
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.exporting import export
+from mvuav_ros.recordings import result_rows, tables
+from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
+from mvuav_ros.recordings.exporting import export as export_flights
 from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.points import view_points
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult
@@ -27,6 +32,11 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 STAMP_NS = 1_700_000_000_123_456_789
 POSE = 'geometry_msgs/msg/PoseStamped'
+
+
+def export(path: Path, *given: Any, **options: Any) -> dict[Path, int]:
+    """One flight's."""
+    return export_flights({'flight': path}, *given, **options)
 
 
 def marker_result() -> MarkerResult:
@@ -45,6 +55,17 @@ def pose(x: float) -> bytes:
 
 
 POSE_DATA = pose(0.1)
+
+
+def interrupted_after(count: int) -> Callable[[Any], Any]:
+    rows, calls = result_rows.ResultRows.of, itertools.count(1)
+
+    def read(self: Any, message: Any) -> Any:
+        if next(calls) > count:
+            raise KeyboardInterrupt
+        return rows(self, message)
+
+    return read
 
 
 @pytest.fixture
@@ -82,7 +103,7 @@ def test_tables_are_kept_unless_overwritten(results: Path, tmp_path: Path) -> No
         file.write_text('mine')
     with pytest.raises(RecordingError, match='exists'):
         export(results, folder, 'csv')
-    assert all(file.read_text() == 'mine' for file in folder.iterdir())
+    assert all(file.read_text() == 'mine' for file in folder.glob('*.csv'))
     assert not any(
         file.read_text() == 'mine' for file in export(results, folder, 'csv', overwrite=True)
     )
@@ -101,7 +122,7 @@ def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     table = parquet.read_table(tmp_path / 'out' / 'marker_tracker_markers.parquet')
     assert table.num_rows == 15
     assert table['stamp_ns'].to_pylist() == [STAMP_NS] * 15
-    assert table.column_names[:3] == ['stamp_ns', 'row', 'x']
+    assert table.column_names[:5] == ['flight', 'stamp_ns', 'stamp', 'row', 'x']
 
 
 @pytest.mark.parametrize('form', ['csv', 'parquet', 'tum'])
@@ -110,7 +131,7 @@ def test_a_flight_of_any_length_takes_no_memory(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 500)
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 500)
     count = 8_000
     path = tmp_path / 'results.mcap'
     with RecordingWriter(path) as writer:
@@ -131,13 +152,7 @@ def test_a_run_that_fails_leaves_nothing_in_the_way(
 ) -> None:
     if form == 'parquet':
         pytest.importorskip('pyarrow.parquet')
-    contents = exporting._contents
-
-    def interrupted(*arguments: Any) -> Iterator[Any]:
-        yield from contents(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(exporting, '_contents', interrupted)
+    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', form)
     assert list((tmp_path / 'out').iterdir()) == []
@@ -147,14 +162,9 @@ def test_a_parquet_export_that_fails_says_nothing_more(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('pyarrow.parquet')
-    contents, said = exporting._contents, []
-
-    def interrupted(*arguments: Any) -> Iterator[Any]:
-        yield from contents(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(exporting, '_contents', interrupted)
-    monkeypatch.setattr(exporting, '_ROWS_AT_ONCE', 1)
+    said: list[Any] = []
+    monkeypatch.setattr(result_rows.ResultRows, 'of', interrupted_after(1))
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 1)
     monkeypatch.setattr(sys, 'unraisablehook', said.append)
     with pytest.raises(KeyboardInterrupt):
         export(results, tmp_path / 'out', 'parquet')
@@ -166,12 +176,13 @@ def test_a_run_that_fails_keeps_what_was_there(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / 'out'
-    before = {file: file.read_bytes() for file in export(results, folder, 'csv')}
+    export(results, folder, 'csv')
+    before = {file: file.read_bytes() for file in folder.iterdir()}
 
     def fail(_table: Any) -> None:
         raise RecordingError('no space')
 
-    monkeypatch.setattr(exporting._Csv, '_end', fail)
+    monkeypatch.setattr(tables.Csv, '_end', fail)
     with pytest.raises(RecordingError, match='no space'):
         export(results, folder, 'csv', overwrite=True)
     assert {file: file.read_bytes() for file in folder.iterdir()} == before
@@ -194,3 +205,115 @@ def test_nothing_to_export(tmp_path: Path) -> None:
     RecordingWriter(path).close()
     with pytest.raises(RecordingError, match='nothing that can be exported'):
         export(path, tmp_path / 'out', 'csv')
+
+
+def cloud(fields: list[tuple[str, int, int]], step: int, data: bytes) -> bytes:
+    types = STORE.types
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 0), 'camera')
+    made = [types['sensor_msgs/msg/PointField'](*field, 1) for field in fields]
+    pixels = np.frombuffer(data, np.uint8)
+    count = len(data) // max(step, 1)
+    kind = types['sensor_msgs/msg/PointCloud2']
+    return cdr(kind(header, 1, count, made, False, step, len(data), pixels, True))
+
+
+def write_clouds(path: Path, clouds: list[bytes]) -> Path:
+    with RecordingWriter(path) as writer:
+        for number, data in enumerate(clouds):
+            writer.write('/cloud', 'sensor_msgs/msg/PointCloud2', STAMP_NS + number, data)
+    return path
+
+
+GOOD = cloud([('x', 0, 7), ('y', 4, 7)], 8, bytes(16))
+
+
+def account(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / 'account.json').read_text())
+    return content
+
+
+def test_messages_that_do_not_decode_are_counted(results: Path, tmp_path: Path) -> None:
+    run = mvuav('export', results, '-o', tmp_path / 'out')
+    assert run.status == 0 and '7 kept, 1 lost' in run.err
+    assert '1 message of /pose not exported' in run.err
+    assert account(tmp_path / 'out')['lost'] == 1
+    strict = mvuav('export', results, '-o', tmp_path / 'out', '--force', '--strict', '--json')
+    assert strict.status == 1 and '--strict' in strict.error
+    (said,) = json.loads(strict.out)['accounts']
+    assert (said['kept'], said['lost'], said['is_exact']) == (7, 1, True)
+
+
+def test_messages_of_a_recording_that_is_cut_are_counted(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', [sample_pose(n) for n in range(400)])
+    content = bytearray(path.read_bytes())
+    content[mcap_ends(path)[0] - 500] ^= 0xFF
+    path.write_bytes(content)
+    files = export(path, tmp_path / 'out', 'csv')
+    lost = account(tmp_path / 'out')['lost']
+    assert lost > 0 and sum(files.values()) + lost == 400
+
+
+def sample_pose(number: int) -> Sample:
+    return Sample('/pose', POSE, STAMP_NS + number, POSE_DATA)
+
+
+def test_kinds_of_messages_of_one_topic_have_tables_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with RecordingWriter(path) as writer:
+        for number in range(3):
+            writer.write('/a', POSE, STAMP_NS + number, POSE_DATA)
+        for data in (GOOD, cloud([('z', 0, 7)], 4, bytes(4)), GOOD):
+            writer.write('/a', 'sensor_msgs/msg/PointCloud2', STAMP_NS, data)
+    files = export(path, tmp_path / 'out', 'csv')
+    assert {file.name: rows for file, rows in files.items()} == {
+        'a.csv': 3, 'a_2.csv': 4, 'a_3.csv': 1
+    }  # fmt: skip
+    assert account(tmp_path / 'out')['lost'] == 0
+
+
+@pytest.mark.parametrize(
+    'bad',
+    [
+        cloud([(f'f{n}', 0, 2) for n in range(200)], 1, bytes(300_000)),
+        cloud([('x', 0xFFFF_FFFF, 7)], 8, bytes(16)),
+        cloud([('x', 0, 7), ('x', 4, 7)], 8, bytes(16)),
+        cloud([('x', 0, 99)], 8, bytes(16)),
+        cloud([('x', 0, 7)], 0, bytes(16)),
+    ],
+    ids=['over each other', 'far away', 'one name', 'no number', 'no step'],
+)
+def test_a_bad_cloud_costs_itself(tmp_path: Path, bad: bytes) -> None:
+    path = write_clouds(tmp_path / 'a.mcap', [GOOD, bad, GOOD])
+    assert list(export(path, tmp_path / 'out', 'csv').values()) == [4]
+    assert account(tmp_path / 'out')['lost'] == 1
+
+
+def test_a_cloud_beyond_the_last_byte(tmp_path: Path) -> None:
+    class Field:
+        name, datatype, count, offset = 'x', 7, 1, 1 << 70
+
+    class Cloud:
+        fields, point_step, width, height, data = [Field], 8, 1, 1, bytes(8)
+        is_bigendian = False
+
+    with pytest.raises(MalformedMessageError):
+        view_points(Cloud)
+
+
+def test_a_large_cloud_takes_no_memory(tmp_path: Path) -> None:
+    data = cloud([(f'f{n}', n, 2) for n in range(200)], 200, bytes(20_000_000))
+    path = write_clouds(tmp_path / 'a.mcap', [data])
+    tracemalloc.start()
+    assert list(export(path, tmp_path / 'out', 'csv').values()) == [100_000]
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 150 << 20
+
+
+def test_names_of_topics_are_no_paths_and_no_controls(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with RecordingWriter(path) as writer:
+        writer.write('/../\x1b[2Ja\u202eb c\n', POSE, STAMP_NS, POSE_DATA)
+    (file,) = export(path, tmp_path / 'out', 'csv')
+    assert re.fullmatch(r'[\w.-]+', file.name)
+    assert file.parent == tmp_path / 'out'

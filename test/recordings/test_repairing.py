@@ -35,14 +35,16 @@ def test_all_topics_of_a_file_that_was_cut_off(tmp_path: Path) -> None:
     assert whole == SAMPLES[: len(whole)]
     assert 20 < len(whole) == sum(report.messages.values())
     assert set(report.messages) == {'/camera/image_raw', '/note'}
-    assert any('cut off' in error for error in report.errors)
+    assert any('cut off' in error for error in report.account.errors)
     with (tmp_path / 'out.mcap').open('rb') as stream:
         assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) == len(whole)
 
 
 def test_what_is_skipped_is_said(tmp_path: Path) -> None:
     source = write_mcap(tmp_path / 'a.mcap', SAMPLES, encodings={'/note': 'json'})
-    assert repair(source, tmp_path / 'out.mcap').skipped == {'/note': 'json'}
+    account = repair(source, tmp_path / 'out.mcap').account
+    assert account.errors == ['skipped: /note is json, not CDR', '40 messages skipped']
+    assert (account.kept, account.lost, account.is_exact) == (40, 40, True)
 
 
 def test_a_rosbag2_folder_split_by_size(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def roll_sign(path: Path) -> None:
         axis.set_title(f'roll {degrees:+.1f}°: {wing}', fontsize=12)
         for name, marker in zip(tracker.rig.names, result.markers, strict=True):
             if 'wing' in name:
-                color = '#40ff60' if 'left' in name else '#ff6060'
+                color = '#ff6060' if 'left' in name else '#40ff60'
                 axis.plot(marker.x, marker.y - 90, 'o', ms=13, mfc='none', mec=color, mew=2)
                 axis.text(marker.x, marker.y - 90 + 32, name, color=color, ha='center', fontsize=10)
     # The sign is that of the package's own rotation about x, which is forward.

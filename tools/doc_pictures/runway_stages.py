@@ -83,7 +83,7 @@ def approach_pipeline(path: Path) -> None:
         cv2.line(searched, first, last, (255, 120, 0), 1, cv2.LINE_AA)
     if result.corners is not None:
         far = tuple(round(v) for v in result.vanishing_point)
-        for corner, color in zip(result.corners[:2], ((80, 230, 60), (60, 60, 255)), strict=True):
+        for corner, color in zip(result.corners[:2], ((60, 60, 255), (80, 230, 60)), strict=True):
             cv2.line(searched, far, tuple(round(v) for v in corner), color, 1, cv2.LINE_AA)
     images = [
         draw_approach(result),

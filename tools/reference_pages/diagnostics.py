@@ -41,6 +41,7 @@ DETECTOR = {
     'stamp_jumps_forward': f'gaps of more than {WINDOW:.0f} s',
     'image': 'size and encoding of the newest image',
     'image_topic': 'the resolved input topic',
+    'calibration': 'what of camera_info is used: none, K and d, or P of rectified images',
     'image_publishers': 'nodes that publish it',
     'incompatible_publishers': 'publishers whose QoS does not match',
 }
@@ -131,7 +132,7 @@ def detector_keys() -> list[str]:
     answerer: Any = SimpleNamespace(
         statistics=statistics, stamps=StampMonitor(), enabled=True, image_format='', lock=Lock()
     )
-    processor: Any = SimpleNamespace(status='', resets=0)
+    processor: Any = SimpleNamespace(status='', resets=0, calibration='')
     images = InputState('/image_raw', [], InputEvents())
     status = DetectorStatus(answerer, processor).report('/node', images)
     return [each.key for each in status.values]

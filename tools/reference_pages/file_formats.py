@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from mvuav_ros.cli.commands.export import Form
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulate import simulated_messages
 from mvuav_ros.processing.messages.markers import POINT
 from mvuav_ros.processing.messages.runway import LINE
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.exporting import POSE_COLUMNS
+from mvuav_ros.recordings.result_rows import ANGLE_COLUMNS
 from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.recordings.tables import POSE_COLUMNS
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TRUTH = {
@@ -32,8 +33,16 @@ ROWS: dict[tuple[str, str], np.dtype[np.void]] = {
 COLUMNS = {
     'Vector3Stamped': ('x', 'y', 'z'),
     'PointStamped': ('x', 'y', 'z'),
-    'PoseWithCovarianceStamped': POSE_COLUMNS,
+    'PoseWithCovarianceStamped': (
+        *POSE_COLUMNS,
+        *ANGLE_COLUMNS,
+        'cov_x_x',
+        'cov_x_y',
+        '…',
+        'cov_rz_rz',
+    ),
 }
+ADDED = {'markers': ('name', 'state_name'), 'line_params': ('theta_deg', 'role_name')}
 _PARAMETERS = """\
 ## Parameter files
 
@@ -51,14 +60,15 @@ An unknown name or a value outside of its range is an error.
 _CALIBRATION = """\
 ## Calibration
 
-The YAML file that camera_calibration saves (`camera_info_url` of `video_source`):
+The YAML file that camera_calibration saves (`camera_info_url` of
+`video_source`, `--camera-info` of `mvuav replay`, `load_calibration`):
 
 | key | content |
 |---|---|
 | `image_width`, `image_height` | px; images of another size are not used with it |
-| `distortion_model` | `plumb_bob` or `rational_polynomial` |
+| `distortion_model` | `plumb_bob`, `rational_polynomial` or `equidistant` |
 | `camera_matrix` | `data`: 9 numbers, row by row: fx 0 cx, 0 fy cy, 0 0 1 |
-| `distortion_coefficients` | `data`: k1, k2, p1, p2, k3 … |
+| `distortion_coefficients` | `data`: k1, k2, p1, p2, k3 …; `equidistant`: k1 to k4 |
 | `rectification_matrix` | `data`: 9 numbers |
 | `projection_matrix` | `data`: 12 numbers |
 """
@@ -139,28 +149,53 @@ def _flight_topics() -> dict[str, str]:
     return topics
 
 
+_EXPORTED = """\
+## Exported tables
+
+`mvuav export RESULTS... -o FOLDER --format csv|parquet|tum|mot` writes one file for each topic, with the rows of all
+flights; a folder of results counts as all of them. `--plot` also draws a page for each flight and an overview.
+CSV and Parquet begin with these columns; missing values are `nan`:
+
+| column | meaning |
+|---|---|
+| `flight` | name of the recording |
+| `stamp_ns` | stamp of the image, ns |
+| `stamp` | the same in s, to about 0.2 µs |
+| `row` | number of the row in its message, from 0 |
+
+Angles are in rad, and in degrees where the name ends in `_deg`. `roll`, `pitch` and `yaw` of `~/pose` of
+`marker_tracker` are those against a body that flies straight ahead; of other poses they are those of the quaternion.
+`cov_x_y` is the covariance of x and y (m²); `rx`, `ry`, `rz` are small turns about the axes of the pose's frame (rad).
+The rows of `markers` end with the marker's `name` and with `state` in words. Units are those of the
+[topics](topics.md).
+
+| file | columns after these |
+|---|---|
+"""
+_TRAJECTORIES = """\
+
+`tum` holds poses that are known, for evo: `time x y z qx qy qz qw`, in s and m. `mot` holds markers that were measured,
+for TrackEval, as MOTChallenge has it: frame and id from 1 (the marker's label or the light's number, and 1), left, top,
+width and height of a box with the marker's area (px), confidence, and three times -1. Of several flights each has its
+own such file, `FOLDER/TOPIC/FLIGHT`.
+"""
+
+
 def _exports() -> str:
-    lines = ['## Exported tables', '']
-    lines += [f'`mvuav export RESULTS -o FOLDER --format {"|".join(Form)}` writes a file for each']
-    lines += [
-        'topic. CSV and Parquet have these columns; the stamp is in ns, other units as in the'
-    ]
-    lines += ['messages, missing values are `nan`:', '', '| file | columns |', '|---|---|']
+    lines = []
     for node, processor in PROCESSORS.items():
         for topic, kind in processor.topics.items():
-            if kind.__name__ in COLUMNS:
+            if topic == 'rpy':
+                columns: Sequence[str] = ANGLE_COLUMNS
+            elif kind.__name__ in COLUMNS:
                 columns = COLUMNS[kind.__name__]
             elif kind.__name__ == 'PointCloud2':
-                columns = ROWS[node, topic].names or ()
+                columns = (*(ROWS[node, topic].names or ()), *ADDED[topic])
             else:
                 continue
             file = f'{node}_{topic.replace("/", "_")}'
-            lines.append(f'| `{file}` | {", ".join(("stamp_ns", "row", *columns))} |')
-    lines += [
-        '',
-        '`tum` is for poses that are known, for evo: `time x y z qx qy qz qw`, in s and m.',
-    ]
-    return '\n'.join(lines) + '\n'
+            lines.append(f'| `{file}` | {", ".join(columns)} |')
+    return _EXPORTED + '\n'.join(lines) + '\n' + _TRAJECTORIES
 
 
 def _corners() -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from mvuav_ros.parameters.declaration import ParameterSpec, Value
 from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 
@@ -64,4 +66,7 @@ def _yaml(value: Value) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return str(list(value))
+    if isinstance(value, float):
+        # Without a point YAML 1.1 takes 1e-07 for a text.
+        return re.sub(r'^(-?\d+)e', r'\1.0e', str(value))
     return f"'{value}'" if isinstance(value, str) else str(value)

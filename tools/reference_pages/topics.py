@@ -55,6 +55,10 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
             'is no pose; /diagnostics says why.'
         ),
         '~/vision_pose': 'The camera in the frame of the body, only while the pose is known.',
+        '~/integrity': (
+            'One status: protection levels of the pose (m, degrees), OK available, WARN alert, '
+            'ERROR not available with the reason; see [Protection levels](../integrity.md).'
+        ),
         '~/marker/*': 'One marker (px), while it is detected or predicted: `~/marker/left_wing` …',
         '~/debug_image': 'The frame with markers, windows and the axes of the pose.',
     },

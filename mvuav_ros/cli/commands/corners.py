@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from mvuav_ros.cli.options import Json, Param, ParamsFile, takes
-from mvuav_ros.cli.terminal import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.node_parameters import resolve_parameters
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -100,7 +100,7 @@ def corners(options: CornersOptions) -> None:
 def _tell(score: CornersScore) -> None:
     from mvuav_ros.offline.evaluation.corners import WARM_UP
 
-    typer.echo(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')
+    say(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')
     for name, share in (
         ('both edges found', score.both),
         ('left edge found', score.left),
@@ -108,11 +108,11 @@ def _tell(score: CornersScore) -> None:
         ('both edges reported', score.reported),
         ('both edges reported and wrong', score.wrong),
     ):
-        typer.echo(f'{name} {100 * share:.1f} %')
-    typer.echo(f'first report in frame {score.first_report or "none"}')
+        say(f'{name} {100 * share:.1f} %')
+    say(f'first report in frame {score.first_report or "none"}')
     errors = [frame.error for frame in score.counted if math.isfinite(frame.error)]
     if errors:
         median, high = np.percentile(errors, [50, 90])
-        typer.echo(f'error / tolerance: median {median:.2f}, 90th percentile {high:.2f}')
+        say(f'error / tolerance: median {median:.2f}, 90th percentile {high:.2f}')
     for name, count in sorted(score.failures.items()):
-        typer.echo(f'failures {name} {count}')
+        say(f'failures {name} {count}')

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from mvuav_ros.cli.terminal import say
 from mvuav_ros.recordings.shipped import shipped_folder
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -39,4 +40,4 @@ def demo(
         run_panel(folder, Console())
         return
     for path in run_demo(folder, output, Console()):
-        typer.echo(path)
+        say(path)

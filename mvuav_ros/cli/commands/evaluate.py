@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 
 from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
-from mvuav_ros.cli.terminal import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.errors import RecordingError
 
@@ -68,7 +68,47 @@ def thesis(
         report = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
     page = write_report(report, output)
     for claim in report.claims:
-        typer.echo(f'{_WORDS[claim.holds]:>14}  {claim.statement}: {claim.ours}')
+        say(f'{_WORDS[claim.holds]:>14}  {claim.statement}: {claim.ours}')
+    say(page)
+
+
+@evaluate.command()
+def integrity(
+    output: Output = Path('out/integrity'),
+    frames: Annotated[
+        int, typer.Option(help='With faults at the stated priors; a tenth as many more often.')
+    ] = 1_000_000,
+    factor: Annotated[
+        float, typer.Option(help='How much more often, in the second run.', min=1.0)
+    ] = 1000.0,
+    seed: Annotated[int, typer.Option(help='Of the first flight.', min=0)] = 0,
+    jobs: Annotated[int, typer.Option(help='Number of flights in parallel.', min=1)] = 2,
+    force: Force = False,
+) -> None:
+    """Hold the pose's protection levels against the truth of flights with injected faults.
+
+    Flies bare lights of the built-in tanker, once with faults as frequent as the levels assume,
+    and once far more often. Leaves index.html with counts and Stanford diagrams.
+    """
+    from mvuav_ros.offline.evaluation.protection import flights_of, protection_report, run
+    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.vision.integrity import IntegrityBudget
+
+    refuse_to_overwrite(output / PAGE, force)
+    budget, more = IntegrityBudget(), max(frames // 10, 1)
+    with frame_progress() as progress:
+        task = progress.add_task('flights', total=flights_of(frames) + flights_of(more))
+        runs = [
+            (often, run(budget, count, often, seed, jobs, lambda: progress.advance(task)))
+            for often, count in ((1.0, frames), (factor, more))
+        ]
+    page = write_report(protection_report(budget, runs, seed), output)
+    for often, counts in runs:
+        typer.echo(
+            f'faults {often:g} times as stated: {counts.misleading} of {counts.frames} frames '
+            f'misleading (at most {counts.misleading_bound():.2g}, stated {often * budget.risk:g}),'
+            f' {counts.silent} without levels, {counts.alerts} alerts'
+        )
     typer.echo(page)
 
 
@@ -130,8 +170,8 @@ def bag(options: BagOptions) -> None:
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
-                typer.echo(' '.join(table.text(row, column) for column in range(3)).rstrip())
-    typer.echo(page)
+                say(' '.join(table.text(row, column) for column in range(3)).rstrip())
+    say(page)
 
 
 _WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'undecided'}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from array import array
 from collections import Counter
 from dataclasses import dataclass, field
@@ -13,11 +11,14 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from mvuav_ros.cli.terminal import frame_progress, table_console, tell_damage
+from mvuav_ros.cli.terminal import frame_progress, say, table_console
+from mvuav_ros.recordings.foreign import visible
 from mvuav_ros.recordings.remote import is_url, local_copy
 from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise
+
+_MOST_ROWS = 200
 
 
 @dataclass
@@ -41,8 +42,7 @@ def info(
         str,
         typer.Argument(metavar='INPUT', help='A bag, a video file, or a folder or glob of images.'),
     ],
-    as_json: Annotated[bool, typer.Option('--json', help='Print JSON.')] = False,
-) -> None:
+) -> RecordingSummary | FrameSummary:
     """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
     summary: RecordingSummary | FrameSummary
     with local_copy(source) as path:
@@ -56,12 +56,11 @@ def info(
             name = str(path) if is_url(source) else source
             summary = _summarise_images(source, open_source(name, cameras=False))
     summary.path = source
-    if as_json:
-        typer.echo(json.dumps(dataclasses.asdict(summary), indent=2))
-    elif isinstance(summary, RecordingSummary):
+    if isinstance(summary, RecordingSummary):
         _print_recording(summary)
     else:
         _print_images(summary)
+    return summary
 
 
 def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
@@ -80,23 +79,28 @@ def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
     if len(stamps) > 1:
         summary.duration_s = (stamps[-1] - stamps[0]) / 1e9
         summary.rate_hz = 1e9 / float(np.median(np.diff(stamps)))
-    summary.errors = frames.errors
+    if summary.unusable:
+        said = f'{summary.unusable} frames do not decode'
+        frames.account.lose('', 'frames', said, summary.unusable)
+    summary.errors = frames.account.errors
     return summary
 
 
 def _print_recording(summary: RecordingSummary) -> None:
-    typer.echo(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
+    say(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
     table = Table(box=None, pad_edge=False)
     for heading in ('topic', 'type', 'count', 'Hz', 'images', 'warnings'):
         table.add_column(heading, overflow='fold')
-    for topic in summary.topics:
+    for topic in summary.topics[:_MOST_ROWS]:
         images = ', '.join(topic.images.formats) if topic.images else ''
         rate = f'{topic.rate_hz:.2f}' if topic.rate_hz else '-'
-        table.add_row(topic.name, topic.type, str(topic.count), rate, images, _notes(topic))
+        cells = topic.name, topic.type, str(topic.count), rate, images, _notes(topic)
+        table.add_row(*map(visible, cells))
     table_console(240).print(table)
-    for skipped in summary.skipped:
-        typer.echo(f'skipped: {skipped.name} is {skipped.encoding or "without encoding"}, not CDR')
-    tell_damage(summary.errors, summary.warnings)
+    if len(summary.topics) > _MOST_ROWS:
+        say(f'and {len(summary.topics) - _MOST_ROWS} more topics, which --json lists')
+    for skipped in summary.skipped[:_MOST_ROWS]:
+        say(f'skipped: {skipped.name} is {skipped.encoding or "without encoding"}, not CDR')
 
 
 def _notes(topic: TopicSummary) -> str:
@@ -114,10 +118,7 @@ def _notes(topic: TopicSummary) -> str:
 
 def _print_images(summary: FrameSummary) -> None:
     rate = f'{summary.rate_hz:.2f} Hz' if summary.rate_hz else 'no rate'
-    typer.echo(
+    say(
         f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '
         f'{", ".join(summary.formats) or "nothing that decodes"}'
     )
-    if summary.unusable:
-        typer.echo(f'damage: {summary.unusable} frames do not decode')
-    tell_damage(summary.errors, ())

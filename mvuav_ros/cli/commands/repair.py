@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
-from mvuav_ros.cli.terminal import frame_progress, tell_damage
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.recordings.remote import local_copy, local_output
+
+_MOST_ROWS = 200
 
 
 def repair(
@@ -22,7 +24,7 @@ def repair(
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
     force: Force = False,
-) -> None:
+) -> dict[str, Any]:
     """Copy every readable message of all topics to a new file, and list what was lost."""
     from mvuav_ros.recordings.repairing import repair as write
 
@@ -36,9 +38,9 @@ def repair(
             split_bytes=storage.split_bytes(split_mb),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    typer.echo(f'{output}: {sum(report.messages.values())} messages')
-    for topic, count in report.messages.items():
-        typer.echo(f'  {topic}: {count}')
-    for topic, encoding in report.skipped.items():
-        typer.echo(f'skipped: {topic} is {encoding or "without encoding"}, not CDR', err=True)
-    tell_damage(report.errors, report.warnings, err=True)
+    say(f'{output}: {sum(report.messages.values())} messages')
+    for topic, count in list(report.messages.items())[:_MOST_ROWS]:
+        say(f'  {topic}: {count}')
+    if len(report.messages) > _MOST_ROWS:
+        say(f'  and {len(report.messages) - _MOST_ROWS} more topics')
+    return {'output': output, 'messages': report.messages}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from mvuav_ros.cli.options import (
+    CameraInfo,
     Dask,
     Force,
     Format,
@@ -17,6 +18,7 @@ from mvuav_ros.cli.options import (
     ParamsFile,
     SplitMb,
     Storage,
+    Strict,
     takes,
 )
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
@@ -31,7 +33,8 @@ class ReplayOptions:
     sources: Annotated[
         list[str],
         typer.Argument(
-            metavar='INPUT...', help='Bags, videos, folders or globs of images; or their URLs.'
+            metavar='INPUT...',
+            help='Bags, videos, folders or globs of images, folders of them; or their URLs.',
         ),
     ]
     output: Annotated[
@@ -65,6 +68,14 @@ class ReplayOptions:
     every: Annotated[
         int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
     ] = 1
+    camera_info: CameraInfo = None
+    image_is_rectified: Annotated[
+        bool,
+        typer.Option(
+            '--image-is-rectified',
+            help='The images are rectified: P of the calibration holds, without distortion.',
+        ),
+    ] = False
     keep_inputs: Annotated[
         bool,
         typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
@@ -91,14 +102,12 @@ class ReplayOptions:
         ),
     ] = None
     dask: Dask = None
-    strict: Annotated[
-        bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
-    ] = False
+    strict: Strict = False
     force: Force = False
 
 
 @takes(ReplayOptions)
-def replay(options: ReplayOptions) -> None:
+def replay(options: ReplayOptions) -> dict[str, Any]:
     """Run the nodes' own code over recordings and write their topics as mcap bags.
 
     The messages are those that the live nodes publish for the same images.
@@ -110,16 +119,21 @@ def replay(options: ReplayOptions) -> None:
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.offline.replay.outputs import plan
+    from mvuav_ros.recordings.sources.calibration import load_calibration
 
     nodes = node_names(options.nodes)
+    assignments = list(options.param or [])
+    if options.image_is_rectified:
+        assignments += [f'{node}:image_is_rectified:=true' for node in nodes]
     settings = ReplaySettings(
-        parameters=complete(resolve_parameters(nodes, options.params_file, options.param or [])),
+        parameters=complete(resolve_parameters(nodes, options.params_file, assignments)),
         image_topic=options.image_topic,
         fps=options.fps,
         selection=Selection(options.start, options.duration, options.every),
         keep_inputs=options.keep_inputs,
         debug_images=options.debug_images,
         gamma=options.gamma,
+        camera=load_calibration(options.camera_info) if options.camera_info else None,
         split_bytes=options.storage.split_bytes(options.split_mb),
     )
     planned = plan(
@@ -138,3 +152,4 @@ def replay(options: ReplayOptions) -> None:
         raise typer.Exit(1)
     if options.strict and any(outcome.lossy for outcome in outcomes):
         raise SourceError('--strict: something was lost or rejected; see the warnings')
+    return {'recordings': [outcome.record() for outcome in outcomes]}

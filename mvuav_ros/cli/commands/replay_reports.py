@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 
 import cv2
-import typer
 from rich.progress import Progress, TaskID
 
-from mvuav_ros.cli.terminal import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, say, tell_account, tell_damage
 from mvuav_ros.offline.replay.cluster import run_on_cluster
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
 from mvuav_ros.offline.replay.manifest import Manifest
@@ -48,7 +47,7 @@ def replay_all(
         manifest.end()
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     if failed and len(planned.jobs) > 1:
-        typer.echo(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
+        say(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
     return outcomes
 
 
@@ -112,18 +111,19 @@ def _show(progress: Progress, tasks: dict[int, TaskID], number: int, state: JobP
 def _report(outcome: ReplayOutcome) -> None:
     results = f'results for {outcome.processed} of {outcome.frames} frames'
     if outcome.done_before:
-        typer.echo(f'{outcome.output}: finished before, {results}')
-    elif not outcome.failure or outcome.frames:
-        typer.echo(f'{outcome.output}: {results}')
+        say(f'{outcome.output}: finished before, {results}')
+    elif not outcome.failure:
+        say(f'{outcome.output}: {results}')
     reasons = sorted(outcome.rejected.items(), key=lambda item: -item[1])
     for reason, count in reasons[:_MOST_REASONS]:
-        typer.echo(f'warning: {count} without a result: {reason}', err=True)
+        say(f'warning: {count} without a result: {reason}', err=True)
     if len(reasons) > _MOST_REASONS:
         rest = sum(count for _, count in reasons[_MOST_REASONS:])
-        typer.echo(f'warning: {rest} without a result for other reasons', err=True)
-    for error in outcome.errors:
-        typer.echo(f'warning: {error}', err=True)
-    for warning in outcome.warnings:
-        typer.echo(f'note: {warning}', err=True)
+        say(f'warning: {rest} without a result for other reasons', err=True)
+    if outcome.account is not None:
+        tell_account(outcome.account)
+    else:  # of a replay that was finished before
+        tell_damage(outcome.errors)
+        say(*(f'note: {warning}' for warning in outcome.warnings), err=True)
     if outcome.failure:
-        typer.echo(f'mvuav: {outcome.failure}', err=True)
+        say(f'mvuav: {outcome.failure}', err=True)

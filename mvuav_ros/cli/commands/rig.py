@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from mvuav_ros.cli.terminal import say
 from mvuav_ros.parameters.declaration import ParameterError
 
 rig = typer.Typer(help='Examine marker rigs.', no_args_is_help=True)
@@ -53,10 +54,10 @@ def check(
     words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
     if len(body.names) >= 3 and is_flat(body):
         words += ', all in one plane: the tilt is ambiguous'
-    typer.echo(words)
+    say(words)
     doubts = examine(body)
     for doubt in doubts:
-        typer.echo(f'refused: {doubt}')
+        say(f'refused: {doubt}')
     if len(body.names) >= 3 and not is_straight(body):
         focal = 0.5 * width / math.tan(math.radians(0.5 * fov))
         height = round(0.75 * width)
@@ -64,18 +65,20 @@ def check(
         k = (focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0)
         camera = CameraModel(width, height, k)
         distances = distance or [size * reach for reach in _REACHES]
-        typer.echo(f'\npose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
-        typer.echo('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+        say('')
+        say(f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
+        say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
         for value in distances:
             e = pose_error(body, camera, value, noise)
-            typer.echo(
+            say(
                 f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} '
                 f'{e.roll:9.3g} {e.tilt:15.3g}'
             )
-        typer.echo(f'\nexchanged names with the smallest residuals, at {distances[0]:.4g} m')
+        say('')
+        say(f'exchanged names with the smallest residuals, at {distances[0]:.4g} m')
         for found in confusions(body, camera, distances[0])[:_LISTED]:
             names = ', '.join(' -> '.join(cycle) for cycle in found.names)
-            typer.echo(
+            say(
                 f'{found.residual:8.2f} px rms  {names} '
                 f'(pitch {found.pitch_deg:g}, yaw {found.yaw_deg:g} deg)'
             )

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from mvuav_ros.cli.options import Force, refuse_to_overwrite, takes
-from mvuav_ros.cli.terminal import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
 from mvuav_ros.recordings.sources.simulated import FRAME_ID, camera_model, make_flight
@@ -85,4 +85,4 @@ def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> No
                 break
     if stop:
         raise Interrupted(stop.number)
-    typer.echo(f'{output}: {len(flight)} frames, {output.stat().st_size / 1e6:.1f} MB')
+    say(f'{output}: {len(flight)} frames, {output.stat().st_size / 1e6:.1f} MB')

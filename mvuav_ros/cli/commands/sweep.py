@@ -16,7 +16,7 @@ from mvuav_ros.cli.options import (
     refuse_to_overwrite,
     takes,
 )
-from mvuav_ros.cli.terminal import frame_progress
+from mvuav_ros.cli.terminal import frame_progress, say
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.sweep.run import RunResult
@@ -92,10 +92,10 @@ def sweep(options: SweepOptions) -> None:
 def _tell(results: list[RunResult], page: Path) -> None:
     failed = [result for result in results if result.error]
     for result in failed:
-        typer.echo(
+        say(
             f'warning: run {result.run.number} ({result.run.source}) failed: {result.error}',
             err=True,
         )
-    typer.echo(f'{page}: {len(results) - len(failed)} of {len(results)} runs')
+    say(f'{page}: {len(results) - len(failed)} of {len(results)} runs')
     if failed:
         raise typer.Exit(1)

@@ -158,13 +158,14 @@ def read_bag(path: Path) -> EvaluationRun:
                     run.truth.add(TRUTH_TOPICS[topic], data)
                 else:
                     run.results.add(RESULT_TOPICS[topic], data)
-            except (MalformedMessageError, AttributeError, KeyError, ValueError):
+            except (MalformedMessageError, AttributeError, KeyError, ValueError, OverflowError):
                 unreadable += 1
-        run.errors = list(recording.errors)
+        if unreadable:
+            said = f'{unreadable} messages of truth or results do not decode'
+            recording.account.lose('', 'decoding', said, unreadable)
+        run.errors = recording.account.errors
     run.frames = len(run.results.stamps)
     run.names = named.names(run.results.markers)
-    if unreadable:
-        run.errors.append(f'{unreadable} messages of truth or results do not decode')
     return run
 
 
@@ -215,7 +216,7 @@ def _frames(text: str, topic: str | None, run: EvaluationRun) -> Iterator[Frame 
         run.truth, run.errors = stored.truth, stored.errors
     with closing(open_source(text, topic=topic, cameras=False)) as source:
         yield from source.frames()
-        run.errors = list(dict.fromkeys([*run.errors, *source.errors]))
+        run.errors = list(dict.fromkeys([*run.errors, *source.account.errors]))
 
 
 def _bag(text: str) -> Path | None:

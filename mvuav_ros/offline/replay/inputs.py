@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from dataclasses import replace
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.messages import is_rectified_topic
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.bag import BagImages
 from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.writing import RELIABLE_QOS
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
 
 Item = Frame | BadFrame | EncodedFrame | RecordedMessage
 IMAGE_TOPIC = '/image_raw'
@@ -24,16 +28,38 @@ class ReplayInput:
     """A bag, a video, or images, or the part of it that a selection names."""
 
     def __init__(
-        self, text: str, topic: str | None, fps: float | None, selection: Selection
+        self,
+        text: str,
+        topic: str | None,
+        fps: float | None,
+        selection: Selection,
+        camera: CameraModel | None = None,
     ) -> None:
-        """Open it.
+        """Open it; ``camera`` holds for all of its images, whatever they bring along.
 
         Raises:
-            SourceError: there is no such thing, or nothing in it can be read.
+            SourceError: there is no such thing, nothing in it can be read, or the calibration is
+                not one of its images.
         """
         self._source = open_source(text, topic=topic, rate=fps, cameras=False)
         self._selection = selection
+        self._camera = camera
         self.name = self._source.name
+        if camera is not None:
+            if isinstance(self._source, BagImages) and is_rectified_topic(self._source.topic):
+                self._camera = camera.rectified()
+            self._check(self._camera or camera)
+
+    def _check(self, camera: CameraModel) -> None:
+        """Whether the calibration is one of the first image."""
+        first = next((each for each in self._source.frames() if isinstance(each, Frame)), None)
+        if first is None:
+            return
+        try:
+            camera.check(first.image.width, first.image.height)
+        except CalibrationError as error:
+            self.close()
+            raise SourceError(f'{self.name}: {error}') from error
 
     @property
     def count(self) -> int | None:
@@ -43,20 +69,22 @@ class ReplayInput:
         return self._selection.count(self._source.count, self._source.rate)
 
     @property
-    def errors(self) -> list[str]:
-        """What cannot be read, in words."""
-        return self._source.errors
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is unusual without a loss."""
-        return self._source.warnings if isinstance(self._source, BagImages) else []
+    def account(self) -> Account:
+        """What cannot be read."""
+        return self._source.account
 
     def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
         """Frames, and the messages to be copied (``keep``).
 
         Those of a bag have their calibrations and the body's attitude, if asked for.
         """
+        for item in self._items(keep, camera and self._camera is None, attitude):
+            if self._camera is None or isinstance(item, RecordedMessage | BadFrame):
+                yield item
+            else:
+                yield replace(item, camera=self._camera)
+
+    def _items(self, keep: bool, camera: bool, attitude: bool) -> Iterator[Item]:
         if isinstance(self._source, BagImages):
             yield from self._source.items(
                 self._selection, others=keep, camera=camera, attitude=attitude

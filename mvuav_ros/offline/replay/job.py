@@ -19,6 +19,7 @@ from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import Processor
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.remote import is_url, local_output, size_at
@@ -28,6 +29,7 @@ from mvuav_ros.recordings.sources.gamma import gamma_corrected
 from mvuav_ros.recordings.sources.opening import looks_like_bag
 from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.vision.camera import CameraModel
 
 PROGRESS_INTERVAL = 0.1
 """Seconds between two reports."""
@@ -45,6 +47,7 @@ class ReplaySettings:
         keep_inputs: whether the input's messages go along.
         debug_images: whether debug images are made.
         gamma: eq. 3.2 on every image before the nodes see it, as ``video_source`` has it; 1: off.
+        camera: the calibration of all images; None: what comes with them.
         split_bytes: None for one mcap file; else a rosbag2 folder, and the size at which its next
             part begins (0: never).
     """
@@ -56,6 +59,7 @@ class ReplaySettings:
     keep_inputs: bool = False
     debug_images: bool = False
     gamma: float = 1.0
+    camera: CameraModel | None = None
     split_bytes: int | None = None
 
 
@@ -81,6 +85,7 @@ class ReplayOutcome:
         rejected: number of frames without a result, by reason.
         errors: what of the recording could not be read, in words.
         warnings: what is unusual without a loss.
+        account: of the recording; None if it was not read.
         done_before: the output was finished before.
         interrupted: the end was asked for; the file is complete up to there.
         failure: why it came to nothing, in words; empty otherwise.
@@ -93,6 +98,7 @@ class ReplayOutcome:
     rejected: Counter[str] = field(default_factory=Counter)
     errors: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    account: Account | None = None
     done_before: bool = False
     interrupted: bool = False
     failure: str = ''
@@ -101,6 +107,10 @@ class ReplayOutcome:
     def lossy(self) -> bool:
         """Whether anything was lost or rejected."""
         return bool(self.rejected or self.errors)
+
+    def record(self) -> dict[str, Any]:
+        """All of it but the account, as JSON knows it."""
+        return {name: value for name, value in vars(self).items() if name != 'account'}
 
     def count(self, results: FrameResults) -> None:
         """Take in a frame; very many different reasons are counted as one."""
@@ -159,7 +169,7 @@ def run_job(
                 attitude=any(processor.awaits_attitude for processor in processors),
             )
             with closing(gamma_corrected(items, settings.gamma)) as items:
-                output = _Output(job, writer, outcome)
+                output = _Output(job, writer, outcome, source.account)
                 _write(replaying(items), output, source, progress, stop)
             if not outcome.interrupted and outcome.processed == 0:
                 what = 'could be used' if outcome.frames else 'is there'
@@ -205,7 +215,7 @@ def _opened(job: ReplayJob, stop: Stop) -> Iterator[ReplayInput | None]:
     """The job's input, None where the end was asked for first."""
     given = job.settings
     source = stop.unless_requested(
-        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection)
+        lambda: ReplayInput(job.source, given.image_topic, given.fps, given.selection, given.camera)
     )
     try:
         yield source
@@ -234,26 +244,22 @@ def _write(
                 progress(JobProgress(source.name, outcome.frames, source.count))
                 reported = time.monotonic()
     finally:
-        outcome.errors = list(source.errors)
-        outcome.warnings = [*source.warnings, *output.warnings]
+        outcome.account = source.account
+        outcome.errors, outcome.warnings = source.account.errors, source.account.warnings
+        outcome.errors += [source.account.balance] if outcome.errors else []
     progress(JobProgress(source.name, outcome.frames, outcome.frames))
 
 
 class _Output:
     """Writes results, and copies of the input's messages except onto the results' own topics."""
 
-    def __init__(self, job: ReplayJob, writer: Writer, outcome: ReplayOutcome) -> None:
+    def __init__(
+        self, job: ReplayJob, writer: Writer, outcome: ReplayOutcome, account: Account
+    ) -> None:
         self.outcome = outcome
+        self._account = account
         self._results = tuple(f'/{name}/' for name in job.settings.parameters)
         self._writer = writer
-        self._left_out: dict[str, None] = {}
-
-    @property
-    def warnings(self) -> list[str]:
-        return [
-            f'{topic} of the input is not copied, because the replay writes it'
-            for topic in self._left_out
-        ]
 
     def take(self, step: FrameResults | RecordedMessage) -> None:
         if isinstance(step, FrameResults):
@@ -262,7 +268,8 @@ class _Output:
             if step.is_frame:
                 self.outcome.count(step)
         elif step.topic.startswith(self._results):
-            self._left_out[step.topic] = None
+            said = f'{step.topic} of the input is not copied, because the replay writes it'
+            self._account.note(('left out', step.topic), said)
         else:
             self._writer.copy(step)
 

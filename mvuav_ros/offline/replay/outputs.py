@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.flights import by_flight, recordings_in
 from mvuav_ros.recordings.remote import inside, is_url
 from mvuav_ros.recordings.sources.simulated import PREFIX
-
-_SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
 
 
 class Plan(NamedTuple):
@@ -32,7 +31,7 @@ def plan(
     """Say where the results of each recording go.
 
     Args:
-        sources: what the user names.
+        sources: what the user names; of a folder of recordings each is a recording by itself.
         output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
             folder. A single recording's results as a rosbag2 folder are that folder.
         settings: what is done with each of them.
@@ -46,6 +45,7 @@ def plan(
     if absolute:
         output = output if is_url(output) else str(Path(output).absolute())
         sources = [_absolute(source) for source in sources]
+    sources = [each for source in sources for each in recordings_in(source)]
     is_folder = settings.split_bytes is not None
     if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
         return Plan([ReplayJob(sources[0], output, settings, overwrite)], None)
@@ -53,17 +53,10 @@ def plan(
         raise RecordingError(
             f'{output}: the name of a recording must end in .mcap'
             if len(sources) == 1
-            else f'{output}: several inputs need a folder as output'
+            else f'{output}: several inputs need a folder as output ({len(sources)} recordings)'
         )
-    targets: dict[str, str] = {}
-    for source in sources:
-        target = inside(output, _name(source) + ('' if is_folder else '.mcap'))
-        if target in targets:
-            raise RecordingError(
-                f'{targets[target]} and {source} would both become {target}; '
-                'replay them into folders of their own'
-            )
-        targets[target] = source
+    ending = '' if is_folder else '.mcap'
+    targets = {inside(output, name + ending): each for name, each in by_flight(sources).items()}
     if not is_url(output):
         Path(output).mkdir(parents=True, exist_ok=True)
     jobs = [ReplayJob(source, target, settings, overwrite) for target, source in targets.items()]
@@ -74,17 +67,3 @@ def _absolute(source: str) -> str:
     if source.startswith(PREFIX) or is_url(source):
         return source
     return str(Path(source).expanduser().absolute())
-
-
-def _name(source: str) -> str:
-    path = Path(source.split('?')[0] if is_url(source) else source).expanduser()
-    if path.name == 'metadata.yaml':
-        path = path.parent
-    name = path.absolute().name
-    if any(sign in name for sign in '*?['):
-        name = path.absolute().parent.name
-    if path.is_dir():
-        return name
-    for suffix in _SUFFIXES:
-        name = name.removesuffix(suffix)
-    return name if path.suffix in _SUFFIXES else name.removesuffix(path.suffix)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,6 +29,13 @@ def text(words: object, classes: str = '', tag: str = '') -> ui.label:
     if tag:
         label.tag = tag
     return label
+
+
+def name_rejected(label: ui.label, what: str, reasons: Mapping[str, str]) -> None:
+    """Say which files are left out, and why; nothing where there are none."""
+    said = '; '.join(f'{name}: {reason}' for name, reason in reasons.items())
+    label.set_text(foreign.words(f'{what}: {said}', foreign.LONGEST_DESCRIPTION) if said else '')
+    label.set_visibility(bool(said))
 
 
 def set_props(element: ElementT, **props: object) -> ElementT:

@@ -17,7 +17,17 @@ from mvuav_ros.panel.page.parameter_row import ParameterRow
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
 
-_STAGES = ['Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach']
+_STAGES = [
+    'Mode',
+    'Image',
+    'Edges',
+    'Hough',
+    'Detection',
+    'Tracking',
+    'Pose',
+    'Approach',
+    'Integrity',
+]
 _STAGES += ['unknown', 'Correction', 'Other', 'Node', 'Every ROS node']
 """In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
 _FOLDED = ('Node', 'Every ROS node')

@@ -85,6 +85,7 @@ class Runs:
         el.set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
         self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
         self._table.add_slot('body-selection', _CHECKBOX.format('props.row.run'))
+        self._rejected = el.text('', 'small soft breaks q-pa-sm')
 
     def refresh(self) -> None:
         """Look for recordings and runs."""
@@ -95,6 +96,7 @@ class Runs:
         if not self._name.value or (services.runs.folder / self._name.value).exists():
             self._name.value = services.runs.free_name()
         self._runs = services.runs.all()
+        el.name_rejected(self._rejected, 'Not readable', services.runs.rejected)
         rows = [_row(run) for run in reversed(self._runs)]
         self._table.rows = rows
         self._table.selected = [row for row in rows if row['run'] in self._ticked]

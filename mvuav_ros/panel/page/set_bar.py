@@ -37,6 +37,7 @@ class SetBar:
                     ui.menu_item('Upload a set', self._ask_file)
                     self._delete = ui.menu_item('Delete the set', self._delete_chosen)
             self._match = el.text('', 'match').props('role=status')
+            self._rejected = el.text('', 'small soft breaks')
         self.reload()
 
     def reload(self) -> None:
@@ -45,6 +46,7 @@ class SetBar:
         if self._page.chosen_set not in names:
             self._page.chosen_set = ''
         self._choice.set_options(names, value=self._page.chosen_set or None)
+        el.name_rejected(self._rejected, 'Not usable', self._page.services.sets.rejected)
         self._read()
 
     def _choose(self, event: Any) -> None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.recordings.serialization.cdr import CdrWriter
+from mvuav_ros.recordings.serialization.points import view_points
 
 _DENSE = {False: b'\0', True: b'\1'}
 _DATATYPES = {np.dtype(np.float32): 7, np.dtype(np.uint8): 2}
@@ -65,15 +64,4 @@ class PointLayout:
         return self._starts[rows]
 
 
-def decode_points(message: Any) -> NDArray[np.void]:
-    """The rows of a PointCloud2 of float32 and uint8 fields as a structured array."""
-    types = {number: dtype for dtype, number in _DATATYPES.items()}
-    dtype = np.dtype(
-        {
-            'names': [field.name for field in message.fields],
-            'formats': [types[field.datatype] for field in message.fields],
-            'offsets': [field.offset for field in message.fields],
-            'itemsize': message.point_step,
-        }
-    )
-    return np.frombuffer(message.data, dtype, count=message.width * message.height)
+decode_points = view_points

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from mvuav_ros.processing.messages.points import PointLayout
+from mvuav_ros.processing.messages.statuses import OK, WARN, Status, encode_statuses, texts
 from mvuav_ros.recordings.serialization.cdr import CdrWriter, stamped_doubles
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
@@ -37,8 +35,6 @@ PLANE = 1.0
 _LINE_LIST, _ADD, _DELETE = 5, 0, 2
 """Of visualization_msgs/Marker."""
 _NO_COLOR, _NO_LIFETIME = (0.0, 0.0, 0.0, 0.0), (0, 0)
-_OK, _WARN = 0, 1
-"""Of diagnostic_msgs/DiagnosticStatus."""
 
 Result = RunwayResult | ApproachResult
 
@@ -93,11 +89,10 @@ def encode_lines(result: Result, header: bytes, camera: CameraModel | None = Non
 
 def _on_plane(pixels: list[Point], camera: CameraModel) -> tuple[list[Point], float]:
     """Px of the image to m on the plane, and the width of a line there."""
-    width = LINE_WIDTH / camera.k[0] * PLANE
+    width = LINE_WIDTH / camera.matrix[0, 0] * PLANE
     if not pixels:
         return [], width
-    points = np.array(pixels, np.float64).reshape(-1, 1, 2)
-    flat = cv2.undistortPoints(points, camera.matrix, camera.distortion).reshape(-1, 2)
+    flat = camera.undistort(pixels)
     return [(x * PLANE, y * PLANE) for x, y in flat.tolist()], width
 
 
@@ -156,22 +151,13 @@ def encode_pose(guidance: Guidance, header: bytes) -> bytes:
     return stamped_doubles(header, guidance.x, guidance.y, guidance.z, *quaternion, *covariance)
 
 
-class _Status(NamedTuple):
-    """A diagnostic_msgs/DiagnosticStatus, its values as text."""
-
-    level: int
-    name: str
-    message: str
-    values: dict[str, str]
-
-
 def encode_corrections(result: Result, header: bytes) -> bytes:
     """A DiagnosticArray: one status per row, for ``ros2 topic echo``."""
     statuses = [_correction(index, line) for index, line in enumerate(result.lines, 1)]
-    return _encode_statuses(statuses, header)
+    return encode_statuses(statuses, header)
 
 
-def _correction(index: int, line: RunwayLine) -> _Status:
+def _correction(index: int, line: RunwayLine) -> Status:
     if not line.found:
         message = 'not found'
     elif line.corrected and line.role is LineRole.UNKNOWN:
@@ -180,7 +166,7 @@ def _correction(index: int, line: RunwayLine) -> _Status:
         message = 'moved by more than the threshold'
     else:
         message = 'ok'
-    values = _texts(
+    values = texts(
         rho=line.rho,
         theta_deg=math.degrees(line.theta),
         rho_flag=line.rho_flag,
@@ -188,25 +174,25 @@ def _correction(index: int, line: RunwayLine) -> _Status:
         corrected=line.corrected,
     )
     role = '' if line.role is LineRole.UNKNOWN else f' ({line.role.name.lower()})'
-    return _Status(_OK if message == 'ok' else _WARN, f'line {index}{role}', message, values)
+    return Status(OK if message == 'ok' else WARN, f'line {index}{role}', message, values)
 
 
 def encode_statistics(summary: RunwaySummary, header: bytes) -> bytes:
     """A DiagnosticArray, the GUI's result section: totals first, then one status per line."""
-    values = _texts(
+    values = texts(
         frames=summary.frames,
         rho_flags=summary.rho_flags,
         theta_flags=summary.theta_flags,
         combined_flags=summary.corrected,
     )
     values['frames_with_flags'] = summary.flag_text
-    total = _Status(_OK, 'runway', f'{summary.frames} frames', values)
+    total = Status(OK, 'runway', f'{summary.frames} frames', values)
     lines = [_line_statistics(index, line) for index, line in enumerate(summary.lines, 1)]
-    return _encode_statuses([total, *lines], header)
+    return encode_statuses([total, *lines], header)
 
 
-def _line_statistics(index: int, line: LineSummary) -> _Status:
-    values = _texts(
+def _line_statistics(index: int, line: LineSummary) -> Status:
+    values = texts(
         found=line.found,
         rho_flags=line.rho_flags,
         theta_flags=line.theta_flags,
@@ -216,27 +202,4 @@ def _line_statistics(index: int, line: LineSummary) -> _Status:
         theta_mean_deg=math.degrees(line.theta_mean),
         theta_std_deg=math.degrees(line.theta_std),
     )
-    return _Status(_OK, f'line {index}', f'found in {line.found} frames', values)
-
-
-def _encode_statuses(statuses: Sequence[_Status], header: bytes) -> bytes:
-    writer = CdrWriter(header)
-    writer.numbers('I', len(statuses))
-    for level, name, message, values in statuses:
-        writer.numbers('B', level)
-        writer.text(name)
-        writer.text(message)
-        hardware_id = ''
-        writer.text(hardware_id)
-        writer.numbers('I', len(values))
-        for key, value in values.items():
-            writer.text(key)
-            writer.text(value)
-    return writer.message()
-
-
-def _texts(**values: float | bool) -> dict[str, str]:
-    return {
-        key: f'{value:.4f}' if isinstance(value, float) else str(value).lower()
-        for key, value in values.items()
-    }
+    return Status(OK, f'line {index}', f'found in {line.found} frames', values)

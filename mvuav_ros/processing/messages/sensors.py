@@ -20,7 +20,7 @@ def make_header(stamp_ns: int, frame_id: str) -> Header:
 
 
 def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
-    """A calibration as a message, without rectification."""
+    """A calibration as a message; without a rectification it is that of an undistorted image."""
     fx, _, cx, _, fy, cy, *_ = camera.k
     return CameraInfo(
         header=header,
@@ -29,8 +29,8 @@ def encode_camera_info(camera: CameraModel, header: Header) -> CameraInfo:
         distortion_model=camera.distortion_model,
         d=list(camera.d),
         k=list(camera.k),
-        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        r=list(camera.r or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)),
+        p=list(camera.p or (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)),
     )
 
 

@@ -20,15 +20,35 @@ def stamp_ns_of(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-def decode_camera_info(message: Any) -> CameraModel:
-    """The calibration of a sensor_msgs/CameraInfo, usable or not (see `CameraModel.check`)."""
-    return CameraModel(
+def is_rectified_topic(topic: str) -> bool:
+    """Whether a topic's name says that its images are rectified, as image_proc's does."""
+    words = topic.split('/')
+    return any(word.startswith('image_rect') for word in words[-2:])
+
+
+def decode_camera_info(message: Any, image_topic: str = '') -> CameraModel:
+    """The calibration of a sensor_msgs/CameraInfo, usable or not (see `CameraModel.check`).
+
+    It is that of the images as they are: cut to the region of interest, binned, and rectified if
+    the name of their topic says so.
+    """
+    camera = CameraModel(
         width=int(message.width),
         height=int(message.height),
-        k=tuple(float(value) for value in message.k),
-        d=tuple(float(value) for value in message.d),
+        k=tuple(map(float, message.k)),
+        d=tuple(map(float, message.d)),
         distortion_model=str(message.distortion_model),
+        r=tuple(map(float, message.r)),
+        p=tuple(map(float, message.p)),
+        is_rectified=is_rectified_topic(image_topic),
     )
+    roi = message.roi
+    if roi.width and roi.height:
+        part = roi.x_offset, roi.y_offset, roi.width, roi.height
+        if part != (0, 0, camera.width, camera.height):
+            camera = camera.cropped(*map(int, part))
+    binning = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
+    return camera if binning == (1, 1) else camera.binned(*binning)
 
 
 def decode_imu(message: Any) -> Attitude | None:

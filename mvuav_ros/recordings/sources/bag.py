@@ -6,6 +6,7 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
+from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.images import choose_image_topic, is_image_type, video_packet
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
@@ -42,7 +43,6 @@ class BagImages(FrameSource):
         Raises:
             SourceError: it is not a bag, or the topic cannot be chosen.
         """
-        self.errors: list[str] = []
         try:
             self._recording = open_recording(path)
         except RecordingError as error:
@@ -52,6 +52,10 @@ class BagImages(FrameSource):
         except RecordingError as error:
             self._recording.close()
             raise SourceError(str(error)) from error
+        self.account = self._recording.account
+        for name, encoding in self._recording.skipped:
+            said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR: skipped'
+            self.account.note(('skipped', name), said)
         self.topic = chosen.name
         self.topics = tuple(topic.name for topic in self._recording.topics)
         self.camera_topic = camera_topic_of(self._recording, chosen.name)
@@ -59,15 +63,6 @@ class BagImages(FrameSource):
         self._message_count = chosen.message_count
         self.count: int | None = chosen.message_count
         self.name = f'bag {path.name} {self.topic}'
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is unusual about the bag, though nothing of it is lost."""
-        skipped = [
-            f'{name} is {encoding or "without encoding"}, not CDR: skipped'
-            for name, encoding in self._recording.skipped
-        ]
-        return [*self._recording.warnings, *skipped]
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
@@ -108,10 +103,9 @@ class BagImages(FrameSource):
         """
         try:
             wanted = self.camera_topic if camera else None, self.imu_topic if attitude else None
-            yield from self._items(selection, others, Companions(*wanted))
+            yield from self._items(selection, others, Companions(self.topic, *wanted))
         except RecordingError as error:
             raise SourceError(str(error)) from error
-        self.errors += self._recording.errors
 
     def _items(
         self, selection: Selection, others: bool, companions: Companions

@@ -3,55 +3,46 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote, urlparse
 
 import yaml
 
 from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.vision.camera import CameraModel
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """What sensor_msgs/CameraInfo holds: pixels, row-major matrices."""
-
-    width: int
-    height: int
-    distortion_model: str
-    d: tuple[float, ...]
-    k: tuple[float, ...]
-    r: tuple[float, ...]
-    p: tuple[float, ...]
-
-
-def load_calibration(url: str) -> Calibration:
-    """Read a YAML calibration file.
+def load_calibration(path: str | Path) -> CameraModel:
+    """Read a camera's calibration from the YAML file that camera_calibration saves.
 
     Args:
-        url: a path, or a ``file://`` or ``package://`` URL.
+        path: the file, or its ``file://`` or ``package://`` URL.
 
     Raises:
         SourceError: it cannot be read, or is not a calibration.
+
+    Examples:
+        >>> from mvuav_ros import load_calibration
+        >>> camera = load_calibration('examples/camera.yaml')
+        >>> camera.width, camera.height, camera.distortion_model
+        (640, 480, 'plumb_bob')
     """
-    path = _path(url)
     try:
-        content = yaml.safe_load(path.read_text())
-        return Calibration(
+        content = yaml.safe_load(_path(str(path)).read_text())
+        return CameraModel(
             width=int(content['image_width']),
             height=int(content['image_height']),
+            k=content['camera_matrix']['data'],
+            d=content['distortion_coefficients']['data'],
             distortion_model=str(content['distortion_model']),
-            d=_numbers(content['distortion_coefficients'], None),
-            k=_numbers(content['camera_matrix'], 9),
-            r=_numbers(content['rectification_matrix'], 9),
-            p=_numbers(content['projection_matrix'], 12),
+            r=content['rectification_matrix']['data'],
+            p=content['projection_matrix']['data'],
         )
     except OSError as error:
-        raise SourceError(f'camera_info_url {url}: {error.strerror}') from error
+        raise SourceError(f'calibration {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         raise SourceError(
-            f'camera_info_url {url}: not a calibration file of camera_calibration ({error})'
+            f'calibration {path}: not a calibration file of camera_calibration ({error})'
         ) from error
 
 
@@ -62,7 +53,7 @@ def _path(url: str) -> Path:
     if parsed.scheme == 'file':
         return Path(unquote(parsed.path))
     if parsed.scheme != 'package':
-        raise SourceError(f'camera_info_url {url}: only paths, file:// and package:// are read')
+        raise SourceError(f'calibration {url}: only paths, file:// and package:// are read')
     # Where ament_index_python looks, which a robot has only once ROS is sourced.
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     for prefix in prefixes:
@@ -70,13 +61,6 @@ def _path(url: str) -> Path:
         if share.is_dir():
             return share / unquote(parsed.path).lstrip('/')
     raise SourceError(
-        f'camera_info_url {url}: no package {parsed.netloc} in AMENT_PREFIX_PATH: is its workspace '
+        f'calibration {url}: no package {parsed.netloc} in AMENT_PREFIX_PATH: is its workspace '
         'sourced?'
     )
-
-
-def _numbers(matrix: Any, count: int | None) -> tuple[float, ...]:
-    numbers = tuple(float(v) for v in matrix['data'])
-    if count is not None and len(numbers) != count:
-        raise ValueError(f'{len(numbers)} numbers instead of {count}')
-    return numbers

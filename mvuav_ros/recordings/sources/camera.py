@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.sources.frame import (
     OPTICAL_FRAME,
     BadFrame,
@@ -50,7 +51,7 @@ class Camera(FrameSource):
     def __init__(self, device: int | str, settings: CameraSettings | None = None) -> None:
         """Name the camera; it is opened when frames are read."""
         self.name = f'camera {device}'
-        self.errors: list[str] = []
+        self.account = Account(self.name)
         self._device = device
         self._settings = settings or CameraSettings()
         self.rate: float | None = self._settings.fps or None

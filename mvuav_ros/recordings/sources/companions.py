@@ -37,7 +37,8 @@ def imu_topic_of(recording: Recording, image_topic: str) -> str | None:
 class Companions:
     """The messages of a calibration's topic and of an attitude's, None where there is none."""
 
-    def __init__(self, camera_topic: str | None, imu_topic: str | None) -> None:
+    def __init__(self, image_topic: str, camera_topic: str | None, imu_topic: str | None) -> None:
+        self._image_topic = image_topic
         self._camera_topic = camera_topic
         self._imu_topic = imu_topic
         self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
@@ -89,5 +90,6 @@ class Companions:
             message = decode_message(recorded.type, recorded.data)
         except MalformedMessageError:
             return False
-        self._cameras.add_info(stamp_ns_of(message.header), decode_camera_info(message))
+        camera = decode_camera_info(message, self._image_topic)
+        self._cameras.add_info(stamp_ns_of(message.header), camera)
         return True

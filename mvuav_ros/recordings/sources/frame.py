@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
@@ -50,14 +51,14 @@ class FrameSource(Protocol):
         rate: frames per second as far as it is known beforehand.
         count: number of frames as far as it is known beforehand.
         live: True for a camera, which cannot be read faster or slower than it comes.
-        errors: what could not be read, in words; grows while frames are read.
+        account: what could not be read; more may come while frames are read.
     """
 
     name: str
     rate: float | None
     count: int | None
     live: bool = False
-    errors: list[str]
+    account: Account
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; may be called again after the end."""

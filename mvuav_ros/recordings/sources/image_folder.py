@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.serialization.image_decoding import decode_image_file
 from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, FrameSource
 from mvuav_ros.recordings.sources.video import DEFAULT_RATE
@@ -26,13 +27,14 @@ class ImageFolder(FrameSource):
         """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
         self.name = f'images {name}'
         self.rate: float | None = rate or DEFAULT_RATE
-        self.errors: list[str] = []
+        self.account = Account(self.name)
         self._files = sorted((file for file in files if is_image_file(file)), key=_natural_order)
         self.count: int | None = len(self._files)
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a file that does not decode is a `BadFrame`."""
         assert self.rate is not None
+        self.account.kept = 0
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
             try:
@@ -40,6 +42,7 @@ class ImageFolder(FrameSource):
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
             else:
+                self.account.kept += 1
                 yield Frame(stamp_ns, OPTICAL_FRAME, image)
 
 

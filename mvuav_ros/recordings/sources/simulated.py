@@ -8,6 +8,7 @@ from urllib.parse import parse_qsl
 import yaml
 
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.sources.frame import (
     OPTICAL_FRAME,
     BadFrame,
@@ -46,7 +47,7 @@ class SimulatedFlight(FrameSource):
             given['fps'] = rate
         self._flight = make_flight(kind, given)
         self.name = text
-        self.errors: list[str] = []
+        self.account = Account(self.name)
         self.rate: float | None = self._flight.rate
         self.count: int | None = len(self._flight)
         self._camera = camera_model(self._flight.camera)

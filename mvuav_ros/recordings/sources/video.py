@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
 from mvuav_ros.recordings.sources.frame import (
     OPTICAL_FRAME,
@@ -37,7 +38,7 @@ class VideoFile(FrameSource):
             SourceError: it is not a video.
         """
         self.name = f'video {path.name}'
-        self.errors: list[str] = []
+        self.account = Account(self.name)
         self._path = path
         self._given_rate = rate
         with self._open() as container:
@@ -83,7 +84,7 @@ class VideoFile(FrameSource):
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start."""
         stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
-        packets = damaged = end = 0
+        packets = damaged = end = self.account.kept = 0
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
@@ -92,11 +93,13 @@ class VideoFile(FrameSource):
                 end = max(end, (packet.pts or 0) + (packet.duration or 1))
                 try:
                     for frame in packet.decode():
+                        self.account.kept += 1
                         yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
                 except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
                     damaged += 1
         if damaged:
-            self.errors.append(f'{damaged} packets of the video do not decode')
+            said = f'{damaged} packets of the video do not decode'
+            self.account.lose('', 'packets', said, damaged)
         self._note_end(packets, end)
 
     def _note_end(self, packets: int, end: int) -> None:
@@ -104,9 +107,11 @@ class VideoFile(FrameSource):
         end_s = float(end * self._tick)
         # AVI counts the ticks without a frame, too; Matroska counts no frames.
         if packets < self._promised and end < self._end:
-            self.errors.append(f'the video ended after {packets} of {self._promised} frames')
+            said = f'the video ended after {packets} of {self._promised} frames'
+            self.account.lose('', 'end', said, self._promised - packets)
         elif self._promised == 0 and end_s < self._duration_s - _SHORTEST_LOSS_S:
-            self.errors.append(f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s')
+            said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
+            self.account.lose('', 'end', said)
 
 
 class _Stamps:

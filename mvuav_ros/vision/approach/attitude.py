@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -94,8 +93,7 @@ def horizon_from(
     rays = np.stack([level - _BESIDE * right, level + _BESIDE * right])
     if (rays[:, 2] <= 0).any():
         return None
-    points = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
-    (x1, y1), (x2, y2) = points[0].reshape(2, 2)
+    (x1, y1), (x2, y2) = camera.project(rays)
     if x2 <= x1:
         return None
     slope = (y2 - y1) / (x2 - x1)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -148,9 +147,9 @@ def _pose(
         return np.full(6, np.nan)
     # The horizon passes through the vanishing point, with the slope that was seen.
     slope = level.slope + values[4]
-    point = camera.matrix @ forward
-    beside = point / point[2] + (math.cos(slope), math.sin(slope), 0.0)
-    up = np.cross(forward, np.linalg.inv(camera.matrix) @ beside)
+    point = camera.project(forward[None])[0]
+    beside = camera.undistort(point + np.array((math.cos(slope), math.sin(slope))))[0]
+    up = np.cross(forward, (*beside, 1.0))
     up /= np.linalg.norm(up)
     if up[1] > 0:
         up = -up
@@ -177,11 +176,5 @@ def _pose(
 def _rays(columns: Vector, rows: Vector, level: Derotation, camera: CameraModel) -> Matrix:
     """(n, 3) directions in the optical frame of points of the levelled working image."""
     x, y = level.to_frame(columns, rows)
-    points = np.stack([x, y], axis=1).reshape(-1, 1, 2)
-    if any(camera.d):
-        flat = cv2.undistortPoints(points, camera.matrix, camera.distortion).reshape(-1, 2)
-    else:
-        matrix = camera.matrix
-        flat = points[:, 0] - matrix[:2, 2]
-        flat = flat / (matrix[0, 0], matrix[1, 1])
+    flat = camera.undistort(np.stack([x, y], axis=1))
     return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)

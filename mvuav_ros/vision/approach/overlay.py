@@ -17,11 +17,11 @@ from mvuav_ros.vision.runway.drawing import (
 )
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
-# Blue, green, red. Left green and right red, as the marker lights are drawn.
+# Blue, green, red. Left red and right green, as the marker lights are drawn.
 ROLE_COLORS: dict[LineRole, Color] = {
     LineRole.UNKNOWN: (255, 255, 255),
-    LineRole.LEFT_EDGE: (80, 230, 60),
-    LineRole.RIGHT_EDGE: (60, 60, 255),
+    LineRole.LEFT_EDGE: (60, 60, 255),
+    LineRole.RIGHT_EDGE: (80, 230, 60),
     LineRole.CENTRELINE: (255, 200, 60),
     LineRole.FAR_END: (60, 230, 255),
     LineRole.NEAR_END: (60, 230, 255),
@@ -33,7 +33,7 @@ _DASHES = 12
 def draw_approach(result: ApproachResult) -> Canvas:
     """Edges, ends, centreline, vanishing point, horizon and numbers on the frame.
 
-    The left edge is green, the right one red, the centreline blue, the ends yellow; a line that
+    The left edge is red, the right one green, the centreline blue, the ends yellow; a line that
     keeps old values (the thesis's flags) is dashed. The cross is where the edges meet, the thin
     line the horizon.
 

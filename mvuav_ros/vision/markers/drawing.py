@@ -17,19 +17,20 @@ RED, GREEN, BLUE = (60, 60, 255), (80, 220, 80), (255, 140, 60)
 YELLOW, WHITE, BLACK = (0, 220, 255), (255, 255, 255), (0, 0, 0)
 
 COLORS: dict[int, Color] = {
-    Label.LEFT_WING: GREEN,
-    Label.LEFT_STABILIZER: GREEN,
+    Label.LEFT_WING: RED,
+    Label.LEFT_STABILIZER: RED,
     Label.RUDDER: BLUE,
-    Label.RIGHT_STABILIZER: RED,
-    Label.RIGHT_WING: RED,
+    Label.RIGHT_STABILIZER: GREEN,
+    Label.RIGHT_WING: GREEN,
     Label.UNLABELLED: YELLOW,
 }
+"""Red left and green right, as an aircraft's navigation lights; the thesis has red right."""
 
 
 def draw_markers(image: Image, result: MarkerResult) -> NDArray[np.uint8]:
     """Draw the result on a copy of the frame.
 
-    Stars for wings, circles for stabilizers, a diamond for the rudder; red right, green left,
+    Stars for wings, circles for stabilizers, a diamond for the rudder; red left, green right,
     blue centre; unlabelled clusters are yellow circles. A predicted marker is drawn thin and in
     yellow. Windows searched are thin rectangles. Roll and status stand at the top.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,27 +33,20 @@ class Lens:
             matrix = camera.matrix
             self.focal = math.sqrt(matrix[0, 0] * matrix[1, 1])
             self.centre = matrix[:2, 2].copy()
-            self._ideal: Array = np.array(
-                [(self.focal, 0.0, self.centre[0]), (0.0, self.focal, self.centre[1]), (0, 0, 1.0)]
-            )
 
     def to_ideal(self, pixels: Array) -> Array:
         """(n, 2) px of the image as px without distortion."""
         camera = self._camera
-        if camera is None or not len(pixels):
+        if camera is None or self.focal is None or not len(pixels):
             return pixels
-        points = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
-        ideal = cv2.undistortPoints(points, camera.matrix, camera.distortion, P=self._ideal)
-        return np.asarray(ideal, np.float64).reshape(-1, 2)
+        return np.asarray(camera.undistort(pixels) * self.focal + self.centre)
 
     def to_image(self, ideal: Array) -> Array:
         """(n, 2) px without distortion as px of the image."""
         camera = self._camera
-        if camera is None or not len(ideal):
+        if camera is None or self.focal is None or not len(ideal):
             return ideal
-        rays = np.column_stack(((ideal - self.centre) / self._ideal[0, 0], np.ones(len(ideal))))
-        # Far outside of the frame a lens model turns back: nothing is seen there anyway.
-        np.clip(rays[:, :2], -1.5, 1.5, out=rays[:, :2])
-        zero = np.zeros(3)
-        image = cv2.projectPoints(rays, zero, zero, camera.matrix, camera.distortion)[0]
-        return np.asarray(image, np.float64).reshape(-1, 2)
+        rays = np.column_stack(((ideal - self.centre) / self.focal, np.ones(len(ideal))))
+        # Nothing is seen beyond anyway.
+        np.clip(rays[:, :2], -camera.widest, camera.widest, out=rays[:, :2])
+        return camera.project(rays)

@@ -2,7 +2,9 @@
 
 import json
 import math
+import os
 import re
+import signal
 from itertools import pairwise
 
 import pytest
@@ -198,6 +200,7 @@ def spoil(folder):
     (sets / 'words.yaml').write_text(
         f'{nodes}    mode: {json.dumps(MARKUP)}\n    num_peaks: .nan\n'
     )
+    os.mkfifo(sets / 'fifo.yaml')
     (sets / 'deep.yaml').write_text('[' * 50_000)
     (sets / 'laughs.yaml').write_text(
         'a: &a [1,1]\n' + ''.join(f'{b}: &{b} [*{a},*{a}]\n' for a, b in pairwise('abcdefg'))
@@ -206,6 +209,8 @@ def spoil(folder):
         (
             '[' * 100_000,
             json.dumps({'kind': 'runway_detector'}),
+            '{"kind": "runway_detector", "source": "x", "parameters": {}, "metrics": [],'
+            ' "version": "", "made": 1e400, "frames": 1, "answered": 1}',
             json.dumps(
                 {
                     'kind': 'runway_detector',
@@ -300,6 +305,8 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
     row = page.locator('.part.runs tbody tr')
     panel.until(lambda: row.count() == 1, 'the one run that can be read')
     assert 'mode WWWW' in row.inner_text() and 'script>' in row.inner_text()
+    words = page.locator('.part.runs').inner_text()
+    assert 'Not readable: run 0' in words and 'run 2: ValueError: made at no time' in words
     row.get_by_role('checkbox').click()
     page.locator('[data-trend]').wait_for()
     page.get_by_role('combobox', name='Recording').click()
@@ -312,6 +319,7 @@ def test_files_with_hostile_names_and_contents_are_text_or_left_out(panel):
     options = page.get_by_role('option').all_inner_texts()
     page.keyboard.press('Escape')
     assert options == ['default', 'thesis', 'words']
+    assert 'fifo: cannot be read: is not a regular file' in page.locator('.sets').inner_text()
     unharmed(panel, page)
 
 
@@ -332,3 +340,8 @@ def test_a_page_opened_beside_it_is_whole_and_the_panel_is_calm(panel):
     assert 'Traceback' not in panel.said()
     assert page.goto(panel.url).status == 200
     page.close()
+
+
+def test_sigterm_ends_it_whatever_it_has_read(panel):
+    panel.process.send_signal(signal.SIGTERM)
+    assert panel.process.wait(timeout=60) == -signal.SIGTERM

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
-from mvuav_ros.processing.messages import points, runway
+from mvuav_ros.processing.messages import points, runway, statuses
 from mvuav_ros.processing.messages.transforms import Placement, encode_transform
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
@@ -105,8 +105,9 @@ def test_the_constants_are_those_of_the_messages():
         Marker.ADD,
         Marker.DELETE,
     )
-    levels = DiagnosticStatus.OK, DiagnosticStatus.WARN
-    assert tuple(level[0] for level in levels) == (runway._OK, runway._WARN)
+    levels = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+    expected = statuses.OK, statuses.WARN, statuses.ERROR
+    assert tuple(level[0] for level in levels) == expected
 
 
 def test_a_whole_runway_frame_field_by_field():

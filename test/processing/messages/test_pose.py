@@ -133,3 +133,33 @@ def test_a_new_calibration_takes_effect():
         distances.append(outputs['pose'].pose.pose.position.z)
     assert distances[0] == pytest.approx(distances[2], rel=0.01)
     assert abs(distances[-1] - distances[2]) > 1.0
+
+
+def statuses(frames):
+    return [outputs['integrity'].status[0] for outputs in frames]
+
+
+def test_integrity_in_every_frame_with_the_reason_where_there_is_none():
+    _, frames = run(alert_limit=[1e4, 1e4, 1e4])
+    for index, (outputs, status) in enumerate(zip(frames, statuses(frames), strict=True)):
+        assert outputs['integrity'].header == outputs['pose'].header
+        values = {each.key: each.value for each in status.values}
+        if FLIGHT.time(index) < 0.2:
+            assert (status.level, status.message) == (b'\0', 'available')
+            place = outputs['pose'].pose.pose.position
+            assert abs(place.z - FLIGHT.truth(index).translation[2]) < float(values['along'])
+            assert values['alert_limit_along'] == '10000' and values['risk'] == '1e-07'
+        else:
+            assert status.level == b'\2'
+            assert status.message.startswith('not available: 0 lights have a name')
+            assert values['along'] == values['yaw_deg'] == 'nan'
+
+
+def test_integrity_alerts_and_says_what_is_missing():
+    alert = statuses(run(alert_limit=[0.0, 1e-3, 0.0])[1])[0]
+    assert (alert.level, alert.message) == (b'\1', 'alert: across')
+    assert statuses(run(camera=None)[1])[0].message == 'not available: no calibration'
+    off = statuses(run(pose=False)[1])[0]
+    assert off.message == 'not available: the parameter pose is off'
+    doubted = statuses(run(light_fault_prior=0.1)[1])[0]
+    assert 'too probable for the integrity risk' in doubted.message

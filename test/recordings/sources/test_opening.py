@@ -62,7 +62,7 @@ def test_a_video_and_its_own_rate(tmp_path):
         frames = list(source.frames())
         assert [f.stamp_ns for f in frames] == [i * 50_000_000 for i in range(10)]
         assert frames[0].image.encoding == 'bgr8'
-    assert source.errors == []
+    assert source.account.errors == []
     assert source.count == 10
 
 

@@ -38,7 +38,7 @@ def test_a_variable_rate_has_its_own_times(tmp_path: Path, suffix: str) -> None:
     source = VideoFile(write_video(tmp_path / f'a{suffix}', TIMES_MS))
     frames = list(source.frames())
     assert [frame.stamp_ns for frame in frames] == [time * 1_000_000 for time in TIMES_MS]
-    assert source.errors == []
+    assert source.account.errors == []
     assert [number_in(frame.image.pixels) for frame in frames] == list(range(6))
 
 
@@ -50,7 +50,7 @@ def test_a_video_cut_off_says_so(tmp_path: Path, suffix: str) -> None:
     source = VideoFile(cut)
     frames = list(source.frames())
     assert 5 < len(frames) < 40
-    assert 'the video ended' in source.errors[0]
+    assert 'the video ended' in source.account.errors[0]
 
 
 def test_a_given_rate_replaces_the_times(tmp_path: Path) -> None:

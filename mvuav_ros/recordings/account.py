@@ -1,0 +1,178 @@
+"""What became of a recording's messages: how many were kept, lost or altered, and why.
+
+Everything that opens a recording hands one of these out, whoever reads the recording fills it, and
+`collecting` finds all that were opened meanwhile: so a command tells a loss without doing anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, NamedTuple
+
+from mvuav_ros.recordings.foreign import LONGEST_LINE, words
+
+_MOST_TEXTS = 200
+_MOST_ENTRIES = 10_000
+_collected: ContextVar[list[Account] | None] = ContextVar('accounts', default=None)
+
+
+class _Entry(NamedTuple):
+    text: str
+    messages: int | None
+    is_alteration: bool = False
+
+
+class Account:
+    """The account of one input; the same again (in a second pass) changes nothing.
+
+    Of very many reasons the first are told.
+
+    Attributes:
+        name: of the input.
+        kept: messages (of a video or a folder: frames) that the newest pass handed on.
+        skipped: messages of topics that cannot be read, as they are not ROS's.
+        is_told: whether somebody has shown it.
+    """
+
+    def __init__(self, name: object = '') -> None:
+        self.name = words(name)
+        self.kept = 0
+        self.skipped = 0
+        self.is_told = False
+        self._entries: dict[tuple[Hashable, Hashable], _Entry] = {}
+        self._notes: dict[Hashable, str] = {}
+        self._written: dict[Hashable, tuple[int, int]] = {}
+        self._promised: dict[Hashable, int] = {}
+        self._is_full = False
+        if (accounts := _collected.get()) is not None:
+            accounts.append(self)
+
+    def lose(self, file: Hashable, key: Hashable, text: str, count: int | None = None) -> None:
+        """Say what could not be read, replacing what was said under the same file and key.
+
+        Args:
+            file: that it was in.
+            key: of this loss in the file.
+            text: what and why.
+            count: of the messages; None if nobody knows, 0 if there are none.
+        """
+        self._enter((file, key), _Entry(words(text, LONGEST_LINE), count))
+
+    def alter(self, key: Hashable, text: str, count: int) -> None:
+        """Say what was written otherwise than it was read."""
+        self._enter(('altered', key), _Entry(words(text, LONGEST_LINE), count, True))
+
+    def note(self, key: Hashable, text: str) -> None:
+        """Say what is unusual, though nothing is lost by it."""
+        if len(self._notes) < _MOST_TEXTS:
+            self._notes[key] = words(text, LONGEST_LINE)
+
+    def promise(self, file: Hashable, written: int) -> None:
+        """Take what a list of files says of one, which counts where that has no index itself."""
+        self._promised[file] = written
+
+    def settle(self, file: Hashable, written: int | None, sound: int) -> None:
+        """Balance a file that was read to its end.
+
+        What is missing without a reason is a loss, too; and what nobody could count is known now.
+
+        Args:
+            file: as given to `lose`.
+            written: messages that its index speaks of; None without an index.
+            sound: messages that were there and whole, wanted or not.
+        """
+        written = self._promised.get(file) if written is None else written
+        self._written.pop(file, None)
+        if written is None:
+            return
+        missing = written - sound
+        if missing >= 0:
+            self._written[file] = written, sound
+        if missing < 0:
+            said = f'{file}: its index speaks of {written} messages, {sound} are there'
+            self.note((file, 'more'), said)
+        elif missing > sum(e.messages or 0 for (of, _), e in self._entries.items() if of == file):
+            self.lose(file, 'rest', f'{file}: {missing} of {written} messages lost', 0)
+
+    @property
+    def lost(self) -> int:
+        """Messages that are known to be lost."""
+        counts = {file: max(written - sound, 0) for file, (written, sound) in self._written.items()}
+        for (file, _), entry in self._entries.items():
+            if file not in self._written and not entry.is_alteration:
+                counts[file] = counts.get(file, 0) + (entry.messages or 0)
+        return sum(counts.values())
+
+    @property
+    def altered(self) -> int:
+        """Messages that were written otherwise than they were read."""
+        return sum(entry.messages or 0 for entry in self._entries.values() if entry.is_alteration)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether no more can be lost than `lost` says, as far as the files tell."""
+        return not self._is_full and all(
+            entry.messages is not None or file in self._written
+            for (file, _), entry in self._entries.items()
+        )
+
+    @property
+    def is_lossy(self) -> bool:
+        """Whether anything was lost or altered."""
+        return bool(self._entries)
+
+    @property
+    def errors(self) -> list[str]:
+        """What was lost or altered, in order of discovery."""
+        texts = [entry.text for entry in self._entries.values()]
+        more = len(texts) - _MOST_TEXTS
+        return [*texts[:_MOST_TEXTS], f'and {more} more'] if more > 0 else texts
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is unusual, in order of discovery."""
+        return list(self._notes.values())
+
+    @property
+    def balance(self) -> str:
+        """The account in one line."""
+        lost = f'{self.lost} lost'
+        if not self.is_exact:
+            lost = f'at least {lost}' if self.lost else 'an unknown number lost'
+        altered = f', {self.altered} altered' if self.altered else ''
+        return f'{self.name}: {self.kept} kept, {lost}{altered}'
+
+    def record(self) -> dict[str, Any]:
+        """All of it as JSON knows it."""
+        return {
+            'name': self.name,
+            **{key: getattr(self, key) for key in ('kept', 'lost', 'skipped', 'altered')},
+            'is_exact': self.is_exact,
+            'errors': self.errors,
+            'warnings': self.warnings,
+        }
+
+    def _enter(self, key: tuple[Hashable, Hashable], entry: _Entry) -> None:
+        if key in self._entries or len(self._entries) < _MOST_ENTRIES:
+            self._entries[key] = entry
+        else:
+            self._is_full = True
+
+
+@contextmanager
+def collecting() -> Iterator[list[Account]]:
+    """The accounts of all that is opened meanwhile in this thread."""
+    accounts: list[Account] = []
+    token = _collected.set(accounts)
+    try:
+        yield accounts
+    finally:
+        _collected.reset(token)
+
+
+def collect(accounts: Iterable[Account]) -> None:
+    """Add accounts that come from elsewhere, such as another process."""
+    if (known := _collected.get()) is not None:
+        known += [account for account in accounts if account not in known]

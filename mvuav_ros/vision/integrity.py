@@ -1,0 +1,318 @@
+"""Protection levels: bounds that the error of a pose exceeds with a stated probability only.
+
+The method is multiple-hypothesis solution separation, as receiver autonomous integrity monitoring
+of satellite navigation uses it (Pervan, Pullen and Christie, "A multiple hypothesis approach to
+satellite navigation integrity", Navigation 45, 1998; Blanch et al., "Baseline advanced RAIM user
+algorithm and possible improvements", IEEE Trans. AES 51, 2015), with lights for satellites.
+
+A hypothesis k says which lights are wrong; its prior probability is p_k. The others make a
+least-squares solution x_k of their own, whose error is Gaussian with deviation s_k per coordinate,
+whatever the wrong ones do. Seen from the published pose x, that is
+
+    |x - truth| <= |x - x_k| + |x_k - truth| ,
+
+so that |x - x_k| + K_k s_k bounds the error unless a Gaussian exceeds K_k deviations: probability
+q_k = 2 Q(K_k). With p_k q_k summed over all hypotheses below the integrity risk, the largest of
+these bounds over k is the protection level. How x was made does not matter: a filter's pose is
+bounded as well as one frame's. Hypotheses that the remaining lights cannot bear out are not
+monitored; their priors are taken off the risk, and where nothing is left, there is no level.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.reprojection import projection_derivatives
+from mvuav_ros.vision.rig import MarkerRig
+
+Array = NDArray[np.float64]
+
+MIN_LIGHTS = 4
+"""Three lights fit a pose wherever they are, so they cannot check each other."""
+MAX_LIGHTS = 12
+"""The pairs of more would cost more than they gain; those seen first are used."""
+MAX_TURN_SIGMA = 0.05
+"""rad. A hypothesis whose remaining lights tell a turn less exactly than this is not monitored:
+the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
+MAX_DISTANCE_SIGMA = 0.03
+"""Of the distance: likewise for the place, where the projection is no longer linear."""
+MAX_TURN_LEVEL = 0.1
+"""rad. A turn has no level beyond this: the error of three lights seen face on is not Gaussian
+there, as flights with two faulty lights show."""
+MAX_DISTANCE_LEVEL = 0.1
+"""Of the distance: the pose has no levels beyond this, as the projection is not linear there."""
+MAX_UNMONITORED = 0.9
+"""Part of the integrity risk that hypotheses without a check may take up."""
+MAX_TAIL = 1e-3
+"""The largest probability that a bound is exceeded under its hypothesis, however improbable that
+is: a margin for priors that are too small."""
+_COORDINATES = 6
+_RIDGE = 1e-12
+"""Of the information's scale: makes that of a degenerate set of lights invertible, and its
+deviations enormous."""
+
+
+class IntegrityState(IntEnum):
+    """Whether a pose may be used, as its protection levels say."""
+
+    AVAILABLE = 0
+    ALERT = 1
+    NOT_AVAILABLE = 2
+
+
+@dataclass(frozen=True)
+class IntegrityBudget:
+    """What is assumed of faults, and what may remain.
+
+    Attributes:
+        risk: probability per frame that the error of any coordinate exceeds its level; 1e-7 is of
+            the order that the ICAO asks for a precision approach (2e-7 in any approach, Annex 10,
+            table 3.7.2.4-1).
+        light_prior: probability per frame that a light is not where its marker is, or is another
+            light; 1e-4 is more than twice the share of wrong names in docs/markers.md.
+        focal_error: standard deviation of the calibrated focal length, as a part of it.
+        center_error: standard deviation of the calibrated principal point, px per axis.
+        min_noise: standard deviation of a light's place, px per axis, below which that of the
+            residuals is not believed.
+
+    Raises:
+        ValueError: a number is no probability or no deviation.
+    """
+
+    risk: float = 1e-7
+    light_prior: float = 1e-4
+    focal_error: float = 0.001
+    center_error: float = 0.2
+    min_noise: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.risk < 0.5 and 0.0 <= self.light_prior < 0.5):
+            raise ValueError('the integrity risk and the prior are probabilities below 0.5')
+        errors = (self.focal_error, self.center_error, self.min_noise)
+        if not all(0.0 <= error < math.inf for error in errors) or not self.min_noise:
+            raise ValueError('errors are standard deviations: positive numbers')
+
+
+@dataclass(frozen=True, slots=True)
+class ProtectionLevels:
+    """Bounds of one pose's errors; NaN where there are none, with the reason.
+
+    Attributes:
+        along: along the line of sight (optical z), m; of the rig's dock, as are the next two.
+        across: to the right or left (optical x), m.
+        up: up or down (optical y), m.
+        roll: about the line of sight, rad; a turn that could be large has no level, NaN.
+        pitch: about optical x, rad.
+        yaw: about optical y, rad.
+        reason: why there are no levels; empty if there are.
+    """
+
+    along: float = math.nan
+    across: float = math.nan
+    up: float = math.nan
+    roll: float = math.nan
+    pitch: float = math.nan
+    yaw: float = math.nan
+    reason: str = ''
+
+    @property
+    def horizontal(self) -> float:
+        """In the plane of the line of sight and optical x, m."""
+        return math.hypot(self.along, self.across)
+
+    @property
+    def vertical(self) -> float:
+        """Perpendicular to that plane, m."""
+        return self.up
+
+    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
+        """Which of along, across and up are beyond their limits (m); a limit of zero is none."""
+        levels = zip(('along', 'across', 'up'), alert_limits, strict=True)
+        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+
+    def state(self, alert_limits: Sequence[float]) -> IntegrityState:
+        """Against limits along, across and up (m); a limit of zero is none."""
+        if self.reason:
+            return IntegrityState.NOT_AVAILABLE
+        return IntegrityState.ALERT if self.beyond(alert_limits) else IntegrityState.AVAILABLE
+
+
+def protection_levels(
+    camera: CameraModel,
+    rig: MarkerRig,
+    labels: Sequence[int],
+    pixels: Array,
+    rotation: Array,
+    translation: Array,
+    noise: float,
+    budget: IntegrityBudget = IntegrityBudget(),
+    doubts: Sequence[float] = (),
+) -> ProtectionLevels:
+    """How wrong a pose may be.
+
+    The place that is bounded is the rig's dock: the pose of a body whose origin is far from its
+    lights has errors of the turn in the place of the origin.
+
+    Args:
+        camera: calibrated.
+        rig: as the pose's.
+        labels: of the lights that were seen, by their place in the rig.
+        pixels: (n, 2), where, px.
+        rotation: (3, 3), optical frame from the body's, of the pose that is published.
+        translation: (3,), of the body's origin, m.
+        noise: standard deviation of a light's place per axis, px.
+        budget: of risks.
+        doubts: of each light, the probability that it has a wrong name (one minus its
+            confidence); it is added to the prior.
+
+    Examples:
+        >>> import cv2, numpy as np
+        >>> from mvuav_ros import CameraModel
+        >>> from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
+        >>> from mvuav_ros.vision.rig import TANKER_747
+        >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
+        >>> place = np.array([2.0, -1.0, 157.0])
+        >>> rvec = cv2.Rodrigues(OPTICAL_FROM_BODY)[0]
+        >>> seen = cv2.projectPoints(TANKER_747.positions, rvec, place, camera.matrix, None)[0]
+        >>> levels = protection_levels(
+        ...     camera, TANKER_747, range(5), seen.reshape(-1, 2), OPTICAL_FROM_BODY, place, 0.1
+        ... )
+        >>> round(levels.along, 2), round(levels.across, 2)
+        (0.95, 0.25)
+        >>> protection_levels(
+        ...     camera, TANKER_747, range(3), seen[:3, 0], OPTICAL_FROM_BODY, place, 0.1
+        ... ).reason
+        '3 lights cannot check each other: levels need 4'
+    """
+    used = list(labels)[:MAX_LIGHTS]
+    count = len(used)
+    if count < MIN_LIGHTS:
+        return ProtectionLevels(
+            reason=f'{count} lights cannot check each other: levels need {MIN_LIGHTS}'
+        )
+    kept = _hypotheses(count)[0]
+    sigma = max(noise, budget.min_noise)
+    terms = _normal_terms(camera, rig, used, pixels[:count], rotation, translation, sigma, budget)
+    sums = kept @ terms
+    information, known = sums[:, :36], sums[:, 36:].reshape(-1, 6, 4)
+    scale = information[0, ::7]
+    if not scale.min() > 0.0 or not math.isfinite(scale.max()):
+        return ProtectionLevels(reason='the lights do not tell a pose')
+    information[:, ::7] += _RIDGE * scale
+    covariances = np.linalg.inv(information.reshape(-1, 6, 6))
+    shifts = covariances @ known
+    by_calibration = shifts[:, :, :3]
+    variances = np.einsum('kii->ki', covariances)
+    variances = variances + np.einsum('kij,kij->ki', by_calibration, by_calibration)
+    distance = math.hypot(*translation.tolist())
+    limits = np.array([(MAX_DISTANCE_SIGMA * distance) ** 2] * 3 + [MAX_TURN_SIGMA**2] * 3)
+    # Rounding may make the variance of a degenerate set negative.
+    monitored = ((variances >= 0.0) & (variances <= limits)).all(axis=1)
+    factors = _factors(budget, count, monitored.tobytes(), tuple(doubts[:count]))
+    if factors is None:
+        return ProtectionLevels(reason=_unmonitored_reason(monitored, used, rig))
+    sigmas = np.sqrt(np.abs(variances))
+    bounds = (np.abs(shifts[:, :, 3]) + factors * sigmas)[monitored]
+    levels = bounds.max(axis=0)
+    if not levels[:3].max() <= MAX_DISTANCE_LEVEL * distance:
+        return ProtectionLevels(reason='the lights contradict each other or the pose')
+    levels[3:][~(levels[3:] <= MAX_TURN_LEVEL)] = math.nan
+    across, up, along, pitch, yaw, roll = levels.tolist()
+    return ProtectionLevels(along, across, up, roll, pitch, yaw)
+
+
+@lru_cache(maxsize=32)
+def _hypotheses(count: int) -> tuple[Array, NDArray[np.intp]]:
+    """No light, each light, each pair is wrong: (m, n) of the lights kept, (m, 2) of the wrong.
+
+    An index of n stands for no light.
+    """
+    wrong = [(count, count)]
+    wrong += [(light, count) for light in range(count)]
+    wrong += list(combinations(range(count), 2))
+    indices = np.array(wrong, np.intp)
+    kept = np.ones((len(wrong), count + 1))
+    kept[np.arange(len(wrong))[:, None], indices] = 0.0
+    return np.ascontiguousarray(kept[:, :count]), indices
+
+
+@lru_cache(maxsize=256)
+def _factors(
+    budget: IntegrityBudget, count: int, monitored: bytes, doubts: tuple[float, ...]
+) -> Array | None:
+    """(m, 1), how many deviations of each hypothesis the error may be; None with no risk left.
+
+    The risk that remains after the hypotheses which are not monitored is shared alike among the
+    others and among the coordinates.
+    """
+    indices = _hypotheses(count)[1]
+    is_monitored = np.frombuffer(monitored, np.bool_)
+    wrong = np.full(count + 1, budget.light_prior)
+    wrong[: len(doubts)] += doubts
+    wrong = np.minimum(wrong, 1.0)
+    wrong[count] = 1.0  # of no further light
+    priors = wrong[indices[:, 0]] * wrong[indices[:, 1]]
+    first, second, third = (float((wrong[:count] ** power).sum()) for power in (1, 2, 3))
+    # Union bound of three lights or more at once.
+    beyond_pairs = max(first**3 - 3.0 * first * second + 2.0 * third, 0.0) / 6.0
+    left = budget.risk - float(priors[~is_monitored].sum()) - beyond_pairs
+    if not is_monitored[0] or left < (1.0 - MAX_UNMONITORED) * budget.risk:
+        return None
+    share = left / (_COORDINATES * float(is_monitored.sum()))
+    tails = np.minimum(share / np.maximum(priors, share), MAX_TAIL) / 2.0
+    return np.asarray(-ndtri(tails)[:, None], np.float64)
+
+
+def _normal_terms(
+    camera: CameraModel,
+    rig: MarkerRig,
+    labels: list[int],
+    pixels: Array,
+    rotation: Array,
+    translation: Array,
+    sigma: float,
+    budget: IntegrityBudget,
+) -> Array:
+    """(n, 60), each light's part of the normal equations, in units of the noise.
+
+    36 numbers of the information about the dock's place and the turns, then (6, 4) of the products
+    with the three errors of the calibration, one deviation each, and with the residual.
+    """
+    seen, by_place, by_turn = projection_derivatives(
+        camera, rig.positions[labels], rotation, translation, about=rig.dock
+    )
+    count = len(labels)
+    design = np.empty((count, 2, 10))
+    design[:, :, :3] = by_place
+    design[:, :, 3:6] = by_turn
+    # A longer focal length moves a pixel away from the principal point, in proportion.
+    design[:, :, 6] = (seen - camera.matrix[:2, 2]) * budget.focal_error
+    design[:, :, 7:9] = np.eye(2) * budget.center_error
+    design[:, :, 9] = pixels - seen
+    design /= sigma
+    terms = np.empty((count, 60))
+    of_pose = design[:, :, :6].transpose(0, 2, 1)
+    np.matmul(of_pose, design[:, :, :6], out=terms[:, :36].reshape(count, 6, 6))
+    np.matmul(of_pose, design[:, :, 6:], out=terms[:, 36:].reshape(count, 6, 4))
+    return terms
+
+
+def _unmonitored_reason(monitored: NDArray[np.bool_], labels: list[int], rig: MarkerRig) -> str:
+    """Which faults the lights cannot check."""
+    if not monitored[0]:
+        return 'the lights do not tell the pose well enough'
+    single = monitored[1 : len(labels) + 1].tolist()
+    singles = [rig.names[label] for label, fine in zip(labels, single, strict=True) if not fine]
+    if singles:
+        return f'nothing checks {", ".join(singles)}: the other lights do not tell a pose'
+    return 'faults of several lights at once are too probable for the integrity risk'

@@ -1,0 +1,178 @@
+"""`mvuav replay --camera-info`, and rectified images: poses from any source."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from rosbags.typesys import Stores, get_typestore
+from support.commands import mvuav, mvuav_process, read
+
+from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
+from mvuav_ros.recordings.images import CAMERA_INFO, IMAGE, decode_message
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.serialization.messages import decode_camera_info
+from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.vision.camera import CameraModel
+
+POSE = '/marker_tracker/pose'
+NODE = ('--nodes', 'marker_tracker')
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def flight(distortion='-0.2,0.05,0,0'):
+    given = {'motion': 'docking', 'frames': 12, 'start_distance': 40, 'end_distance': 30}
+    return make_flight('tanker', {**given, 'distortion': distortion})
+
+
+def save(path: Path, camera: CameraModel) -> Path:
+    sizes = {'image_width': camera.width, 'image_height': camera.height}
+    p = camera.p or (*camera.k[:3], 0, *camera.k[3:6], 0, *camera.k[6:], 0)
+    matrices = {
+        'camera_matrix': camera.k,
+        'distortion_coefficients': camera.d,
+        'rectification_matrix': np.eye(3).ravel().tolist(),
+        'projection_matrix': p,
+    }
+    content = {name: {'data': list(map(float, data))} for name, data in matrices.items()}
+    model = {'distortion_model': camera.distortion_model}
+    path.write_text(yaml.safe_dump({**sizes, **content, **model}))
+    return path
+
+
+def distances(path: Path) -> list[float]:
+    messages = [message for message in read(path) if message.topic == POSE]
+    poses = [decode_message(m.type, m.data).pose.pose.position for m in messages]
+    return [float(np.linalg.norm((p.x, p.y, p.z))) for p in poses]
+
+
+@pytest.fixture(scope='module')
+def truth():
+    return [float(np.linalg.norm(frame.truth.translation)) for frame in flight()]
+
+
+@pytest.fixture(scope='module')
+def video(tmp_path_factory):
+    path = tmp_path_factory.mktemp('video') / 'flight.avi'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'FFV1'), 30.0, (640, 480))
+    for frame in flight():
+        writer.write(frame.image.bgr())
+    writer.release()
+    return path
+
+
+@pytest.fixture(scope='module')
+def calibration(tmp_path_factory):
+    return save(tmp_path_factory.mktemp('camera') / 'nose.yaml', camera_model(flight().camera))
+
+
+@pytest.mark.parametrize('jobs', [1, 2])
+def test_a_video_and_a_calibration_give_poses(video, calibration, truth, tmp_path, jobs):
+    out = tmp_path / 'out.mcap'
+    without = tmp_path / 'without.mcap'
+    assert mvuav('replay', video, '-o', without, *NODE).status == 0
+    assert np.isnan(distances(without)).all()
+    command = mvuav if jobs == 1 else mvuav_process
+    given = ('replay', video, '-o', out, *NODE, '--camera-info', calibration)
+    run = command(*given, '--jobs', jobs)
+    assert run.status == 0
+    # The first two frames may still be uncertain of the names.
+    assert distances(out)[2:] == pytest.approx(truth[2:], rel=0.005)
+
+
+@pytest.mark.parametrize('change', [{'width': 320, 'height': 240}, {'distortion_model': 'glass'}])
+def test_a_calibration_that_does_not_fit_is_refused(video, tmp_path, change):
+    camera = replace(camera_model(flight().camera), **change)
+    out = tmp_path / 'out.mcap'
+    run = mvuav('replay', video, '-o', out, '--camera-info', save(tmp_path / 'c.yaml', camera))
+    assert 'camera_info is for 320 x 240 px' in run.error or "'glass' is not one of" in run.error
+    assert [path.name for path in tmp_path.iterdir()] == ['c.yaml']
+
+
+def test_a_file_that_is_no_calibration_is_refused(video, tmp_path):
+    for name, words in (('nothing.yaml', 'No such file'), (video, 'not a calibration file')):
+        run = mvuav('replay', video, '-o', tmp_path / 'out.mcap', '--camera-info', name)
+        assert words in run.error
+
+
+def rectified_bag(path: Path, topic: str) -> Path:
+    """Undistorted images of `flight`, with the raw camera's K and d, and with P beside them."""
+    raw = camera_model(flight().camera)
+    p = np.array([(300.0, 0, 310, 0), (0, 300, 245, 0), (0, 0, 1, 0)])
+    k, size = np.array(raw.k).reshape(3, 3), (640, 480)
+    maps = cv2.initUndistortRectifyMap(k, np.array(raw.d), np.eye(3), p[:, :3], size, cv2.CV_32FC1)
+    info_topic = f'{topic.rpartition("/")[0]}/camera_info'
+    with RecordingWriter(path) as writer:
+        for frame in flight():
+            header = make_header(frame.stamp_ns, 'nose')
+            info = encode_camera_info(replace(raw, p=tuple(p.ravel())), header)
+            data = bytes(STORE.serialize_cdr(as_stored(info), CAMERA_INFO))
+            writer.write(info_topic, CAMERA_INFO, frame.stamp_ns, data)
+            pixels = cv2.remap(frame.image.pixels, *maps, cv2.INTER_CUBIC)
+            image = replace(frame.image, pixels=pixels)
+            message = serialize_image(image, cdr_header(frame.stamp_ns, 'nose'))
+            writer.write(topic, IMAGE, frame.stamp_ns, message)
+    return path
+
+
+def as_stored(info):
+    kinds = STORE.types
+    stamp = kinds['builtin_interfaces/msg/Time'](info.header.stamp.sec, info.header.stamp.nanosec)
+    return kinds[CAMERA_INFO](
+        header=kinds['std_msgs/msg/Header'](stamp, info.header.frame_id),
+        height=info.height,
+        width=info.width,
+        distortion_model=info.distortion_model,
+        **{name: np.array(getattr(info, name), np.float64) for name in 'dkrp'},
+        binning_x=0,
+        binning_y=0,
+        roi=kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False),
+    )
+
+
+@pytest.mark.parametrize(
+    ('topic', 'more', 'is_right'),
+    [
+        ('/nose/image_rect', (), True),
+        ('/nose/image_rect_color', (), True),
+        ('/nose/image', ('--image-is-rectified',), True),
+        ('/nose/image', ('--param', 'marker_tracker:image_is_rectified:=true'), True),
+        # What goes wrong without: the raw camera's numbers on rectified images.
+        ('/nose/image', (), False),
+    ],
+)
+def test_rectified_images_are_seen_through_p(tmp_path, truth, topic, more, is_right):
+    out = tmp_path / 'out.mcap'
+    bag = rectified_bag(tmp_path / 'bag.mcap', topic)
+    assert mvuav('replay', bag, '-o', out, *NODE, *more).status == 0
+    found = np.array(distances(out)[2:]) / truth[2:] - 1.0
+    assert (np.abs(found).max() < 0.005) == is_right
+
+
+def test_a_given_calibration_is_taken_as_rectified_too(tmp_path, truth):
+    out = tmp_path / 'out.mcap'
+    bag = rectified_bag(tmp_path / 'bag.mcap', '/nose/image_rect')
+    p = (300.0, 0, 310, 0, 0, 300, 245, 0, 0, 0, 1, 0)
+    file = save(tmp_path / 'c.yaml', replace(camera_model(flight().camera), p=p))
+    assert mvuav('replay', bag, '-o', out, *NODE, '--camera-info', file).status == 0
+    assert distances(out)[2:] == pytest.approx(truth[2:], rel=0.005)
+
+
+def test_binning_and_the_region_of_interest_are_applied():
+    k = (500.0, 0, 320, 0, 490, 240, 0, 0, 1)
+    info = encode_camera_info(CameraModel(640, 480, k), make_header(0, 'nose'))
+    info.binning_x = info.binning_y = 2
+    info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height = 100, 40, 320, 400
+    camera = decode_camera_info(info)
+    camera.check(160, 200)
+    assert camera.matrix[0].tolist() == [250.0, 0.0, (320 - 100 - 0.5) / 2]
+    assert camera.matrix[1].tolist() == [0.0, 245.0, (240 - 40 - 0.5) / 2]
+    # A region that is the whole image, and one of zero size, are none.
+    info.binning_x, info.binning_y, info.roi.width, info.roi.height = 1, 0, 0, 0
+    assert decode_camera_info(info).matrix[0, 2] == 320.0

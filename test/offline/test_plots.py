@@ -1,0 +1,199 @@
+"""Tables and pictures of several flights, as `mvuav export` makes them."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+import tracemalloc
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.commands import mvuav
+
+from mvuav_ros.offline.plots import Curves, collect, page
+from mvuav_ros.processing.messages.markers import encode_marker, encode_markers
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.serialization.cdr import cdr_header
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.results import MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.rig import parse_rig
+
+FRAMES = (6, 9)
+CLOUD, POINT = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/PointStamped'
+
+
+@pytest.fixture(scope='module')
+def season(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of two flights of a tanker that begin at the same time, and one of a runway."""
+    folder = tmp_path_factory.mktemp('season')
+    for number, frames in enumerate(FRAMES):
+        given = ('--frames', frames, '--seed', number, '--motion', 'still')
+        flight = folder / 'flights' / f'flight_{number}.mcap'
+        assert mvuav('simulate', 'tanker', '-o', flight, *given).status == 0
+    runway = folder / 'flights' / 'approach.mcap'
+    assert mvuav('simulate', 'runway', '-o', runway, '--frames', 5, '--size', '320x240').status == 0
+    run = mvuav(
+        'replay', folder / 'flights', '-o', folder / 'results',
+        *('--param', 'runway_detector:mode:=approach'),
+        *('--param', 'runway_detector:runway_width:=30.0'),
+    )  # fmt: skip
+    assert run.status == 0
+    return folder / 'results'
+
+
+@pytest.fixture(scope='module')
+def tables(season: Path) -> Path:
+    out = season.parent / 'tables'
+    run = mvuav('export', season, '-o', out, '--plot')
+    assert run.status == 0
+    return out
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(newline='') as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_one_table_has_all_flights(tables: Path) -> None:
+    rows = [row for row in read(tables / 'marker_tracker_rpy.csv') if row['flight'] != 'approach']
+    assert [row['flight'] for row in rows] == ['flight_0'] * 6 + ['flight_1'] * 9
+    for name in ('flight_0', 'flight_1'):
+        stamps = [int(row['stamp_ns']) for row in rows if row['flight'] == name]
+        assert stamps == sorted(stamps)
+    for row in rows:
+        assert float(row['stamp']) == pytest.approx(int(row['stamp_ns']) * 1e-9)
+        assert float(row['roll_deg']) == pytest.approx(math.degrees(float(row['roll'])))
+
+
+def test_poses_have_angles_and_covariances(tables: Path) -> None:
+    poses = read(tables / 'marker_tracker_pose.csv')
+    angles = {(r['flight'], r['stamp_ns']): r for r in read(tables / 'marker_tracker_rpy.csv')}
+    known = [row for row in poses if math.isfinite(float(row['z']))]
+    assert len(known) >= 12
+    for row in known:
+        same = angles[row['flight'], row['stamp_ns']]
+        assert float(row['pitch']) == pytest.approx(float(same['pitch']), abs=1e-9)
+        assert float(row['yaw_deg']) == pytest.approx(float(same['yaw_deg']), abs=1e-7)
+        assert 0 < float(row['cov_z_z']) < 1 and 0 < float(row['cov_rx_rx']) < 0.1
+    runway = read(tables / 'runway_detector_pose.csv')
+    assert any(20 < float(row['z']) < 80 and float(row['cov_y_y']) > 0 for row in runway)
+    lines = read(tables / 'runway_detector_line_params.csv')
+    edge = next(row for row in lines if row['role_name'] == 'left_edge' and row['theta'] != 'nan')
+    assert float(edge['theta_deg']) == pytest.approx(math.degrees(float(edge['theta'])))
+
+
+def test_markers_have_names_and_states(tables: Path) -> None:
+    rows = [r for r in read(tables / 'marker_tracker_markers.csv') if r['flight'] == 'flight_0'][:5]
+    assert [row['name'] for row in rows] == [
+        'left_wing', 'left_stabilizer', 'rudder', 'right_stabilizer', 'right_wing'
+    ]  # fmt: skip
+    assert {row['state_name'] for row in rows} == {'detected'}
+
+
+def test_names_of_another_rig_are_those_of_its_topics(tmp_path: Path) -> None:
+    """Also where the first one is seen late; a marker that is never seen has none."""
+    markers = {'nose': [0, 0, 0], 'left': [0, 1, 0], 'right': [0.2, -1.5, 0], 'top': [0, 0, 2]}
+    rig = parse_rig({'markers': markers})
+    result = MarkerTracker(rig=rig).process(Image(np.zeros((480, 640), np.uint8), 'mono8'), 0)
+    path = tmp_path / 'results.mcap'
+    with RecordingWriter(path) as writer:
+        for index, seen in enumerate(((1, 2), (0, 1, 2))):
+            shown = [
+                m._replace(x=10.1 + 7 * m.label, y=20.3, state=MarkerState.DETECTED)
+                if m.label in seen
+                else m
+                for m in result.markers
+            ]
+            header = cdr_header(index, 'camera')
+            frame = dataclasses.replace(result, markers=shown)
+            writer.write('/ns/marker_tracker/markers', CLOUD, index, encode_markers(frame, header))
+            for label in seen:
+                topic = f'/ns/marker_tracker/marker/{rig.names[label]}'
+                writer.write(topic, POINT, index, encode_marker(shown[label], header))
+    assert mvuav('export', path, '-o', tmp_path / 'out').status == 0
+    rows = read(tmp_path / 'out' / 'ns_marker_tracker_markers.csv')
+    assert [row['name'] for row in rows] == ['nose', 'left', 'right', ''] * 2
+
+
+@pytest.mark.parametrize(
+    ('form', 'topic', 'ending'), [('tum', 'pose', 'tum'), ('mot', 'markers', 'txt')]
+)
+def test_trajectories_have_a_file_for_each_flight(
+    season: Path, tmp_path: Path, form: str, topic: str, ending: str
+) -> None:
+    assert mvuav('export', season, '-o', tmp_path / 'out', '--format', form).status == 0
+    folder = tmp_path / 'out' / f'marker_tracker_{topic}'
+    assert {path.name for path in folder.iterdir()} >= {f'flight_{n}.{ending}' for n in (0, 1)}
+    lines = [line.split(',') for line in (folder / f'flight_1.{ending}').read_text().splitlines()]
+    if form == 'mot':
+        assert {int(line[0]) for line in lines} == set(range(1, 10))
+        assert {int(line[1]) for line in lines} == {1, 2, 3, 4, 5}
+        assert all(len(line) == 10 and line[7:] == ['-1'] * 3 for line in lines)
+    else:
+        assert all(len(line[0].split()) == 8 for line in lines)
+
+
+def test_a_mot_box_lies_around_the_marker(season: Path, tables: Path, tmp_path: Path) -> None:
+    single = season / 'flight_0.mcap'
+    assert mvuav('export', single, '-o', tmp_path / 'out', '--format', 'mot').status == 0
+    text = (tmp_path / 'out' / 'marker_tracker_markers.txt').read_text().splitlines()[0]
+    left, top, width, height = map(float, text.split(',')[2:6])
+    marker = read(tables / 'marker_tracker_markers.csv')
+    first = next(row for row in marker if row['flight'] == 'flight_0')
+    # MOTChallenge counts pixels from 1, and their corners from 0.5 before.
+    assert left + 0.5 * width - 1.5 == pytest.approx(float(first['x']), abs=0.01)
+    assert top + 0.5 * height - 1.5 == pytest.approx(float(first['y']), abs=0.01)
+    assert width * height == pytest.approx(float(first['area']), rel=0.01)
+
+
+def test_every_flight_has_a_page_and_there_is_an_overview(tables: Path) -> None:
+    names = {'approach.png', 'flight_0.png', 'flight_1.png', 'overview.png'}
+    assert {path.name for path in (tables / 'plots').iterdir()} == names
+    for name in names:
+        assert cv2.imread(str(tables / 'plots' / name)).std() > 10
+
+
+def test_a_page_draws_what_is_in_the_results(season: Path) -> None:
+    with open_recording(season / 'flight_1.mcap') as recording:
+        flight = collect(recording, 'flight_1')
+    tracker = next(part for part in flight.parts if not part.is_runway)
+    assert (tracker.frames, tracker.poses) == (9, 9)
+    assert np.array(tracker.states).shape == (9, 5)
+    axes = {axis.get_ylabel(): axis for axis in page(flight).axes}
+    roll = axes['roll [°]'].lines[0].get_ydata()
+    assert len(roll) == 9 and np.isfinite(roll).all()
+    assert axes['distance ahead [m]'].collections, 'the bounds'
+
+
+def test_a_long_flight_is_drawn_by_its_extremes_in_little_memory() -> None:
+    tracemalloc.start()
+    curves = Curves(2, 90_000)
+    for index in range(90_000):
+        curves.add(index / 30, [1e6 if index == 71_234 else math.sin(index), math.nan])
+    mean, _, greatest = curves.array()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(mean) <= 3000 and peak < 3 << 20
+    # One frame of 90,000 that stands out is on the page.
+    assert np.nanmax(greatest[:, 1]) == 1e6
+    assert np.isnan(mean[:, 2]).all()
+
+
+def test_what_cannot_be_drawn_is_one_line_and_nothing_is_overwritten(
+    season: Path, tables: Path, tmp_path: Path
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in tables.rglob('*')}
+    assert 'exists' in mvuav('export', season, '-o', tables, '--plot').error
+    assert {path: path.stat().st_mtime_ns for path in tables.rglob('*')} == before
+    (tmp_path / 'empty').mkdir()
+    assert 'holds no recording' in mvuav('export', tmp_path / 'empty', '-o', tmp_path / 'o').error
+    twin = tmp_path / 'flight_0.mcap'
+    twin.write_bytes((season / 'flight_0.mcap').read_bytes())
+    error = mvuav('export', season, twin, '-o', tmp_path / 'o').error
+    assert 'would both become flight_0' in error
+    assert not (tmp_path / 'o').exists()

@@ -1,0 +1,75 @@
+"""Folders of recordings, and what is one recording."""
+
+from pathlib import Path
+
+import pytest
+from support.commands import mvuav, stamps
+from support.recording_samples import image_samples, write_mcap, write_rosbag2
+
+from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.flights import by_flight, recordings_in
+
+NODE = ('--nodes', 'marker_tracker', '--param', 'marker_tracker:mode:=detect_any')
+
+
+def touch(folder: Path, *names: str) -> Path:
+    folder.mkdir(parents=True)
+    for name in names:
+        (folder / name).write_bytes(b'\x89PNG' if name.endswith('png') else b'')
+    return folder
+
+
+@pytest.mark.parametrize(
+    ('names', 'expected'),
+    [
+        # Flights, whatever lies beside them.
+        (['flight_2.mcap', 'flight_10.mcap', 'notes.txt', 'map.png'], 2),
+        (['a.mcap', 'b.bag', 'c.db3', 'd.mp4', '.hidden.mcap'], 4),
+        (['a.mcap', 'a.mcap.zstd', 'b.mcap.zstd'], 2),
+        # One recording.
+        (['season_0.mcap', 'season_1.mcap'], 0),
+        (['rosbag2_2026_01_02-03_04_05_0.db3', 'rosbag2_2026_01_02-03_04_05_1.db3'], 0),
+        (['2026-01-02-03-04-05_0.bag', '2026-01-02-03-14-05_1.bag'], 0),
+        (['a.mcap', 'b.mcap', 'metadata.yaml'], 0),
+        (['1.png', '2.png'], 0),
+        (['a.mcap'], 0),
+        ([], 0),
+    ],
+)
+def test_a_folder_is_one_recording_or_several(
+    tmp_path: Path, names: list[str], expected: int
+) -> None:
+    folder = touch(tmp_path / 'season', *names)
+    found = recordings_in(str(folder))
+    assert found == [str(folder)] if expected == 0 else len(found) == expected
+    assert [Path(f).name for f in found] == sorted(
+        (Path(f).name for f in found), key=lambda name: (name[0], len(name))
+    )
+
+
+def test_folders_of_images_and_rosbag2_folders_are_recordings_of_a_folder(tmp_path: Path) -> None:
+    touch(tmp_path / 'season' / 'images', '1.png', '2.png')
+    touch(tmp_path / 'season' / 'bag', 'bag_0.mcap', 'metadata.yaml')
+    touch(tmp_path / 'season' / 'notes', 'a.txt')
+    names = [Path(found).name for found in recordings_in(str(tmp_path / 'season'))]
+    assert names == ['bag', 'images']
+
+
+def test_two_flights_of_one_name_are_refused() -> None:
+    assert by_flight(['a/x.mcap', 'a/y.bag']) == {'x': 'a/x.mcap', 'y': 'a/y.bag'}
+    with pytest.raises(RecordingError, match=r'a/x.mcap and b/x.db3 would both become x'):
+        by_flight(['a/x.mcap', 'b/x.db3'])
+
+
+def test_a_folder_of_bags_is_replayed_flight_by_flight(tmp_path: Path) -> None:
+    season = tmp_path / 'season'
+    season.mkdir()
+    for number, length in enumerate((3, 5)):
+        # All begin at the same time: glued together they would jump back.
+        write_mcap(season / f'flight_{number}.mcap', image_samples(length))
+    write_rosbag2(season / 'last', image_samples(4))
+    assert 'need a folder' in mvuav('replay', season, '-o', tmp_path / 'out.mcap', *NODE).error
+    out = tmp_path / 'results'
+    assert mvuav('replay', season, '-o', out, *NODE).status == 0
+    counts = {path.stem: len(stamps(path)) for path in out.glob('*.mcap')}
+    assert counts == {'flight_0': 3, 'flight_1': 5, 'last': 4}
