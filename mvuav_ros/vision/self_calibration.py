@@ -37,7 +37,6 @@ class CalibrationTuning:
     rig_errors: tuple[float, ...] = (0.002, 0.006)
     # Of the focal length's logarithm before anything was seen (1 sigma).
     focal_error: float = 0.5
-    barrel_error: float = 0.1  # the same of k1, of a camera that has no calibration
     contradiction: float = 3.0  # deviations from the calibration, and
     least_contradiction: float = 0.04  # part of it, from which on the lights contradict it
     # Of the squared residuals over their variances, per degree of freedom: with more, the names
@@ -56,10 +55,8 @@ class CalibrationTuning:
 
 TUNING = CalibrationTuning()
 _MOST_ITERATIONS = 12
-_LONGEST_STEP = 0.25
-_F, _K1 = slice(6, 8), 10
-"""Columns of OpenCV's derivatives: of both focal lengths, and of the first distortion coefficient;
-those before are of the rotation vector and the translation."""
+_LONGEST_STEP, _FARTHEST = 0.25, 3.0
+_PINHOLE: Array = np.eye(3)
 
 
 class Keyframe(NamedTuple):
@@ -81,14 +78,12 @@ class Estimate:
     Attributes:
         shift: logarithm of the focal length over that of the calibration.
         deviation: of it (1 sigma).
-        k1: by which the first distortion coefficient is more than the calibration's.
         offsets: (n, 3), of the markers from where the rig's file puts them, m.
         misfit: squared residuals over their variances per degree of freedom: about 1.
     """
 
     shift: float
     deviation: float
-    k1: float
     offsets: Array
     misfit: float
 
@@ -105,10 +100,7 @@ class Estimate:
 
     def of_camera(self, camera: CameraModel) -> CameraModel:
         """The calibration with the focal length that the lights show."""
-        k, d = list(camera.k), list(camera.d or (0.0,) * 5)
-        k[0], k[4] = math.exp(self.shift) * k[0], math.exp(self.shift) * k[4]
-        d[0] += self.k1
-        return replace(camera, k=tuple(k), d=tuple(d))
+        return _with_focal(camera, self.shift)
 
     def of_rig(self, rig: MarkerRig) -> MarkerRig:
         """The rig with its markers where the lights show them."""
@@ -117,6 +109,16 @@ class Estimate:
             (name, (x, y, z)) for name, (x, y, z) in zip(rig.names, places, strict=True)
         )
         return replace(rig, markers=markers)
+
+
+def _with_focal(camera: CameraModel, shift: float) -> CameraModel:
+    """The calibration with a focal length whose logarithm is greater by so much."""
+    by = math.exp(min(max(shift, -_FARTHEST), _FARTHEST))
+    k, p = list(camera.k), list(camera.p)
+    k[0], k[4] = by * k[0], by * k[4]
+    if p:
+        p[0], p[5] = by * p[0], by * p[5]
+    return replace(camera, k=tuple(k), p=tuple(p))
 
 
 class SelfCalibration:
@@ -130,25 +132,24 @@ class SelfCalibration:
         >>> rvec, tvec = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array((2.0, -1.0, 120.0))
         >>> seen = cv2.projectPoints(TANKER_747.positions, rvec, tvec, true, None)[0]
         >>> check = SelfCalibration(TANKER_747.positions, told)
-        >>> check.add(range(5), seen.reshape(-1, 2))
+        >>> _ = check.add(range(5), seen.reshape(-1, 2))
         >>> estimate = check.estimate()
         >>> estimate.contradicts, round(estimate.of_camera(told).k[0])
         (True, 600)
     """
 
-    def __init__(self, points: Array, camera: CameraModel, free_lens: bool = False) -> None:
-        """Begin with a rig's markers (n, 3), m; a free lens has its k1 estimated as well."""
+    def __init__(self, points: Array, camera: CameraModel) -> None:
+        """Begin with a rig's markers (n, 3), m, and the calibration that is to be checked."""
         self._points = np.asarray(points, np.float64)
         middle = self._points.mean(axis=0)
         self._size = float(np.linalg.norm(self._points - middle, axis=1).max()) or 1.0
         self._camera = camera
-        distortion = camera.distortion
-        self._distortion = distortion if len(distortion) >= 4 else np.resize(distortion, 5) * 0.0
-        self._shared = 2 if free_lens else 1
         self._frames: list[tuple[Keyframe, Array, Array]] = []
         self._estimate: Estimate | None = None
         self._refused = 0
-        self._told: Array = np.zeros(self._shared + self._points.size)
+        # What the frames share: the logarithm of the focal length over the calibration's, and the
+        # markers' offsets, m.
+        self._told: Array = np.zeros(1 + self._points.size)
         self._covariance: Array = np.zeros((len(self._told), len(self._told)))
 
     def __len__(self) -> int:
@@ -181,12 +182,12 @@ class SelfCalibration:
         told = self.estimate()
         if len(self._frames) < TUNING.known or told is None or not told.fits:
             return False
-        for _ in range(2):
-            residual, own, common = self._linearize(frame, *pose, self._told)
-            step = np.linalg.lstsq(own, residual, rcond=None)[0]
-            pose = pose[0] + step[:3], pose[1] + step[3:]
+        model = self._model(self._told)
+        residual, own, common = self._linearize(frame, *pose, *model)
+        step = np.linalg.lstsq(own, residual, rcond=None)[0]
+        pose = pose[0] + step[:3], pose[1] + step[3:]
         # What no pose explains, over what camera and rig may still turn out to be.
-        residual, own, common = self._linearize(frame, *pose, self._told)
+        residual, own, common = self._linearize(frame, *pose, *model)
         back = np.linalg.pinv(own)
         rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
         spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
@@ -194,11 +195,11 @@ class SelfCalibration:
         return misfit > max(TUNING.most_odd, TUNING.odd * told.misfit)
 
     def _first_pose(self, frame: Keyframe) -> tuple[Array, Array] | None:
-        matrix, distortion, points = self._model(self._told)
+        camera, points = self._model(self._told)
         points = np.ascontiguousarray(points[frame.labels])
         try:
             found, rvec, tvec = cv2.solvePnP(
-                points, frame.pixels, matrix, distortion, flags=cv2.SOLVEPNP_SQPNP
+                points, camera.undistort(frame.pixels), _PINHOLE, None, flags=cv2.SOLVEPNP_SQPNP
             )
         except cv2.error:
             return None
@@ -215,27 +216,23 @@ class SelfCalibration:
                     break
         return self._estimate
 
-    def _model(self, value: Array) -> tuple[Array, Array, Array]:
-        """Camera matrix, distortion and markers by what is shared."""
-        matrix, distortion = self._camera.matrix.copy(), self._distortion.copy()
-        matrix[[0, 1], [0, 1]] *= math.exp(min(max(float(value[0]), -3.0), 3.0))
-        distortion[0] += value[1] if self._shared > 1 else 0.0
-        return matrix, distortion, self._points + value[self._shared :].reshape(-1, 3)
+    def _model(self, value: Array) -> tuple[CameraModel, Array]:
+        """Camera and markers by what is shared."""
+        return _with_focal(self._camera, float(value[0])), self._points + value[1:].reshape(-1, 3)
 
     def _adjust(self, rig_error: float) -> Estimate | None:
         """Gauss-Newton steps in which the poses are eliminated."""
-        shared = self._shared
         deviations = np.full(len(self._told), rig_error * self._size)
         deviations[0] = TUNING.focal_error
-        deviations[1:shared] = TUNING.barrel_error
         weight = deviations**-2
         value = self._told
         poses = [(rvec, tvec) for _, rvec, tvec in self._frames]
         for _ in range(_MOST_ITERATIONS):
             normal, towards = np.diag(weight), -weight * value
-            squares, eliminated = float((weight * value**2)[shared:].sum()), []
+            squares, eliminated = float((weight * value**2)[1:].sum()), []
+            model = self._model(value)
             for (frame, _, _), pose in zip(self._frames, poses, strict=True):
-                residual, own, common = self._linearize(frame, *pose, value)
+                residual, own, common = self._linearize(frame, *pose, *model)
                 if not np.isfinite(common).all():
                     return None
                 back = np.linalg.pinv(own)
@@ -261,12 +258,11 @@ class SelfCalibration:
             ]
             if abs(float(step[0])) < TUNING.step:
                 break
-        freedom = sum(2 * len(frame.labels) - 6 for frame, _, _ in self._frames) - shared
+        freedom = sum(2 * len(frame.labels) - 6 for frame, _, _ in self._frames) - 1
         misfit = squares / max(freedom, 1)
         deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
-        k1 = float(value[1]) if shared > 1 else 0.0
-        offsets = value[shared:].reshape(-1, 3)
-        told = Estimate(float(value[0]), deviation, k1, offsets, misfit)
+        offsets = value[1:].reshape(-1, 3)
+        told = Estimate(float(value[0]), deviation, offsets, misfit)
         if told.fits:
             # The next frames begin here.
             kept = zip(self._frames, poses, strict=True)
@@ -275,24 +271,19 @@ class SelfCalibration:
         return told
 
     def _linearize(
-        self, frame: Keyframe, rvec: Array, tvec: Array, value: Array
+        self, frame: Keyframe, rvec: Array, tvec: Array, camera: CameraModel, points: Array
     ) -> tuple[Array, Array, Array]:
         """A frame's residuals (2 n,), and their derivatives by its pose and by what is shared.
 
         All over the noise.
         """
-        shared, labels = self._shared, frame.labels
-        matrix, distortion, points = self._model(value)
-        seen, slopes = cv2.projectPoints(points[labels], rvec, tvec, matrix, distortion)
-        common = np.zeros((2 * len(labels), len(value)))
-        common[:, 0] = slopes[:, _F] @ matrix[[0, 1], [0, 1]]
-        if shared > 1:
-            common[:, 1] = slopes[:, _K1]
-        by_point = slopes[:, 3:6] @ rotation_of(rvec)
+        labels, noise = frame.labels, TUNING.noise
+        seen, own = camera.project_with_jacobian(points[labels], rvec, tvec)
+        common = np.zeros((2 * len(labels), 1 + points.size))
+        # A pixel lies as far from the principal point as the focal length is long.
+        common[:, 0] = (seen - camera.matrix[:2, 2]).ravel()
+        by_point = own[:, 3:6] @ rotation_of(rvec)
         for row, label in enumerate(labels.tolist()):
-            place = slice(shared + 3 * label, shared + 3 * label + 3)
+            place = slice(3 * label + 1, 3 * label + 4)
             common[2 * row : 2 * row + 2, place] = by_point[2 * row : 2 * row + 2]
-        residual = (frame.pixels - seen.reshape(-1, 2)).ravel()
-        noise = TUNING.noise
-        own = np.asarray(slopes[:, :6], np.float64)
-        return residual / noise, own / noise, common / noise
+        return (frame.pixels - seen).ravel() / noise, own / noise, common / noise

@@ -111,3 +111,21 @@ def test_a_light_that_is_another_one_for_a_moment_teaches_nothing():
         assert not check.add(range(5), pixels)
     assert check.estimate().shift == shift
     assert check.add(range(5), flight.truth(60).pixels)
+
+
+def test_a_fisheye_and_rectified_images():
+    flight = MarkerFlight(Scene(), 3)
+    ways = flight.rotations, flight.translations
+    places = [flight.rig @ r.T + t for r, t in zip(*ways, strict=True)]
+    k, p = (600, 0, 330, 0, 600, 235, 0, 0, 1), (600, 0, 330, 0, 0, 600, 235, 0, 0, 0, 1, 0)
+    fisheye = CameraModel(640, 480, k, (0.05, -0.01, 0.002, 0.0), 'equidistant')
+    for true in (fisheye, CameraModel(640, 480, k, (-0.2,) + (0.0,) * 4, p=p).rectified()):
+        told = true.binned(1, 1)
+        for name in ('k', 'p'):
+            wrong = [1.2 * v if v == 600 else v for v in getattr(true, name)]
+            object.__setattr__(told, name, tuple(wrong))
+        check = SelfCalibration(flight.rig, told)
+        for frame in range(0, 60, 12):
+            check.add(range(5), true.project(places[frame]))
+        assert check.estimate().contradicts
+        assert check.estimate().of_camera(told).matrix[0, 0] == pytest.approx(600.0, rel=0.01)

@@ -184,7 +184,7 @@ class CalibratedTracker:
         """Say what contradicts the calibration."""
         self._doubt = ''
         if estimate.contradicts and self._camera is not None:
-            told = math.sqrt(self._camera.k[0] * self._camera.k[4])
+            told = math.sqrt(self._camera.matrix[0, 0] * self._camera.matrix[1, 1])
             shown = math.exp(estimate.shift) * told
             self._doubt = (
                 f'camera_info says a focal length of {told:.0f} px, the lights show {shown:.0f} px '
