@@ -27,6 +27,8 @@ FIRST_STEP, LONGEST_STEP = 0.1, 8.0
 """s between two frames that are taken for the estimate: while it is young, and when settled."""
 FEWEST = 5
 """Markers of a rig that can be named without a calibration, and then tell one; four fit any."""
+MOST_OTHERS = 3
+"""Lights beside the rig's with which they are tried without the calibration, which takes time."""
 TRIED, RESTED = 30, 5
 """Frames at the start in each of which the lights are named without the calibration as well;
 afterwards in one of so many, as they may not be the rig's."""
@@ -147,7 +149,10 @@ class CalibratedTracker:
     ) -> MarkerResult:
         """Name the lights without the calibration where nothing was found with it."""
         self._frames += 1
-        if len(self._rig.names) < FEWEST or (self._frames > TRIED and self._frames % RESTED):
+        count = len(self._rig.names)
+        if count < FEWEST or not count <= self._tracker.lights <= count + MOST_OTHERS:
+            return result
+        if self._frames > TRIED and self._frames % RESTED:
             return result
         self._trial = self._trial or IdentityTracker(self._rig)
         named = self._trial.track(image, time, parameters)
