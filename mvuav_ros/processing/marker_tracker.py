@@ -170,6 +170,9 @@ class MarkerTrackerProcessor(Processor):
         if self._rejection:
             self._warnings.append(self._rejection)
             return None
+        if result.camera_doubt:
+            self._warnings.append(f'no pose: {result.camera_doubt}')
+            return None
         seen = [
             marker
             for marker in result.markers
