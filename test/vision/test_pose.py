@@ -14,6 +14,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.reprojection import Reprojection
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -125,6 +126,30 @@ def test_any_attitude_from_one_frame(roll, pitch, yaw):
     quaternion = np.array((*axis, math.cos(half)))
     assert abs(abs(np.dot((x, y, z, w), quaternion)) - 1.0) < 1e-6
     assert w >= 0.0
+
+
+@pytest.mark.parametrize('distortion', [(), (-0.15, 0.04, 0.001, -0.001, 0.0)])
+def test_the_refinement_ends_where_opencvs_does(distortion):
+    camera = CameraModel(640, 480, CAMERA.k, distortion)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        rotation = OPTICAL_FROM_BODY @ from_rpy(*rng.uniform(-0.4, 0.4, 3))
+        translation = rng.uniform((-10, -8, 80), (10, 8, 150))
+        image = seen(rotation, translation, camera=camera) + rng.normal(0, 0.3, (5, 2))
+        start = cv2.Rodrigues(rotation @ from_rpy(*rng.normal(0, 0.1, 3)))[0]
+        view = Reprojection(camera, TANKER_747.positions, image)
+        rvec, tvec, squares = view.refine(start, 1.1 * translation.reshape(3, 1))
+        model = camera.matrix, camera.distortion
+        strict = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
+        start = rvec.copy(), tvec.copy()
+        best = cv2.solvePnPRefineLM(TANKER_747.positions, image, *model, *start, strict)
+        np.testing.assert_allclose(rvec, best[0], atol=1e-6)
+        np.testing.assert_allclose(tvec, best[1], atol=1e-4)
+        assert squares == pytest.approx(((image - view.places(rvec, tvec)) ** 2).sum())
+        # What the steps left is what the solution has: derivatives and places are of one pose.
+        fresh = Reprojection(camera, TANKER_747.positions, image)
+        np.testing.assert_allclose(view.places(rvec, tvec), fresh.places(rvec, tvec), atol=1e-9)
+        np.testing.assert_allclose(view.jacobian(rvec, tvec), fresh.jacobian(rvec, tvec), atol=1e-9)
 
 
 def test_three_lights_have_several_solutions_and_the_last_pose_decides():
