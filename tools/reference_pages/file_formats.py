@@ -28,7 +28,7 @@ TRUTH = {
     '/imu': 'attitude with a constant error and noise, for mode `approach`',
     '/truth/lines': 'left edge, right edge, centreline, far end, near end, as `~/line_params`',
     '/truth/markers': 'as `~/markers`; state 2 where the light cannot be seen',
-    '/truth/pose': 'the body in the camera frame, or the camera in the runway frame (m)',
+    '/truth/pose': 'as `~/pose` (m)',
     '/truth/rpy': 'x: roll between the wings as projected (rad)',
 }
 ROWS: dict[tuple[str, str], np.dtype[np.void]] = {
