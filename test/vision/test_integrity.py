@@ -12,7 +12,9 @@ from mvuav_ros.vision.integrity import (
     IntegrityBudget,
     IntegrityState,
     ProtectionLevels,
+    integrity_state,
     protection_levels,
+    runway_levels,
 )
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 
@@ -62,7 +64,7 @@ def test_as_computed_one_hypothesis_at_a_time() -> None:
     steps = 1e-6 * np.eye(9)
     design = np.stack([(project(s) - project(-s)) / 2e-6 for s in steps], axis=1)
     residual = pixels.ravel() - project(np.zeros(9))
-    bounds = []
+    bounds, turns = [], []
     hypotheses = [wrong for count in range(3) for wrong in combinations(range(5), count)]
     unmonitored = 0.0
     solutions = {}
@@ -74,18 +76,26 @@ def test_as_computed_one_hypothesis_at_a_time() -> None:
         sigma = np.sqrt(0.1**2 * (inverse**2).sum(axis=1) + (by_calibration**2).sum(axis=1))
         if sigma[3:].max() > 0.05:
             unmonitored += budget.light_prior ** len(wrong)
-            continue
         solutions[wrong] = np.abs(inverse @ residual[rows]), sigma
+    monitored = {wrong: each for wrong, each in solutions.items() if each[1][3:].max() <= 0.05}
+    assert 10 < len(monitored) < len(solutions) == 16
     triples = 10 * budget.light_prior**3
-    share = (budget.risk - unmonitored - triples) / (6 * len(solutions))
+    share = (budget.risk - unmonitored - triples) / (6 * len(monitored))
     for wrong, (shift, sigma) in solutions.items():
         tail = min(share / max(budget.light_prior ** len(wrong), share), 1e-3)
-        bounds.append(shift - ndtri(tail / 2) * sigma)
-    x, y, z, pitch, yaw, roll = np.max(bounds, axis=0)
+        bound = shift - ndtri(tail / 2) * sigma
+        turns.append(bound[3:])
+        if wrong in monitored:
+            bounds.append(bound[:3])
+    x, y, z = np.max(bounds, axis=0)
+    pitch, yaw, roll = np.where(np.max(turns, axis=0) <= 0.15, np.max(turns, axis=0), np.nan)
     found = levels(pixels)
     assert found.along == pytest.approx(z, rel=1e-4)
     assert (found.across, found.up) == pytest.approx((x, y), rel=1e-4)
-    assert (found.roll, found.pitch, found.yaw) == pytest.approx((roll, pitch, yaw), rel=1e-4)
+    assert (found.roll, found.pitch, found.yaw) == pytest.approx(
+        (roll, pitch, yaw), rel=1e-3, nan_ok=True
+    )
+    assert math.isfinite(found.roll)
 
 
 def test_a_pose_that_is_off_has_levels_that_cover_it() -> None:
@@ -136,7 +146,7 @@ def test_levels_grow_with_noise_priors_and_calibration_and_with_a_smaller_risk()
 
 
 def test_doubts_about_a_name_count_as_a_prior() -> None:
-    assert levels(doubts=[0.0] * 5) == levels()
+    assert levels(doubts=[0.0] * 5).along == levels().along
     assert levels(doubts=[0, 1e-3, 0, 0, 0]).along > levels().along
 
 
@@ -157,7 +167,7 @@ def test_doubts_about_a_name_count_as_a_prior() -> None:
 def test_no_level_and_the_reason(given: dict[str, object], reason: str) -> None:
     found = levels(**given)  # type: ignore[arg-type]
     assert reason in found.reason
-    assert found.state((0.0, 0.0, 0.0)) is IntegrityState.NOT_AVAILABLE
+    assert integrity_state(found, (0.0, 0.0, 0.0)) is IntegrityState.NOT_AVAILABLE
     assert math.isnan(found.along) and math.isnan(found.horizontal) and math.isnan(found.yaw)
 
 
@@ -172,9 +182,9 @@ def test_a_rig_on_one_line_has_no_level() -> None:
 
 def test_states_against_limits() -> None:
     found = levels()
-    assert found.state((0, 0, 0)) is IntegrityState.AVAILABLE
-    assert found.state((3.0, 0.5, 0.5)) is IntegrityState.AVAILABLE
-    assert found.state((0.5, 0.5, 0.5)) is IntegrityState.ALERT
+    assert integrity_state(found, (0, 0, 0)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (3.0, 0.5, 0.5)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (0.5, 0.5, 0.5)) is IntegrityState.ALERT
     assert found.horizontal == math.hypot(found.along, found.across)
     assert found.vertical == found.up
 
@@ -192,3 +202,33 @@ def test_states_against_limits() -> None:
 def test_a_budget_that_makes_no_sense_is_refused(given: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r'probabilit|deviation'):
         IntegrityBudget(**given)
+
+
+COVARIANCE = np.diag([100.0, 0.25, 0.16, 1e-4, 1e-4, 4e-4])
+
+
+def test_runway_levels_are_the_deviations_that_the_risk_asks_for() -> None:
+    # 0.03 of the risk is left for three errors, half of it on each side: 2.576 deviations, which
+    # are six times those of the covariance.
+    found = runway_levels(COVARIANCE, 0.99, 0.04)
+    assert (found.offset, found.height) == pytest.approx(
+        (6 * 2.576 * 0.5, 6 * 2.576 * 0.4), rel=1e-3
+    )
+    assert found.heading == pytest.approx(6 * 2.576 * 0.02, rel=1e-3)
+    assert integrity_state(found, (8.0, 7.0)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (7.0, 0.0)) is IntegrityState.ALERT
+    assert found.beyond((7.0, 0.0)) == ['offset']
+
+
+@pytest.mark.parametrize('confidence', [0.0, 0.5, 0.95, math.nan])
+def test_a_confidence_that_cannot_bear_the_risk_gives_no_level(confidence: float) -> None:
+    found = runway_levels(COVARIANCE, confidence, 0.05)
+    assert 'cannot bear a risk of 0.05' in found.reason and math.isnan(found.offset)
+    assert integrity_state(found, (0.0, 0.0)) is IntegrityState.NOT_AVAILABLE
+
+
+def test_edges_that_tell_no_place_give_no_level() -> None:
+    for variance in (1e12, math.nan):
+        unknown = COVARIANCE.copy()
+        unknown[2, 2] = variance
+        assert 'do not tell' in runway_levels(unknown, 1.0, 0.05).reason
