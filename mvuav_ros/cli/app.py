@@ -31,6 +31,7 @@ COMMANDS = (
     'sweep',
     'simulate',
     'evaluate',
+    'calibrate',
     'rig',
 )
 """Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""

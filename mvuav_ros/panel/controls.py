@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -79,6 +80,18 @@ class Control:
     def label(self) -> str:
         """The name for people."""
         return foreign.words(self.name)
+
+    @property
+    def default(self) -> Value | None:
+        """What its description says; None where that is nothing."""
+        said = self.text.default
+        if self.type is bool:
+            return said == 'on' if said else None
+        if self.type is str:
+            return '' if said == '(empty)' else said or None
+        with suppress(ValueError):
+            return self.parse(said) if said and self.type is not None else None
+        return None
 
     def counts(self, values: Mapping[str, Any]) -> bool:
         """Whether it has an effect while the node's parameters have these values."""

@@ -26,13 +26,14 @@ LONGEST = 600.0
 class Recorder:
     """Records one node until it is stopped; its file can be replayed.
 
-    ``messages`` are written so far; ``error`` says why it ended by itself. Making it makes the
-    folder; that and the end raise RecordingError or OSError where the file cannot be written.
+    ``messages`` are written so far, of ``size`` bytes; ``error`` says why it ended by itself.
+    Making it makes the folder; that and the end raise RecordingError or OSError where the file
+    cannot be written.
     """
 
     def __init__(self, ros: RosThread, node: LiveNode, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.path, self.messages, self.error = path, 0, ''
+        self.path, self.messages, self.size, self.error = path, 0, 0, ''
         self._began = time.monotonic()
         self._writer = RecordingWriter(path, metadata={'recorded': {'node': node.name}})
         self._stopped = False
@@ -60,6 +61,7 @@ class Recorder:
         try:
             self._writer.write(topic, kind, time.time_ns(), data)
             self.messages += 1
+            self.size += len(data)
         except RecordingError as error:
             # One message may come after the end.
             self.error = '' if self._stopped else str(error)

@@ -1,4 +1,4 @@
-"""A node's results as curves over time, subscribed only while somebody looks."""
+"""A node's results as curves over time and as figures, subscribed only while somebody looks."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import CameraInfo
 
-from mvuav_ros.panel import foreign
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.figures import TOPICS, Figures, rows_of
+from mvuav_ros.panel.live_node import LiveNode, same_value
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.panel.sketch import Sketch, rotation_of, sketch_runway, sketch_tanker
-from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
 
 CURVES = {
@@ -26,10 +24,8 @@ CURVES = {
     'runway_detector': {'rho': ('Line rho', 'px'), 'theta': ('Line theta', '°')},
 }
 """Charts of each kind of node: title and unit."""
-_MOST_ROWS = 12
 _HIGHEST_RATE = 30.0
 """Points per second of a curve; a screen shows no more."""
-_MOST_VALUES = 100_000
 _LARGEST = 1e9
 
 Curves = dict[str, float | None]
@@ -45,69 +41,65 @@ class SeriesFeed:
     def __init__(self, ros: RosThread, node: LiveNode, heard: Callable[[], None]) -> None:
         self.name = node.name
         self._ros, self._node, self._heard = ros, node, heard
+        self._figures = Figures(node.kind, lambda: node.values)
         self._points: list[tuple[float, str, Curves]] = []
-        self._pose: Sketch | None = None
+        self._values = dict(node.values)
+        self._marks: list[tuple[float, str]] = []
         self._due: dict[str, float] = {}
+        self._new = False
         self._subscriptions = ExitStack()
+        topics = {
+            topic: (kind, f'{node.name}/{topic}') for topic, kind in TOPICS[node.kind].items()
+        }
+        if node.image_topic:
+            base = node.image_topic.removesuffix('/compressed').rpartition('/')[0]
+            topics['camera_info'] = CameraInfo, f'{base}/camera_info'
         # Best effort connects to every publisher and never slows one down.
         qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-        for topic, (kind, shown) in _SOURCES[node.kind].items():
-            arrived = partial(self._arrived, topic, shown)
-            self._subscriptions.callback(ros.subscribe(kind, f'{node.name}/{topic}', arrived, qos))
+        for topic, (kind, name) in topics.items():
+            arrived = partial(self._arrived, topic)
+            self._subscriptions.callback(ros.subscribe(kind, name, arrived, qos))
         self.close = self._subscriptions.close
 
     def take(self) -> str:
         """What was heard since the last time; empty where nothing was.
 
-        As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "pose": …}``.
+        As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "marks": [[time,
+        change], …]}`` and what `Figures.said` gives.
         """
-        if not (self._points or self._pose):
+        if not self._new:
             return ''
-        pose = self._pose._asdict() if self._pose else None
-        said = {'series': self.name, 'points': self._points, 'pose': pose}
-        self._points, self._pose = [], None
-        return json.dumps(said)
+        said = {'series': self.name, 'points': self._points, 'marks': self._marks}
+        self._points, self._marks, self._new = [], [], False
+        return json.dumps({**said, **self._figures.said()})
 
-    def _arrived(self, topic: str, shown: Callable[[Any, LiveNode], Any], message: Any) -> None:
+    def _arrived(self, topic: str, message: Any) -> None:
         now = time.monotonic()
         if now >= self._due.get(topic, 0.0):
             self._due[topic] = now + 0.5 / _HIGHEST_RATE
-            # What is no such message of our nodes says nothing.
-            with suppress(ValueError, KeyError, TypeError, IndexError, OverflowError):
-                self._ros.tell(self._keep, round(now, 3), shown(message, self._node))
+            self._ros.tell(self._keep, topic, message, round(now, 3))
 
-    def _keep(self, now: float, shown: dict[str, Curves] | Sketch) -> None:
-        if isinstance(shown, dict):
-            self._points += [(now, chart, curves) for chart, curves in shown.items()]
-        else:
-            self._pose = shown
+    def _keep(self, topic: str, message: Any, now: float) -> None:
+        # What is no such message of our nodes says nothing.
+        with suppress(ArithmeticError, ValueError, LookupError, TypeError):
+            self._figures.take(topic, message)
+            if topic in _CHARTS:
+                self._points += [(now, *chart) for chart in _CHARTS[topic](message).items()]
+        for name, value in self._node.values.items():
+            if not same_value(self._values.get(name, value), value):
+                self._marks.append((now, f'{name} {value_text(value)}'))
+        self._values = dict(self._node.values)
+        self._new = True
         self._heard()
-
-
-def _sketch(message: PoseWithCovarianceStamped, node: LiveNode) -> Sketch:
-    pose = message.pose.pose
-    position = (pose.position.x, pose.position.y, pose.position.z)
-    rotation = rotation_of(pose.orientation)
-    if node.kind == 'marker_tracker':
-        return sketch_tanker(position, rotation)
-    width = foreign.number(node.values.get('runway_width', 0.0))
-    return sketch_runway(position, rotation, width)
-
-
-def _rows(message: PointCloud2) -> Any:
-    """The first rows; a message says itself how large it is."""
-    if len(message.fields) > 50 or message.width * message.height > _MOST_VALUES:
-        raise ValueError('no result of our nodes')
-    return decode_points(message)[:_MOST_ROWS]
 
 
 def _number(value: float) -> float | None:
     return round(float(value), 3) if abs(value) < _LARGEST else None
 
 
-def _markers(message: PointCloud2, _: LiveNode) -> dict[str, Curves]:
+def _markers(message: Any) -> dict[str, Curves]:
     charts: dict[str, Curves] = {'x': {}, 'y': {}}
-    for index, row in enumerate(_rows(message), 1):
+    for index, row in enumerate(rows_of(message), 1):
         label = int(row['label'])
         known = label != Label.UNLABELLED and label < len(TANKER_NAMES)
         name = TANKER_NAMES[label].replace('_', ' ') if known else f'marker {index}'
@@ -117,26 +109,22 @@ def _markers(message: PointCloud2, _: LiveNode) -> dict[str, Curves]:
     return charts
 
 
-def _roll(message: Vector3Stamped, _: LiveNode) -> dict[str, Curves]:
+def _roll(message: Any) -> dict[str, Curves]:
     return {'roll': {'roll': _number(math.degrees(message.vector.x))}}
 
 
-def _lines(message: PointCloud2, _: LiveNode) -> dict[str, Curves]:
+def _lines(message: Any) -> dict[str, Curves]:
     charts: dict[str, Curves] = {'rho': {}, 'theta': {}}
     # From 1, as the lines are numbered in the images.
-    for index, row in enumerate(_rows(message), 1):
+    for index, row in enumerate(rows_of(message), 1):
         charts['rho'][f'line {index}'] = _number(row['rho'])
         charts['theta'][f'line {index}'] = _number(math.degrees(row['theta']))
     return charts
 
 
-_POSE = (PoseWithCovarianceStamped, _sketch)
-_SOURCES: dict[str, dict[str, tuple[type, Callable[[Any, LiveNode], Any]]]] = {
-    'marker_tracker': {
-        'markers': (PointCloud2, _markers),
-        'rpy': (Vector3Stamped, _roll),
-        'pose': _POSE,
-    },
-    'runway_detector': {'line_params': (PointCloud2, _lines), 'pose': _POSE},
+_CHARTS: dict[str, Callable[[Any], dict[str, Curves]]] = {
+    'markers': _markers,
+    'rpy': _roll,
+    'line_params': _lines,
 }
-"""Topics, with their types and what is shown of a message."""
+"""The topics with curves."""

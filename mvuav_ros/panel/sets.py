@@ -22,7 +22,7 @@ _BUILT_IN = ('default', 'thesis')
 
 
 class Difference(NamedTuple):
-    """A parameter with its values in two sets; None where a set has none."""
+    """A parameter with its values in two sets."""
 
     name: str
     left: object
@@ -129,12 +129,7 @@ def _values(path: Path, kind: str) -> dict[str, object]:
     return parameter_values(text, path.stem, kind)
 
 
-def differences(
-    left: Mapping[str, object], right: Mapping[str, object], *, all_of_them: bool = False
-) -> list[Difference]:
-    """The parameters that two sets have with different values, in the order of the first.
-
-    With ``all_of_them`` also those that are equal or that only one set has.
-    """
-    both = [Difference(n, left.get(n), right.get(n)) for n in dict.fromkeys((*left, *right))]
-    return both if all_of_them else [d for d in both if None not in d and d.left != d.right]
+def differences(left: Mapping[str, object], right: Mapping[str, object]) -> list[Difference]:
+    """The parameters that two sets have with different values, in the order of the first."""
+    both = (Difference(name, left[name], right[name]) for name in left if name in right)
+    return [each for each in both if each.left != each.right]

@@ -18,6 +18,7 @@ MOST_ROUND = 31
 """px; every pixel of a round element costs a pass over the rows searched."""
 _THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 _approach = partial(parameter, counts=_APPROACH, stage='Approach')
+_integrity = partial(parameter, counts=_APPROACH, stage='Integrity')
 _image = partial(parameter, counts=_THESIS, stage='Image')
 _edges = partial(parameter, counts=_THESIS, stage='Edges')
 _hough = partial(parameter, counts=_THESIS, stage='Hough')
@@ -81,6 +82,22 @@ class RunwayDetectorParameters(ParameterSet):
         "the body's x), for the horizon from imu.",
         limits=(-180.0, 180.0),
         unit='°',
+    )
+    integrity_risk: float = _integrity(
+        0.05,
+        'Probability per frame with which an error of the guidance in mode approach may exceed its '
+        'protection level on ~/integrity (docs/integrity.md). One minus the confidence is taken '
+        'off it, so that a confidence of 0.95 and less bears no levels with the default.',
+        limits=(1e-12, 0.5),
+        unit='per frame',
+        usual=(1e-3, 0.2),
+    )
+    alert_limit: tuple[float, float] = _integrity(
+        (0.0, 0.0),
+        'Protection levels of lateral offset and height from which on ~/integrity says alert; 0: '
+        'no limit.',
+        limits=(0.0, 10_000.0),
+        unit='m',
     )
     start_row: int = _image(
         50,

@@ -179,7 +179,7 @@ class MarkerTrackerProcessor(Processor):
         else:
             reason = '; '.join(self._warnings) or f'{len(self._seen[0])} lights have a name'
             levels = ProtectionLevels(reason=reason)
-        return encode_integrity('pose', levels, given.alert_limit, given.integrity_risk, header)
+        return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
 
     def _check(self, camera: CameraModel, image: Image) -> None:
         """Find out whether the calibration is one of such images, if that is not known yet."""

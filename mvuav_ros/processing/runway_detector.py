@@ -22,6 +22,7 @@ from mvuav_ros.processing.messages.runway import (
     encode_statistics,
     encode_vanishing_point,
 )
+from mvuav_ros.processing.messages.statuses import encode_integrity
 from mvuav_ros.processing.processor import Output, Processor
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
@@ -31,6 +32,7 @@ from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.hough_image import draw_hough
 from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_overlay
@@ -59,6 +61,7 @@ class RunwayDetectorProcessor(Processor):
         'vanishing_point': PointStamped,
         'pose': PoseWithCovarianceStamped,
         'vision_pose': PoseWithCovarianceStamped,
+        'integrity': DiagnosticArray,
     }
     debug_topics = tuple(_THESIS_IMAGES)
     periodic_topics = {'statistics': DiagnosticArray}
@@ -131,11 +134,27 @@ class RunwayDetectorProcessor(Processor):
             Output('lines', partial(encode_lines, result, header, camera)),
             Output('corrections', partial(encode_corrections, result, header)),
             Output('vanishing_point', partial(encode_vanishing_point, result, header)),
+            Output('integrity', partial(self._encode_integrity, result, header)),
         ]
         if isinstance(result, ApproachResult) and result.guidance is not None:
             outputs += self._poses(result.guidance, frame, header)
         self._newest = (result, header)
         return outputs
+
+    def _encode_integrity(self, result: RunwayResult | ApproachResult, header: bytes) -> bytes:
+        """How wrong the newest guidance may be; computed only where somebody listens."""
+        given = self._parameters
+        if not isinstance(result, ApproachResult):
+            levels = RunwayLevels(reason='only mode approach has levels')
+        elif result.guidance is None:
+            reason = 'guidance needs a runway_width and a calibrated camera_info'
+            levels = RunwayLevels(reason=reason)
+        elif not result.guidance.known:
+            levels = RunwayLevels(reason=result.status or 'the edges are not known')
+        else:
+            covariance = result.guidance.covariance
+            levels = runway_levels(covariance, result.confidence, given.integrity_risk)
+        return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
 
     def _poses(self, guidance: Guidance, frame: Frame, header: bytes) -> list[Output]:
         """The camera in the runway's frame; as others take it only where all of it is known."""

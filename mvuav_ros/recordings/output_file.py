@@ -1,8 +1,9 @@
-"""A new file that only grows, and holds nothing that was written in part."""
+"""Files that hold nothing that was written in part: one that only grows, and a whole text."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -73,3 +74,30 @@ class OutputFile:
         return RecordingError(
             f'{reason}: {self.path} cannot be written; what it holds so far can be read'
         )
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, and its folder; a file of that name is replaced as a whole or not at all.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    new = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise RecordingError(f'{path} is a folder; give the name of a file')
+        with tempfile.NamedTemporaryFile(
+            'w', encoding='utf-8', dir=path.parent, prefix=f'.{path.name}.', delete=False
+        ) as file:
+            new = Path(file.name)
+            file.write(text)
+        # What a file opened in the usual way may be read by.
+        mask = os.umask(0)
+        os.umask(mask)
+        new.chmod(0o666 & ~mask)
+        new.replace(path)
+    except OSError as error:
+        if new is not None:
+            new.unlink(missing_ok=True)
+        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.reprojection import projection_derivatives
 from mvuav_ros.vision.rig import MarkerRig
@@ -56,6 +57,10 @@ MAX_UNMONITORED = 0.9
 MAX_TAIL = 1e-3
 """The largest probability that a bound is exceeded under its hypothesis, however improbable that
 is: a margin for priors that are too small."""
+RUNWAY_INFLATION = 6.0
+"""By which the deviations of a runway's guidance are multiplied: the factor that makes 95 % of the
+errors of real approaches right is 5.1 to 6.6 (three flights, two of them for the third; labels of
+whole pixels included), that of simulated ones 2.9 to 3.8. See tools/evaluate_runway_levels.py."""
 _COORDINATES = 6
 _RIDGE = 1e-12
 """Of the information's scale: makes that of a degenerate set of lights invertible, and its
@@ -140,11 +145,69 @@ class ProtectionLevels:
         levels = zip(('along', 'across', 'up'), alert_limits, strict=True)
         return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
 
-    def state(self, alert_limits: Sequence[float]) -> IntegrityState:
-        """Against limits along, across and up (m); a limit of zero is none."""
-        if self.reason:
-            return IntegrityState.NOT_AVAILABLE
-        return IntegrityState.ALERT if self.beyond(alert_limits) else IntegrityState.AVAILABLE
+
+@dataclass(frozen=True, slots=True)
+class RunwayLevels:
+    """Bounds of the errors of a runway's guidance; NaN where there are none, with the reason.
+
+    Attributes:
+        offset: lateral, m.
+        height: m.
+        heading: rad.
+        reason: why there are no levels; empty if there are.
+    """
+
+    offset: float = math.nan
+    height: float = math.nan
+    heading: float = math.nan
+    reason: str = ''
+
+    def beyond(self, alert_limits: Sequence[float]) -> list[str]:
+        """Which of offset and height are beyond their limits (m); a limit of zero is none."""
+        levels = zip(('offset', 'height'), alert_limits, strict=True)
+        return [axis for axis, limit in levels if limit and getattr(self, axis) > limit]
+
+
+def integrity_state(
+    levels: ProtectionLevels | RunwayLevels, alert_limits: Sequence[float]
+) -> IntegrityState:
+    """Whether what the levels bound may be used, as alert limits (m; zero: none) ask for."""
+    if levels.reason:
+        return IntegrityState.NOT_AVAILABLE
+    return IntegrityState.ALERT if levels.beyond(alert_limits) else IntegrityState.AVAILABLE
+
+
+def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLevels:
+    """How wrong the guidance from a runway's two edges may be.
+
+    Two edges cannot check each other. That they are not the runway's has the probability of one
+    minus the confidence; only what this leaves of the risk bounds the Gaussian errors, whose
+    deviations are inflated by `RUNWAY_INFLATION`.
+
+    Args:
+        covariance: (6, 6) of x, y, z (m), roll, pitch, yaw (rad), as `Guidance.covariance`.
+        confidence: of the runway.
+        risk: probability per frame that an error exceeds its level.
+
+    Examples:
+        >>> import numpy as np
+        >>> levels = runway_levels(np.diag([1.0, 0.04, 0.01, 1e-4, 1e-4, 1e-4]), 0.99, 0.05)
+        >>> round(levels.offset, 2), round(levels.height, 2)
+        (2.97, 1.48)
+        >>> runway_levels(np.eye(6), 0.9, 1e-7).reason
+        'a confidence of 0.900 cannot bear a risk of 1e-07'
+    """
+    variances = [float(covariance[axis, axis]) for axis in (1, 2, 5)]
+    left = risk - (1.0 - confidence)
+    if not left >= (1.0 - MAX_UNMONITORED) * risk:
+        return RunwayLevels(
+            reason=f'a confidence of {confidence:.3f} cannot bear a risk of {risk:g}'
+        )
+    if not all(0.0 <= variance < UNKNOWN_VARIANCE for variance in variances):
+        return RunwayLevels(reason='the edges do not tell offset, height and heading')
+    factor = -RUNWAY_INFLATION * float(ndtri(left / (2.0 * len(variances))))
+    offset, height, heading = (factor * math.sqrt(variance) for variance in variances)
+    return RunwayLevels(offset, height, heading)
 
 
 def protection_levels(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -103,6 +104,10 @@ TANKER_747 = MarkerRig(
 """``config/tanker_747.yaml``, for where no share folder is installed."""
 
 
+_KEYS = ('name', 'markers', 'dock', 'boom', 'standard_deviations')
+"""Of a rig file; the last one is what `mvuav rig calibrate` tells people of its result."""
+
+
 class _Loader(yaml.SafeLoader):
     """Refuses a key that stands twice, of which YAML would quietly keep the last."""
 
@@ -152,9 +157,9 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     """
     if not isinstance(content, Mapping):
         raise RigError('the file must be a mapping with the key "markers"')
-    unknown = sorted(str(key) for key in set(content) - {'name', 'markers', 'dock', 'boom'})
+    unknown = sorted(str(key) for key in set(content) - set(_KEYS))
     if unknown:
-        raise RigError(f'unknown key {", ".join(unknown)}; known are name, markers, dock and boom')
+        raise RigError(f'unknown key {", ".join(unknown)}; known are {", ".join(_KEYS)}')
     markers = content.get('markers')
     if not isinstance(markers, Mapping) or not markers:
         raise RigError('"markers" must map at least one name to [x, y, z] in metres')
@@ -170,6 +175,22 @@ def parse_rig(content: object, name: str = 'body') -> MarkerRig:
     if rig.reach == 0.0:
         raise RigError('all markers lie on the x axis, so roll cannot be measured')
     return rig
+
+
+def rig_text(rig: MarkerRig, deviations: NDArray[np.float64]) -> str:
+    """A rig file with the standard deviations (n, 3), m, of its markers' positions."""
+
+    def listed(name: str, values: Any, digits: int) -> str:
+        numbers = ', '.join(f'{value:.{digits}f}' for value in values)
+        return f'{json.dumps(name)}: [{numbers}]'
+
+    lines = [f'name: {json.dumps(rig.name)}', 'markers:  # m']
+    lines += [f'  {listed(name, position, 5)}' for name, position in rig.markers]
+    lines += [listed('dock', rig.dock, 5), listed('boom', rig.boom, 5)]
+    lines += ['standard_deviations:  # of the markers, m']
+    pairs = zip(rig.names, deviations, strict=True)
+    lines += [f'  {listed(name, deviation, 6)}' for name, deviation in pairs]
+    return '\n'.join(lines) + '\n'
 
 
 def _refuse_same_place(lights: Sequence[tuple[str, Point]]) -> None:

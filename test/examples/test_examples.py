@@ -13,6 +13,9 @@ from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
+from mvuav_ros.recordings.sources.video import VideoFile
+from mvuav_ros.vision.board import Board
+
 EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))
 
 
@@ -51,6 +54,16 @@ def test_approach_with_guidance():
     out = run('approach_with_guidance').splitlines()
     assert len(out) == 40
     assert all(np.isfinite(float(line.split('confidence ')[1].split()[0])) for line in out)
+
+
+def test_render_a_board_video(tmp_path):
+    flight = 'sim:tanker?fov_deg=60&frames=1'
+    out = run('render_a_board_video', flight, tmp_path / 'board.mp4')
+    assert out.startswith('true focal length 554.3 554.3,')
+    source = VideoFile(tmp_path / 'board.mp4')
+    assert source.count == 20 * 8
+    stills = [frame.image.gray() for frame in source.frames()][::8]
+    assert sum(Board(9, 6, 0.03).find(image) is not None for image in stills) >= 10
 
 
 def test_print_live_results():

@@ -61,9 +61,10 @@ def test_a_saved_set_is_a_parameter_file_that_every_node_of_the_kind_can_load(tm
     values = {**MarkerTrackerParameters().as_dict(), 'threshold': 0.55, 'mode': 'detect'}
     path = store.save('night', KIND, values)
     assert path.parent == tmp_path / 'sets'
-    assert read_parameter_values(path, KIND) == values
+    read = MarkerTrackerParameters.from_mapping(read_parameter_values(path, KIND))
+    assert read.as_dict() == values
     assert store.load('night', KIND) == values
-    assert MarkerTrackerParameters.from_mapping(read_parameter_values(path, KIND)).threshold == 0.55
+    assert read.threshold == 0.55
     assert store.names(KIND) == ['night']
     assert store.names('runway_detector') == []
     store.delete('night')
@@ -141,8 +142,6 @@ def test_differences_of_two_sets():
     right = {'threshold': 0.6, 'mode': 'track', 'max_area': 0}
     (found,) = differences(left, right)
     assert (found.name, found.left, found.right) == ('threshold', 0.7, 0.6)
-    names = [each.name for each in differences(left, right, all_of_them=True)]
-    assert names == ['threshold', 'mode', 'min_area', 'max_area']
 
 
 def test_a_file_from_elsewhere_is_taken_in_if_it_is_one_of_ours(tmp_path):

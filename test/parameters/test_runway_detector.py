@@ -11,6 +11,8 @@ CONTRACT = {
     'mode': 'thesis',
     'target': 'runway',
     'runway_width': 0.0,
+    'integrity_risk': 0.05,
+    'alert_limit': (0.0, 0.0),
     'start_row': 50,
     'end_row': 130,
     'channel': 'red',

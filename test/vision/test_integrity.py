@@ -12,7 +12,9 @@ from mvuav_ros.vision.integrity import (
     IntegrityBudget,
     IntegrityState,
     ProtectionLevels,
+    integrity_state,
     protection_levels,
+    runway_levels,
 )
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 
@@ -157,7 +159,7 @@ def test_doubts_about_a_name_count_as_a_prior() -> None:
 def test_no_level_and_the_reason(given: dict[str, object], reason: str) -> None:
     found = levels(**given)  # type: ignore[arg-type]
     assert reason in found.reason
-    assert found.state((0.0, 0.0, 0.0)) is IntegrityState.NOT_AVAILABLE
+    assert integrity_state(found, (0.0, 0.0, 0.0)) is IntegrityState.NOT_AVAILABLE
     assert math.isnan(found.along) and math.isnan(found.horizontal) and math.isnan(found.yaw)
 
 
@@ -172,9 +174,9 @@ def test_a_rig_on_one_line_has_no_level() -> None:
 
 def test_states_against_limits() -> None:
     found = levels()
-    assert found.state((0, 0, 0)) is IntegrityState.AVAILABLE
-    assert found.state((3.0, 0.5, 0.5)) is IntegrityState.AVAILABLE
-    assert found.state((0.5, 0.5, 0.5)) is IntegrityState.ALERT
+    assert integrity_state(found, (0, 0, 0)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (3.0, 0.5, 0.5)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (0.5, 0.5, 0.5)) is IntegrityState.ALERT
     assert found.horizontal == math.hypot(found.along, found.across)
     assert found.vertical == found.up
 
@@ -192,3 +194,33 @@ def test_states_against_limits() -> None:
 def test_a_budget_that_makes_no_sense_is_refused(given: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r'probabilit|deviation'):
         IntegrityBudget(**given)
+
+
+COVARIANCE = np.diag([100.0, 0.25, 0.16, 1e-4, 1e-4, 4e-4])
+
+
+def test_runway_levels_are_the_deviations_that_the_risk_asks_for() -> None:
+    # 0.03 of the risk is left for three errors, half of it on each side: 2.576 deviations, which
+    # are six times those of the covariance.
+    found = runway_levels(COVARIANCE, 0.99, 0.04)
+    assert (found.offset, found.height) == pytest.approx(
+        (6 * 2.576 * 0.5, 6 * 2.576 * 0.4), rel=1e-3
+    )
+    assert found.heading == pytest.approx(6 * 2.576 * 0.02, rel=1e-3)
+    assert integrity_state(found, (8.0, 7.0)) is IntegrityState.AVAILABLE
+    assert integrity_state(found, (7.0, 0.0)) is IntegrityState.ALERT
+    assert found.beyond((7.0, 0.0)) == ['offset']
+
+
+@pytest.mark.parametrize('confidence', [0.0, 0.5, 0.95, math.nan])
+def test_a_confidence_that_cannot_bear_the_risk_gives_no_level(confidence: float) -> None:
+    found = runway_levels(COVARIANCE, confidence, 0.05)
+    assert 'cannot bear a risk of 0.05' in found.reason and math.isnan(found.offset)
+    assert integrity_state(found, (0.0, 0.0)) is IntegrityState.NOT_AVAILABLE
+
+
+def test_edges_that_tell_no_place_give_no_level() -> None:
+    for variance in (1e12, math.nan):
+        unknown = COVARIANCE.copy()
+        unknown[2, 2] = variance
+        assert 'do not tell' in runway_levels(unknown, 1.0, 0.05).reason

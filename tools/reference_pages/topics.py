@@ -78,6 +78,10 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
             'and `runway_width`. What was not observed is NaN with variance 1e12.'
         ),
         '~/vision_pose': 'The same for estimators, only while all six numbers are known.',
+        '~/integrity': (
+            'One status: protection levels of offset, height (m) and heading (degrees) in mode '
+            '`approach`; see [Protection levels](../integrity.md).'
+        ),
         '~/debug/confined': 'The rows that are searched.',
         '~/debug/edges': 'Edges after thinning and opening.',
         '~/debug/hough': 'The accumulator with its peaks.',

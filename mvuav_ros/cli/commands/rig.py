@@ -1,17 +1,27 @@
-"""``mvuav rig``: marker rigs, examined before they fly."""
+"""``mvuav rig``: marker rigs, examined before they fly and calibrated from a flight."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from mvuav_ros.cli.terminal import say
+from mvuav_ros.cli.options import (
+    CameraInfo,
+    Force,
+    ImageTopic,
+    Param,
+    ParamsFile,
+    refuse_to_overwrite,
+    takes,
+)
+from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 
-rig = typer.Typer(help='Examine marker rigs.', no_args_is_help=True)
+rig = typer.Typer(help='Examine and calibrate marker rigs.', no_args_is_help=True)
 _REACHES = (2.0, 5.0, 10.0, 20.0)
 """Distances that are looked at if none is given, in units of the rig's size."""
 _LISTED = 6
@@ -84,3 +94,100 @@ def check(
             )
     if doubts:
         raise typer.Exit(1)
+
+
+@dataclass(frozen=True)
+class CalibrateOptions:
+    """The options of ``mvuav rig calibrate``."""
+
+    source: Annotated[str, typer.Argument(help='A recorded flight: bag, video or images.')]
+    rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')]
+    camera_info: CameraInfo = None
+    distance: Annotated[
+        str | None,
+        typer.Option(
+            help='A measured distance of two lights, m; without, the scale is that of the rough '
+            'rig.',
+            metavar='left:right=0.82',
+        ),
+    ] = None
+    output: Annotated[Path, typer.Option('--output', '-o', help='Rig file.')] = Path('rig.yaml')
+    report: Annotated[
+        Path | None,
+        typer.Option(help='Folder for the report; _report beside the file if not given.'),
+    ] = None
+    topic: ImageTopic = None
+    params_file: ParamsFile = None
+    param: Param = None
+    force: Force = False
+
+
+@rig.command()
+@takes(CalibrateOptions)
+def calibrate(options: CalibrateOptions) -> None:
+    """Find out from a flight where the lights of a rig really are.
+
+    The body has to turn before the camera, by 20 degrees and more about two axes. marker_tracker
+    names the lights by the rough rig; then their positions are adjusted to all images. Nothing is
+    written if the flight does not tell them.
+    """
+    from mvuav_ros.offline import rig_calibration as work
+    from mvuav_ros.offline.node_parameters import resolve_parameters
+    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+    from mvuav_ros.recordings.output_file import write_whole
+    from mvuav_ros.recordings.sources.calibration import load_calibration
+    from mvuav_ros.recordings.sources.frame import SourceError
+    from mvuav_ros.recordings.sources.opening import open_source
+    from mvuav_ros.vision.rig import RigError, load_rig, rig_text
+    from mvuav_ros.vision.rig_calibration import RigCalibrationError
+
+    try:
+        rough = load_rig(options.rig)
+    except RigError as error:
+        raise ParameterError('--rig', str(error)) from error
+    try:
+        distance = work.parse_distance(options.distance) if options.distance else None
+    except ValueError as error:
+        raise ParameterError('--distance', str(error)) from error
+    given = resolve_parameters(['marker_tracker'], options.params_file, options.param or [])
+    parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
+    report = options.report or options.output.with_name(f'{options.output.stem}_report')
+    refuse_to_overwrite(options.output, options.force)
+    camera = load_calibration(options.camera_info) if options.camera_info else None
+    source = open_source(options.source, topic=options.topic)
+    try:
+        with frame_progress() as progress:
+            task = progress.add_task('frames', total=source.count)
+            made = work.calibrate_from(
+                source,
+                rough,
+                camera,
+                parameters,
+                distance,
+                lambda frames: progress.update(task, completed=frames),
+            )
+    except RigCalibrationError as error:
+        raise SourceError(f'{source.name}: {error}') from error
+    finally:
+        source.close()
+    found = made.found
+    write_report(work.report_of(source.name, made), report)
+    write_whole(options.output, rig_text(made.rig, found.deviations))
+    say(
+        f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
+        f'sightings fit, noise {found.noise:.2f} px',
+        'light: position m, standard deviation mm, moved mm',
+    )
+    for name, place, deviation, before in zip(
+        rough.names, found.positions, found.deviations, rough.positions, strict=True
+    ):
+        position = ' '.join(f'{value:.4f}' for value in place)
+        spread = ' '.join(f'{1000 * value:.2f}' for value in deviation)
+        say(f'{name}: {position}, {spread}, {1000 * math.dist(place, before):.1f}')
+    if distance is None:
+        say(
+            f'the scale is that of the rough rig, known to {100 * found.scale_deviation:.2g} %; '
+            'a measured --distance is better'
+        )
+    say(options.output, report / 'index.html')

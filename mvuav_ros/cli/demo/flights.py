@@ -70,12 +70,13 @@ class Flight:
         """A result topic's full name."""
         return f'{self.node}/{suffix}'
 
-    def start_node(self, nodes: NodeProcesses) -> None:
-        """Start the node that looks at the bag's images."""
+    def start_node(self, nodes: NodeProcesses, **parameters: str) -> None:
+        """Start the node that looks at the bag's images, with some parameters."""
         remapping = ('--ros-args', '-r', f'image_raw:={self.image_topic}')
         images = _losing_nothing([self.image_topic], 'subscription')
         results = _losing_nothing(map(self.topic, self.processor.topics), 'publisher')
-        nodes.start('mvuav_ros', self.processor.name, *remapping, *images, *results)
+        given = [word for name in parameters for word in ('-p', f'{name}:={parameters[name]}')]
+        nodes.start('mvuav_ros', self.processor.name, *remapping, *images, *results, *given)
 
     def start_source(self, nodes: NodeProcesses, **parameters: str) -> None:
         """Start the node that plays the bag."""

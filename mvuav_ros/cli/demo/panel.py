@@ -14,10 +14,13 @@ from rich.console import Console
 from mvuav_ros.cli.demo.flights import sample_flights
 from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.offline.stopping import Interrupted
+from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 from mvuav_ros.recordings.sources.frame import SourceError
 
 _STARTING_TIME = 60.0
 _PREFIX = 'tuning_panel: '
+_APPROACH = {'mode': 'approach', 'runway_width': '30.0'}
+"""The bag has a calibration, and the width of its runway (m) makes guidance of the lines."""
 
 
 def run_panel(bags: Path, console: Console) -> None:
@@ -38,7 +41,8 @@ def _run(bags: Path, console: Console) -> None:
     with NodeProcesses() as nodes:
         panel = nodes.start('mvuav_ros', 'tuning_panel', '--port', '0', '--bags', str(bags))
         for flight in flights:
-            flight.start_node(nodes)
+            approach = _APPROACH if flight.processor is RunwayDetectorProcessor else {}
+            flight.start_node(nodes, **approach)
             flight.start_source(nodes, loop='true')
         url = panel.wait_for(_PREFIX, _STARTING_TIME).removeprefix(_PREFIX)
         console.print('The tuning panel is at', style='bold')

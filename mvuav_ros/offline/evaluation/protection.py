@@ -22,7 +22,12 @@ from mvuav_ros.offline.report.style import SOFT, THESIS, drawing, label
 from mvuav_ros.offline.tasks import all_of
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy
-from mvuav_ros.vision.integrity import IntegrityBudget, IntegrityState, protection_levels
+from mvuav_ros.vision.integrity import (
+    IntegrityBudget,
+    IntegrityState,
+    integrity_state,
+    protection_levels,
+)
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
 
@@ -186,7 +191,7 @@ def fly(task: ProtectionTask) -> ProtectionCounts:
             estimator.noise,
             budget,
         )
-        state = levels.state(ALERT_LIMITS)
+        state = integrity_state(levels, ALERT_LIMITS)
         if state is IntegrityState.NOT_AVAILABLE:
             counts.silent += 1
             continue

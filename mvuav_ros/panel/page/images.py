@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -13,14 +12,11 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from mvuav_ros.panel import foreign
 from mvuav_ros.panel.images import INPUT, RESULT_OF_KIND, Stream, encode_png, streams_of
 from mvuav_ros.panel.live_socket import MOST_STREAMS
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
-from mvuav_ros.panel.recorder import Recorder
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.vision.image import Image
 
 _SIZES = ('s', 'm', 'l')
@@ -40,15 +36,12 @@ class Images:
         self.page, self.set_parameter = page, set_parameter
         self._tiles: list[Tile] = []
         self._wished: list[Wish] = []
-        self._recorder: Recorder | None = None
         with el.box('part images'):
             with el.box('bar'):
                 el.button('All windows', lambda: self._wish([]), 'grid_view')
                 el.button('Raw and result', lambda: self._wish(self._usual(pair=True)), 'compare')
                 with el.button('Add image', None, 'add'):
                     self._menu = ui.menu().on('before-show', self._offer)
-                self._record = el.button('Record', self._toggle_recording, 'fiber_manual_record')
-                self._words = el.text('', 'small soft grow').props('role=status')
             self._grid = el.box('tiles')
             with el.box('card') as self._empty:
                 el.empty('No image chosen', 'Add one with the buttons above.')
@@ -82,6 +75,8 @@ class Images:
         if node is None:
             return []
         large = (INPUT, RESULT_OF_KIND[node.kind])
+        # Mode approach draws the result only.
+        pair = pair or node.values.get('mode') == 'approach'
         streams = [stream for stream in streams_of(node) if stream.name in large or not pair]
         streams.sort(key=lambda stream: stream.name not in large)
         return [(stream.key, 'm' if stream.name in large else 's') for stream in streams]
@@ -126,41 +121,6 @@ class Images:
         """After a node's values changed."""
         for tile in self._tiles:
             tile.show_values()
-
-    def _toggle_recording(self) -> None:
-        node, services = self.page.node, self.page.services
-        if self._recorder is not None:
-            self.stop_recording()
-        elif node is None:
-            el.tell('There is no node to record.', bad=True)
-        else:
-            name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
-            with el.errors_told():
-                self._recorder = Recorder(services.ros, node, services.recordings / name)
-            self.show_recording()
-
-    def show_recording(self) -> None:
-        """How far the recording is."""
-        recorder = self._recorder
-        self._record.set_text('Stop' if recorder else 'Record')
-        if recorder is not None:
-            words = f'{recorder.messages} messages, {recorder.seconds:.0f} s'
-            self._words.set_text(f'Recording {recorder.path.name}: {words}')
-
-    def stop_recording(self) -> None:
-        """End it, also when the page is closed."""
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        try:
-            recorder.stop()
-            said = f'Recorded {recorder.messages} messages: {recorder.path}'
-        except RecordingError as error:
-            said = str(error)
-        if not self._words.is_deleted:
-            self._words.set_text(foreign.words(f'{said} {recorder.error}'))
-            self.show_recording()
-        self.page.services.runs_changed.emit()
 
 
 class Tile:

@@ -17,6 +17,8 @@ from mvuav_ros.parameters.declaration import Value
 class ParameterRow:
     """A parameter's line of the list; ``edited`` is called whenever the user has changed the value.
 
+    It is ``changed`` where the node's value is not that of the chosen set, or not the default.
+
     What the user is typing is never overwritten, whoever changes the parameter meanwhile.
     """
 
@@ -27,6 +29,8 @@ class ParameterRow:
         self._edited = edited
         self._current: Any = value
         self._new: Any = value
+        self._base: Value | None = None
+        self.changed = False
         self._image_size = -1
         self._refused = self._difference = ''
         self._slider: ui.element | None = None
@@ -34,7 +38,9 @@ class ParameterRow:
         self._description = (control.text.description or 'No description.') + thesis
         with el.box(f'param of-{control.kind.value}') as self._row:
             el.set_props(self._row, data_parameter=control.label)
-            _show_name(control.label, self._description)
+            with el.box('named'):
+                _show_name(control.label, self._description)
+                self._reset = el.icon_button('settings_backup_restore', 'Reset', self._restore)
             self._now = el.text(value_text(value), 'now')
             with el.box('edit'):
                 self._field = self._make_field()
@@ -101,11 +107,22 @@ class ParameterRow:
             el.set_props(self._slider, max=len(self._scale) - 1, data_values=shown)
             self._place_thumb()
 
-    def show(self, value: Any, edit: Value | None = None, difference: str = '') -> None:
+    def show(
+        self,
+        value: Any,
+        edit: Value | None = None,
+        difference: str = '',
+        base: Value | None = None,
+    ) -> None:
         """Show the node's value, and beside it the user's where the node has not taken that.
 
         A value that is not the chosen set's is marked; ``difference`` says what that has.
+        ``base`` is that set's value, to which it is reset; without one it is the default.
         """
+        self._base = self.control.default if base is None else base
+        self.changed = self._base is not None and value_text(value) != value_text(self._base)
+        self._reset.set_visibility(self.changed and not self.control.read_only)
+        el.set_props(self._reset, aria_label=f'Reset {self.control.label}')
         if not same_value(value, self._current):
             self._current = value
             self._now.set_text(value_text(value))
@@ -135,6 +152,10 @@ class ParameterRow:
         # What is no number has no place.
         if self._slider is not None and isinstance(self._new, (int, float)):
             el.set_props(self._slider, data_index=position_on(self._scale, self._new))
+
+    def _restore(self) -> None:
+        if self._base is not None:
+            self._enter(self._base)
 
     def _enter(self, value: Value) -> None:
         self._show_new(value)

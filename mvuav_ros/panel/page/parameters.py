@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import groupby
 from typing import Any
 
 from nicegui import background_tasks, ui
 
 from mvuav_ros.panel.controls import Control
-from mvuav_ros.panel.images import RESULT_OF_KIND
 from mvuav_ros.panel.live_node import LiveNode, same_value
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
@@ -30,7 +30,7 @@ _STAGES = [
 ]
 _STAGES += ['unknown', 'Correction', 'Other', 'Node', 'Every ROS node']
 """In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
-_FOLDED = ('Node', 'Every ROS node')
+_FOLDED = ['Node', 'Every ROS node']
 
 
 class Parameters:
@@ -45,10 +45,8 @@ class Parameters:
         self._edits, self._history = page.edits_of(node.name), page.histories[node.name]
         self._rows: dict[str, ParameterRow] = {}
         self._sending: set[str] = set()
-        self._whole = False
-        with el.box('preview well').props('data-fresh=never'):
-            canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
-            el.set_props(canvas, data_key=f'{node.name} {RESULT_OF_KIND[node.kind]}')
+        self._stages: dict[str, ui.expansion] = {}
+        self._whole = self._arranging = False
         with el.box('card'):
             self._sets = SetBar(page, node, self.load, self.show)
             self._build_bar()
@@ -65,15 +63,16 @@ class Parameters:
     def _build_bar(self) -> None:
         with el.box('apply'):
             ui.switch('At once', value=self._at_once, on_change=self._switch).props('dense')
-            self._undo = el.icon_button('undo', 'Undo', lambda: self._step(self._history.undo()))
-            self._redo = el.icon_button('redo', 'Redo', lambda: self._step(self._history.redo()))
+            self._undo = el.icon_button('undo', 'Undo', self.undo)
+            self._redo = el.icon_button('redo', 'Redo', self.redo)
             el.box('grow')
             self._discard = el.button('Discard', self._forget_edits).props('flat')
             self._apply = el.button('Apply', lambda: self._set(dict(self._edits)), main=True)
         with el.box('filter'):
             self._filter = ui.input(placeholder='Find a parameter', on_change=self._arrange)
             self._filter.props('dense borderless clearable type=search')
-            self._filter.props('aria-label="Find a parameter"')
+            self._filter.props('aria-label="Find a parameter"').classes('grow')
+            self._changed = ui.switch('Changed only', on_change=self._arrange).props('dense')
 
     def _build_list(self) -> None:
         with el.box('heads').props('aria-hidden=true'):
@@ -82,25 +81,52 @@ class Parameters:
         controls = sorted(self._node.controls, key=_rank)
         for stage, group in groupby(controls, key=lambda control: control.stage):
             # Goes away with its last visible row; see the style sheet.
-            with el.box('stage-rows'):
-                el.text(stage, 'stage', tag='h2')
+            with ui.expansion(stage).classes('stage-rows').props('dense') as rows:
                 for each in group:
                     value = self._node.values.get(each.name)
                     self._rows[each.name] = ParameterRow(each, value, self._edited)
+            rows.on_value_change(partial(self._fold, stage))
+            self._stages[stage] = rows
 
     def _arrange(self) -> None:
-        """Show what counts now, or what is looked for."""
-        sought = str(self._filter.value or '')
-        hidden = 0
+        """Show what counts now, or what is looked for, whose groups are open."""
+        sought, changed = str(self._filter.value or ''), bool(self._changed.value)
+        looking, hidden = bool(sought) or changed, 0
         for row in self._rows.values():
             counts = row.control.counts(self._node.values)
-            usual = counts and row.control.stage not in _FOLDED
-            wanted = row.matches(sought) if sought else usual
+            wanted = (row.matches(sought) and row.changed >= changed) if looking else counts
             hidden += not wanted
-            row.place(visible=wanted or (self._whole and not sought), counts=counts)
-        self._more.set_visibility(hidden > 0 and not sought)
-        what = f'{hidden} that have no effect in this mode, or belong to the node'
+            row.place(visible=wanted or (self._whole and not looking), counts=counts)
+        self._arranging = True
+        for stage, rows in self._stages.items():
+            rows.value = looking or stage not in self._folded
+        self._arranging = False
+        self._more.set_visibility(hidden > 0 and not looking)
+        what = f'{hidden} that have no effect in this mode'
         self._more.set_text(f'Hide {what}' if self._whole else f'Show {what}')
+
+    @property
+    def _folded(self) -> list[str]:
+        folded: list[str] = self._page.kept.setdefault('folded', list(_FOLDED))
+        return folded
+
+    def _fold(self, stage: str, event: Any) -> None:
+        """Keep what the user folds and unfolds."""
+        if not self._arranging:
+            others = [each for each in self._folded if each != stage]
+            self._page.kept['folded'] = others if event.value else [*others, stage]
+
+    def find(self) -> None:
+        """Let the user type what he looks for."""
+        self._filter.run_method('focus')
+
+    async def undo(self) -> None:
+        """Take back the last change."""
+        await self._step(self._history.undo())
+
+    async def redo(self) -> None:
+        """Do again what was taken back last."""
+        await self._step(self._history.redo())
 
     def _toggle_whole(self) -> None:
         self._whole = not self._whole
@@ -110,7 +136,8 @@ class Parameters:
         """After the node's values changed, by us or by anybody, or it came or went."""
         values, differing = self._node.values, self._sets.compare()
         for name, row in self._rows.items():
-            row.show(values.get(name), self._edits.get(name), differing.get(name, ''))
+            base = self._sets.value_of(name)
+            row.show(values.get(name), self._edits.get(name), differing.get(name, ''), base)
         self._list.props(remove='inert') if self._node.alive else self._list.props('inert')
         self._arrange()
         self._count_edits()

@@ -1,4 +1,4 @@
-"""The part with the chosen node's results: pose, flags, statistics and live curves."""
+"""The part with the chosen node's results: flags, statistics and live curves."""
 
 from __future__ import annotations
 
@@ -19,41 +19,13 @@ _MEANS = {
     'theta_mean_deg': 'mean theta °',
     'theta_std_deg': 'std',
 }
-_FRAMES = {
-    'frames_received': 'received',
-    'frames_processed': 'processed',
-    'frames_rejected': 'rejected',
-    'frames_skipped': 'skipped',
-    'frames_lost_in_transport': 'lost in transport',
-    'frames_missing': 'missing',
-    'stamp_jumps_back': 'stamps jumped back',
-}
-_TIMES = {
-    'transport_p50_ms': 'transport, median [ms]',
-    'decode_p50_ms': 'decode, median [ms]',
-    'process_p50_ms': 'process, median [ms]',
-    'publish_p50_ms': 'publish, median [ms]',
-    'latency_p95_ms': 'whole, p95 [ms]',
-    'latency_p99_ms': 'whole, p99 [ms]',
-}
-_POSE = {
-    'marker_tracker': 'Pose of the tanker before the camera',
-    'runway_detector': 'Guidance: the camera before the runway',
-}
 
 
 class Results:
-    """A node's tables and charts; curves and pose come over the page's own WebSocket."""
+    """A node's tables and charts; curves come over the page's own WebSocket."""
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
-        with el.box('card pose'):
-            el.text(_POSE[node.kind], tag='h2')
-            with el.box('line wrap'):
-                sketch = el.box('sketch', 'canvas').props('width=320 height=220 role=img')
-                el.set_props(sketch, data_node=node.name, aria_label=f'Sketch. {_POSE[node.kind]}')
-                el.box('pose-numbers', 'dl')
-            el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
         self._lines: ui.table | None = None
         if node.kind == 'runway_detector':
             with el.box('card'):
@@ -69,13 +41,10 @@ class Results:
                     # Until the first value there is nothing that the chart would say of itself.
                     el.set_props(made, aria_label=f'Curve of {title}')
                     el.set_props(made, data_curves=chart, data_node=node.name)
-        with el.box('charts'):
-            with el.box('card'):
-                el.text('Frames', tag='h2')
-                self._frames = el.sheet('Frames', ('', ''))
-            with el.box('card'):
-                el.text('Time per frame', tag='h2')
-                self._times = el.sheet('Time per frame', ('', ''))
+        with el.box('card'):
+            el.text('Diagnostics of the node', tag='h2')
+            with el.box('charts'):
+                self._said = [el.sheet(f'Diagnostics, {half}', ('', '')) for half in ('one', 'two')]
         self.show()
 
     def show(self) -> None:
@@ -83,9 +52,10 @@ class Results:
         said = self._node.status
         if self._lines:
             el.fill(self._lines, _statistics_rows(self._node.statistics))
-        el.fill(self._frames, [(words, said.get(key, '-')) for key, words in _FRAMES.items()])
-        times = _TIMES.items()
-        el.fill(self._times, [(words, foreign.fixed(said.get(key), 2)) for key, words in times])
+        rows = [(name.replace('_', ' '), value) for name, value in said.items()]
+        half = -(-len(rows) // 2)
+        for table, part in zip(self._said, (rows[:half], rows[half:]), strict=True):
+            el.fill(table, part)
 
     async def _reset(self) -> None:
         reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')

@@ -13,8 +13,10 @@ from mvuav_ros.panel import foreign
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Load, Page
+from mvuav_ros.panel.page.frames import Frames
 from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.page.trends import Trends
+from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import RecordingError
@@ -36,7 +38,12 @@ class Runs:
         self._runs: list[Run] = []
         with el.box('part runs stack'):
             with el.box('card'):
-                el.text('A run over a recording, with the values that the node has now', tag='h2')
+                el.text('A recording with the values that the node has now', tag='h2')
+                with el.box('form'):
+                    self._bag = el.choice([], 'Recording', on_change=self._opened)
+                self.frames = Frames(page, lambda: self._bags.get(self._bag.value or ''))
+            with el.box('card'):
+                el.text('A run over the whole recording', tag='h2')
                 self._make_form()
             self._result = el.box('stack')
             with el.box('card'):
@@ -52,10 +59,8 @@ class Runs:
     def _make_form(self) -> None:
         with el.box('form'):
             with el.box('line wrap'):
-                self._bag = el.choice([], 'Recording').classes('grow').style('min-width: 200px')
                 self._name = ui.input('Name').props('outlined dense')
                 self._name.style('flex: 1 1 120px; max-width: 200px')
-            with el.box('line wrap'):
                 self._buttons = [
                     el.button('Run', lambda: self._run(keep=False), 'play_arrow'),
                     el.button('Run and save', self._run, 'save', main=True),
@@ -105,6 +110,10 @@ class Runs:
     def choose_recording(self) -> None:
         """After another node was selected."""
         self._bag.value = self._likely()
+        self.frames.reload_sets()
+
+    def _opened(self) -> None:
+        self.frames.rewind()
 
     def _likely(self) -> str | None:
         word = _WORD_IN_BAG[self._page.node.kind] if self._page.node is not None else ''
@@ -163,12 +172,11 @@ class Runs:
                 folder = services.runs.new_folder(name)
             else:
                 folder = Path(tempfile.mkdtemp(dir=services.scratch))
-            values, known = node.own_values, PROCESSORS[node.kind].parameters_type.names()
             run = Run(
                 name=folder.name if keep else '',
                 kind=node.kind,
                 source=str(self._bags[self._bag.value]),
-                parameters={name: values[name] for name in known if name in values},
+                parameters=settable(node.kind, node.own_values),
                 settings=self._page.chosen_set,
             )
             await self._replay(run, folder)

@@ -15,8 +15,6 @@ from mvuav_ros.panel.page.context import Load, Page
 from mvuav_ros.panel.sets import LARGEST_SET, differences
 from mvuav_ros.parameters.declaration import Value
 
-_LIVE = 'live values'
-
 
 class SetBar:
     """The bar above a node's parameters.
@@ -32,7 +30,6 @@ class SetBar:
                 el.button('Load', self._load_chosen)
                 el.button('Save', self._ask_name)
                 with el.icon_button('more_vert', 'More about sets', None), ui.menu():
-                    ui.menu_item('Compare two sets', self._compare)
                     self._download = ui.menu_item('Download the set', self._send_file)
                     ui.menu_item('Upload a set', self._ask_file)
                     self._delete = ui.menu_item('Delete the set', self._delete_chosen)
@@ -62,8 +59,6 @@ class SetBar:
         self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
 
     def _values_of(self, name: str) -> Mapping[str, Value]:
-        if name == _LIVE:
-            return self._node.own_values
         with el.errors_told():
             return self._page.services.sets.load(name, self._node.kind)
         return {}
@@ -81,6 +76,10 @@ class SetBar:
         self._match.set_text(words)
         el.set_class(self._match, 'differs', bool(differing))
         return {each.name: f'{name}: {value_text(each.left)}' for each in differing}
+
+    def value_of(self, parameter: str) -> Value | None:
+        """The chosen set's value of a parameter; None where it has none."""
+        return self._values.get(parameter)
 
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
@@ -143,27 +142,6 @@ class SetBar:
                 on_rejected=lambda: el.tell(too_large, bad=True),
             ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
             el.button('Cancel', asking.close)
-
-    def _compare(self) -> None:
-        names = [_LIVE, *self._page.services.sets.names(self._node.kind)]
-        chosen = self._page.chosen_set or names[min(1, len(names) - 1)]
-        with el.dialog('Compare two sets', wide=True) as comparing:
-            with el.box('line').style('width: 100%'):
-                left = el.choice(names, 'One set', _LIVE).classes('grow')
-                right = el.choice(names, 'Another set', chosen).classes('grow')
-            whole = ui.switch('Also what is equal').props('dense')
-            table = el.sheet('The difference', ('parameter', 'one set', 'another set'))
-            el.set_props(table, no_data_label='No parameter differs.')
-
-            def show() -> None:
-                sets = (self._values_of(left.value), self._values_of(right.value))
-                found = differences(*sets, all_of_them=bool(whole.value))
-                el.fill(table, [[d.name, value_text(d.left), value_text(d.right)] for d in found])
-
-            for each in (left, right, whole):
-                each.on_value_change(show)
-            show()
-            el.button('Close', comparing.close)
 
 
 def save_set(page: Page, node: LiveNode, name: str) -> None:

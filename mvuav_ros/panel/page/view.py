@@ -12,11 +12,27 @@ from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
 from mvuav_ros.panel.page.images import Images
 from mvuav_ros.panel.page.parameters import Parameters
+from mvuav_ros.panel.page.readout import PoseScene, Readout
+from mvuav_ros.panel.page.recording_button import RecordingButton
 from mvuav_ros.panel.page.results import Results
 from mvuav_ros.panel.page.runs import Runs
 from mvuav_ros.parameters.declaration import Value
 
-_PARTS = {'images': 'Images', 'results': 'Results', 'runs': 'Runs', 'parameters': 'Parameters'}
+_PARTS = {
+    'images': 'Images',
+    'results': 'Results',
+    'runs': 'Recordings',
+    'parameters': 'Parameters',
+}
+_KEYS = {
+    '/': 'Find a parameter',
+    '1 to 4': 'Images, Results, Recordings, Parameters',
+    'space': 'Pause images and curves, or play the recording',
+    '← →': 'One frame of the recording back or on',
+    'Ctrl+Z': 'Undo a change',
+    'Ctrl+Shift+Z': 'Redo it',
+    '?': 'This list',
+}
 _FIGURES = {
     'input_rate_hz': ('in', 'Hz'),
     'output_rate_hz': ('out', 'Hz'),
@@ -36,6 +52,9 @@ class Head:
         with el.box('head', 'header'):
             el.text('Tuning panel', tag='h1')
             self._nodes = el.box('nodes grow').props('role=group aria-label="Nodes"')
+            self.recording = RecordingButton(page)
+            self._pause = el.icon_button('pause', 'Pause', self.pause)
+            el.icon_button('keyboard', 'Keys', show_keys)
             el.icon_button('contrast', 'Light or dark', self._toggle)
         with el.box('health'):
             self._figures = {}
@@ -45,6 +64,12 @@ class Head:
                     self._figures[key] = el.text('-', 'number')
                     el.text(unit, 'soft small')
             self._words = el.text('', 'words soft small')
+
+    def pause(self) -> None:
+        """Hold what is shown of the node, or go on; ``static/live.js`` follows the attribute."""
+        paused = self._pause.props.get('icon') == 'pause'
+        self._pause.set_icon('play_arrow' if paused else 'pause')
+        el.set_props(self._pause, aria_label='Go on' if paused else 'Pause', data_paused=paused)
 
     async def _toggle(self) -> None:
         dark = await ui.run_javascript('return document.body.classList.contains("body--dark")')
@@ -89,6 +114,12 @@ class Head:
         self._words.set_text(words)
 
 
+def show_keys() -> None:
+    """The list of keys."""
+    with el.dialog('Keys'):
+        el.fill(el.sheet('Keys', ('', '')), list(_KEYS.items()))
+
+
 class View:
     """Puts the parts together, for a browser tab that is connected, and tells them what changes."""
 
@@ -101,6 +132,7 @@ class View:
         with el.box('panel') as self._root:
             self._head = Head(self._page)
             with el.box('body'):
+                self._readout = Readout()
                 with ui.tabs(on_change=self._show_part) as tabs:
                     for key, words in _PARTS.items():
                         ui.tab(key, words).classes(f'tab {key}')
@@ -108,14 +140,17 @@ class View:
                 with ui.tab_panels(tabs, animated=False).classes('views') as panels:
                     with ui.tab_panel('images'):
                         self.images = Images(self._page, self._set_parameter)
-                    with ui.tab_panel('results'):
-                        self._results_place = el.box('part results stack')
+                    with ui.tab_panel('results'), el.box('part results stack'):
+                        self._scene = PoseScene()
+                        self._results_place = el.box('stack')
                     with ui.tab_panel('runs'):
                         self._runs = Runs(self._page, self._load)
                 # Beside the others, or instead of them on a telephone.
                 self._parameters_place = el.box('part parameters', 'section')
                 self._parameters_place.props('aria-label=Parameters')
+        self._tabs = tabs
         tabs.set_value(part if part in _PARTS else 'images')
+        ui.keyboard(self._key, repeating=False)
         ui.skip_link('Skip to the images and results', target=panels)
         ui.skip_link('Skip to the parameters', target=self._parameters_place)
         client.on_connect(self._connected)
@@ -127,6 +162,28 @@ class View:
     def _show_part(self, event: Any) -> None:
         self._page.kept['part'] = str(event.value)
         el.set_props(self._root, data_part=self._page.kept['part'])
+        self._scene.appear(event.value == 'results')
+        self._runs.frames.appear(event.value == 'runs')
+
+    async def _key(self, event: Any) -> None:
+        key, control = event.key.name, event.modifiers.ctrl or event.modifiers.meta
+        if not event.action.keydown or event.modifiers.alt:
+            return
+        if control and key.lower() in ('z', 'y') and self._parameters:
+            again = event.modifiers.shift or key.lower() == 'y'
+            await (self._parameters.redo() if again else self._parameters.undo())
+        elif control:
+            return
+        elif key == '/' and self._parameters:
+            self._parameters.find()
+        elif key in ('1', '2', '3', '4'):
+            self._tabs.set_value(list(_PARTS)[int(key) - 1])
+        elif key == ' ':
+            self._runs.frames.play() if self._tabs.value == 'runs' else self._head.pause()
+        elif key in ('ArrowLeft', 'ArrowRight') and self._tabs.value == 'runs':
+            self._runs.frames.step(1 if key == 'ArrowRight' else -1)
+        elif key == '?':
+            show_keys()
 
     def _connected(self) -> None:
         self._page.services.system.listen(self._heard)
@@ -138,7 +195,8 @@ class View:
 
     def _closed(self) -> None:
         self._page.services.system.leave(self._heard)
-        self.images.stop_recording()
+        self._head.recording.stop()
+        self._runs.frames.end()
 
     def _heard(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
@@ -147,11 +205,14 @@ class View:
                 self._refresh()
             elif what == 'values':
                 self.images.show_values()
+                self._scene.show(self._page.node)
+                self.images.refresh()
+                if ours:
+                    self._runs.frames.show()
                 if ours and self._parameters:
                     self._parameters.show()
             elif what == 'status':
                 self._head.refresh()
-                self.images.show_recording()
                 if ours and self._parameters:
                     self._parameters.show_status()
                 if ours and self._results:
@@ -163,6 +224,8 @@ class View:
         self.images.refresh()
         el.set_props(self._root, data_node=self._page.selected)
         node = self._page.node
+        self._readout.show(node)
+        self._scene.show(node)
         built = (node, *node.controls) if node else ()
         if built != self._built:
             self._built = built
@@ -188,6 +251,7 @@ class View:
         self._runs.choose_recording()
 
     def _sets_changed(self) -> None:
+        self._runs.frames.reload_sets()
         if self._parameters:
             self._parameters.show_sets()
 

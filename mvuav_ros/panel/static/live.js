@@ -5,10 +5,12 @@
   const STALE = 3000; // ms without an image
   const seen = new Set(); // canvases on the screen
   const drawnAt = new Map();
-  let socket = null, asked = '', retry = 500, series = '', curves = new Map();
+  const LENGTH = 25; // m, of the camera's view in space
+  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], heard = 0;
 
   const panel = () => document.querySelector('.panel');
-  const visible = (part) => { const e = document.querySelector('.part.' + part); return !!e && e.offsetParent !== null; };
+  const paused = () => !!document.querySelector('[data-paused=true]');
+  const drawn = (holder) => holder && window.getElement && getElement(Number(holder.id.slice(1)));
 
   const watcher = new IntersectionObserver((entries) => {
     for (const entry of entries) entry.isIntersecting ? seen.add(entry.target) : seen.delete(entry.target);
@@ -18,7 +20,7 @@
   function wanted() {
     if (document.hidden) return { images: [], series: '' };
     const keys = [...seen].filter((c) => c.isConnected).map((c) => c.dataset.key);
-    return { images: [...new Set(keys)].sort(), series: visible('results') ? panel().dataset.node || '' : '' };
+    return { images: [...new Set(keys)].sort(), series: panel().dataset.node || '' };
   }
 
   function ask(again) {
@@ -33,7 +35,7 @@
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => { retry = 500; asked = ''; ask(); };
     socket.onclose = () => { socket = null; setTimeout(connect, retry); retry = Math.min(retry * 2, 5000); };
-    socket.onmessage = (event) => typeof event.data === 'string' ? plot(JSON.parse(event.data)) : show(event.data);
+    socket.onmessage = (event) => typeof event.data === 'string' ? hear(JSON.parse(event.data)) : show(event.data);
   }
 
   async function show(data) {
@@ -41,7 +43,7 @@
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     try {
       const image = await createImageBitmap(new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
-      for (const canvas of document.querySelectorAll('canvas.image')) {
+      for (const canvas of paused() ? [] : document.querySelectorAll('canvas.image')) {
         if (canvas.dataset.key === header.key) draw(canvas, image, header);
       }
       image.close();
@@ -88,9 +90,10 @@
     if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
   });
 
-  function plot(message) {
-    if (message.series !== series) { series = message.series; curves = new Map(); }
-    if (message.pose) sketch(message.pose);
+  function hear(message) {
+    if (message.series !== series) { series = message.series; curves = new Map(); marks = []; }
+    heard = performance.now();
+    marks.push(...message.marks);
     const touched = new Set();
     for (const [time, chart, values] of message.points) {
       if (!curves.has(chart)) curves.set(chart, new Map());
@@ -103,41 +106,60 @@
         while (line.length && line[0][0] < time - WINDOW) line.shift();
       }
     }
-    for (const chart of touched) {
-      const holder = document.querySelector(`[data-curves="${chart}"][data-node="${CSS.escape(series)}"]`);
-      const instance = holder && window.getElement && getElement(Number(holder.id.slice(1)))?.chart;
-      if (!instance) continue;
-      const lines = [...curves.get(chart)];
-      const end = Math.max(...lines.map(([, line]) => line[line.length - 1][0]));
-      instance.setOption({
-        legend: { data: lines.map(([name]) => name) },
-        series: lines.map(([name, line]) => ({
-          id: name, name, type: 'line', showSymbol: false, animation: false, lineStyle: { width: 1.4 },
-          data: line.map(([time, value]) => [+(time - end).toFixed(3), value]),
-        })),
-      }, { lazyUpdate: true });
-    }
+    if (paused()) return;
+    read(message);
+    place(message.pose, message.view);
+    for (const chart of touched) plot(chart);
   }
 
-  // Lines from -1 to 1, and numbers with their names; as text only.
-  function sketch(pose) {
-    const canvas = document.querySelector(`canvas.sketch[data-node="${CSS.escape(series)}"]`);
-    if (!canvas) return;
-    canvas.closest('.pose').dataset.known = String(pose.segments.length > 0);
-    const pairs = pose.numbers.flatMap(([name, value]) => [['dt', name], ['dd', value]]);
-    canvas.parentElement.querySelector('.pose-numbers').replaceChildren(
-      ...pairs.map(([tag, words]) => Object.assign(document.createElement(tag), { textContent: words })));
-    const context = canvas.getContext('2d'), half = canvas.width / 2, middle = canvas.height / 2;
-    const style = getComputedStyle(canvas);
-    context.clearRect(0, 0, canvas.width, canvas.height);
-    context.lineWidth = 2;
-    for (const [color, x1, y1, x2, y2] of pose.segments) {
-      context.strokeStyle = style.getPropertyValue('--' + color);
-      context.beginPath();
-      context.moveTo(half * (1 + x1), middle + half * y1);
-      context.lineTo(half * (1 + x2), middle + half * y2);
-      context.stroke();
-    }
+  function plot(chart) {
+    const instance = drawn(document.querySelector(`[data-curves="${chart}"][data-node="${CSS.escape(series)}"]`))?.chart;
+    if (!instance) return;
+    const lines = [...curves.get(chart)];
+    const end = Math.max(...lines.map(([, line]) => line[line.length - 1][0]));
+    while (marks.length && marks[0][0] < end - WINDOW) marks.shift();
+    const markLine = { silent: true, symbol: 'none', animation: false, lineStyle: { color: '#c77b00' },
+      label: { formatter: '{b}', fontSize: 10, color: '#c77b00', position: 'insideEndTop' },
+      data: marks.map(([time, name]) => ({ xAxis: +(time - end).toFixed(3), name })) };
+    instance.setOption({
+      legend: { data: lines.map(([name]) => name) },
+      series: lines.map(([name, line], number) => ({
+        id: name, name, type: 'line', showSymbol: false, animation: false, lineStyle: { width: 1.4 },
+        data: line.map(([time, value]) => [+(time - end).toFixed(3), value]),
+        ...(number ? {} : { markLine }),
+      })),
+    }, { lazyUpdate: true });
+  }
+
+  // Figures and how far to trust them; as text only.
+  function read(message) {
+    trust(...message.trust);
+    const holder = document.querySelector('.figures');
+    if (!holder) return;
+    while (holder.children.length > message.figures.length) holder.lastChild.remove();
+    message.figures.forEach((words, number) => {
+      const box = holder.children[number] || holder.appendChild(document.createElement('div'));
+      if (!box.firstChild) box.append(...['dt', 'dd', 'dd'].map((tag) => document.createElement(tag)));
+      words.forEach((text, place) => { if (box.children[place].textContent !== text) box.children[place].textContent = text; });
+    });
+  }
+  function trust(state, words) {
+    const label = document.querySelector('.trust');
+    if (!label || (label.dataset.trust === state && label.textContent === words)) return;
+    label.dataset.trust = state; label.textContent = words;
+  }
+
+  // The bodies in space: one moves, another may stand at the origin.
+  function place(pose, view) {
+    const holder = document.querySelector('.scene'), scene = drawn(holder);
+    if (!scene?.renderer || !holder.dataset.objects) return;
+    holder.closest('.pose').dataset.known = String(!!pose);
+    const [moved, still, cone] = holder.dataset.objects.split(' ');
+    scene.visible(moved, !!pose);
+    if (view) scene.scale(cone, LENGTH, LENGTH * view[0], LENGTH * view[1]);
+    scene.visible(still, true); scene.move(still, 0, 0, 0);
+    scene.rotate(still, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+    if (pose) { scene.move(moved, ...pose[0]); scene.rotate(moved, pose[1]); }
   }
 
   // A slider speaks its value with the unit, and follows the server unless a hand is at it.
@@ -148,12 +170,12 @@
     const words = `${value} ${slider.dataset.unit || ''}`.trim();
     if (slider.getAttribute('aria-valuetext') !== words) slider.setAttribute('aria-valuetext', words);
   }
-  function place(slider) {
+  function follow(slider) {
     if (slider === held && performance.now() < heldUntil) return;
     if (slider.value !== slider.dataset.index) slider.value = slider.dataset.index;
     speak(slider);
   }
-  function placeAll() { for (const slider of document.querySelectorAll('input.range')) place(slider); }
+  function followAll() { for (const slider of document.querySelectorAll('input.range')) follow(slider); }
   document.addEventListener('input', (event) => {
     if (!event.target.matches('input.range')) return;
     held = event.target; heldUntil = performance.now() + 600;
@@ -168,7 +190,9 @@
       if (!canvas.isConnected) drawnAt.delete(canvas);
       else if (now - time > STALE) canvas.parentElement.dataset.fresh = 'false';
     }
-    placeAll();
+    if (paused()) trust('stale', 'paused');
+    else if (now - heard > STALE) trust('stale', `no results for ${Math.round((now - heard) / 1000)} s`);
+    followAll();
     ask(true);
   }
 
@@ -179,11 +203,18 @@
   }
   wide.addEventListener('change', spread);
 
+  // Neither the browser's own search and undo nor a page that scrolls.
+  document.addEventListener('keydown', (event) => {
+    const busy = /^(INPUT|TEXTAREA|SELECT|BUTTON|A)$/.test(event.target.tagName);
+    const control = event.ctrlKey || event.metaKey;
+    if (!busy && (control ? 'zZyY' : '/ ').includes(event.key)) event.preventDefault();
+  });
+
   document.addEventListener('visibilitychange', () => { ask(); });
   document.addEventListener('DOMContentLoaded', () => {
     connect();
     setInterval(() => { look(); spread(); }, 1000);
-    new MutationObserver((changes) => { for (const change of changes) place(change.target); })
+    new MutationObserver((changes) => { for (const change of changes) follow(change.target); })
       .observe(document.body, { subtree: true, attributes: true, attributeFilter: ['data-index', 'data-values'] });
   });
 })();

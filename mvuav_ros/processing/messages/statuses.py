@@ -7,7 +7,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from mvuav_ros.recordings.serialization.cdr import CdrWriter
-from mvuav_ros.vision.integrity import IntegrityState, ProtectionLevels
+from mvuav_ros.vision.integrity import (
+    IntegrityState,
+    ProtectionLevels,
+    RunwayLevels,
+    integrity_state,
+)
 
 OK, WARN, ERROR = 0, 1, 2
 """Of diagnostic_msgs/DiagnosticStatus."""
@@ -48,31 +53,48 @@ def texts(**values: float | bool) -> dict[str, str]:
 
 
 def encode_integrity(
-    name: str, levels: ProtectionLevels, alert_limits: Sequence[float], risk: float, header: bytes
+    levels: ProtectionLevels | RunwayLevels,
+    alert_limits: Sequence[float],
+    risk: float,
+    header: bytes,
 ) -> bytes:
     """A DiagnosticArray with one status: OK available, WARN alert, ERROR not available.
 
     Its values are the levels (m; degrees where the key says so), the alert limits and the
     integrity risk per frame.
     """
-    state = levels.state(alert_limits)
+    state = integrity_state(levels, alert_limits)
     message = state.name.lower().replace('_', ' ')
-    if levels.reason:
-        message += f': {levels.reason}'
-    elif exceeded := levels.beyond(alert_limits):
-        message += f': {", ".join(exceeded)}'
-    values = texts(
-        along=levels.along,
-        across=levels.across,
-        up=levels.up,
-        horizontal=levels.horizontal,
-        vertical=levels.vertical,
-        roll_deg=math.degrees(levels.roll),
-        pitch_deg=math.degrees(levels.pitch),
-        yaw_deg=math.degrees(levels.yaw),
-    )
-    for axis, limit in zip(('along', 'across', 'up'), alert_limits, strict=True):
+    if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
+        message += f': {reason}'
+    if isinstance(levels, ProtectionLevels):
+        name = 'pose'
+        axes: tuple[str, ...] = ('along', 'across', 'up')
+        values = texts(
+            along=levels.along,
+            across=levels.across,
+            up=levels.up,
+            horizontal=levels.horizontal,
+            vertical=levels.vertical,
+            roll_deg=math.degrees(levels.roll),
+            pitch_deg=math.degrees(levels.pitch),
+            yaw_deg=math.degrees(levels.yaw),
+        )
+    else:
+        name, axes = 'runway', ('offset', 'height')
+        values = texts(
+            offset=levels.offset,
+            height=levels.height,
+            heading_deg=math.degrees(levels.heading),
+        )
+    for axis, limit in zip(axes, alert_limits, strict=True):
         values[f'alert_limit_{axis}'] = f'{limit:g}' if limit else 'none'
     values['risk'] = f'{risk:g}'
-    level = {IntegrityState.AVAILABLE: OK, IntegrityState.ALERT: WARN}.get(state, ERROR)
-    return encode_statuses([Status(level, name, message, values)], header)
+    return encode_statuses([Status(_LEVELS[state], name, message, values)], header)
+
+
+_LEVELS = {
+    IntegrityState.AVAILABLE: OK,
+    IntegrityState.ALERT: WARN,
+    IntegrityState.NOT_AVAILABLE: ERROR,
+}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import yaml
 
+from mvuav_ros.recordings.output_file import write_whole
 from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.vision.camera import CameraModel
 
@@ -44,6 +46,37 @@ def load_calibration(path: str | Path) -> CameraModel:
         raise SourceError(
             f'calibration {path}: not a calibration file of camera_calibration ({error})'
         ) from error
+
+
+def save_calibration(camera: CameraModel, path: Path, name: str = 'camera') -> None:
+    """Write the YAML file that camera_calibration_parsers reads.
+
+    Args:
+        camera: calibrated; without a rectification and a projection those of a single camera are
+            written, the identity and K.
+        path: of the file, which is replaced as a whole.
+        name: of the camera.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    k = camera.k
+    lines = [
+        f'image_width: {camera.width}',
+        f'image_height: {camera.height}',
+        f'camera_name: {json.dumps(name)}',
+        *_matrix('camera_matrix', 3, k),
+        f'distortion_model: {camera.distortion_model}',
+        *_matrix('distortion_coefficients', 1, camera.d),
+        *_matrix('rectification_matrix', 3, camera.r or (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0)),
+        *_matrix('projection_matrix', 3, camera.p or (*k[:3], 0, *k[3:6], 0, *k[6:], 0)),
+    ]
+    write_whole(path, '\n'.join(lines) + '\n')
+
+
+def _matrix(name: str, rows: int, data: tuple[float, ...]) -> tuple[str, ...]:
+    numbers = ', '.join(f'{float(value)!r}' for value in data)
+    return f'{name}:', f'  rows: {rows}', f'  cols: {len(data) // rows}', f'  data: [{numbers}]'
 
 
 def _path(url: str) -> Path:

@@ -1,7 +1,16 @@
-"""`mvuav rig check`."""
+"""`mvuav rig check` and `mvuav rig calibrate`."""
 
+import re
+
+import numpy as np
+import pytest
+import yaml
 from support.commands import mvuav
 from support.places import ROOT
+
+from mvuav_ros.recordings.sources.calibration import save_calibration
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.rig import load_rig
 
 
 def test_the_shipped_rig_passes():
@@ -31,3 +40,78 @@ def test_a_file_that_is_no_rig(tmp_path):
     run = mvuav('rig', 'check', tmp_path / 'none.yaml')
     assert run.status == 1
     assert 'No such file' in run.error
+
+
+TRUE = {
+    'left_arm': (0.0, 0.30, 0.0),
+    'right_arm': (0.0, -0.30, 0.0),
+    'nose': (0.25, 0.10, -0.12),
+    'tail': (-0.35, 0.0, 0.05),
+    'mast': (-0.10, 0.0, 0.30),
+}
+OFF = np.array([(4, 5, -3), (-5, 3, 4), (-4, 4, -5), (5, -5, -4), (-3, 5, 4)]) * 1e-3
+FLIGHT = 'tanker', '--no-airframe', '--background', 'plain', '--frames', 90, '--fps', 10
+
+
+def write_rig(path, places):
+    lines = [f'  {name}: {[round(float(v), 5) for v in p]}' for name, p in places.items()]
+    path.write_text('\n'.join(['name: drone', 'markers:', *lines]) + '\n')
+    return path
+
+
+@pytest.fixture(scope='module')
+def flights(tmp_path_factory):
+    """A folder with a turning flight, one that does not move, and the rig known to 5 mm."""
+    folder = tmp_path_factory.mktemp('flights')
+    true = write_rig(folder / 'true.yaml', TRUE)
+    rough = dict(zip(TRUE, np.array(list(TRUE.values())) + OFF, strict=True))
+    write_rig(folder / 'rough.yaml', rough)
+    for motion in ('crossing', 'still'):
+        output = folder / f'{motion}.mcap'
+        run = mvuav('simulate', *FLIGHT, '-o', output, '--layout', true, '--motion', motion)
+        assert run.status == 0
+    return folder
+
+
+def calibrate(flights, output, flight='crossing.mcap', rig='rough.yaml', **options):
+    given = [part for name, value in options.items() for part in (f'--{name}', value)]
+    command = ('rig', 'calibrate', flights / flight, '--rig', flights / rig, '-o', output)
+    return mvuav(*command, *given)
+
+
+def test_a_rig_known_to_5_mm_is_calibrated(flights, tmp_path):
+    output = tmp_path / 'rig.yaml'
+    run = calibrate(flights, output, distance='left_arm:right_arm=0.6')
+    assert (run.status, run.err) == (0, '')
+    found = load_rig(output).positions
+    true = np.array(list(TRUE.values()))
+    apart = [np.linalg.norm(each[:, None] - each, axis=2) for each in (found, true)]
+    assert np.abs(apart[0] - apart[1]).max() < 0.0005
+    content = yaml.safe_load(output.read_text())
+    assert list(content['standard_deviations']) == list(TRUE)
+    assert 0 < max(map(max, content['standard_deviations'].values())) < 0.0005
+    assert 'Residuals of the lights' in (tmp_path / 'rig_report' / 'index.html').read_text()
+    assert 'exists' in calibrate(flights, output).error
+
+
+def test_flights_that_do_not_tell_a_rig_leave_no_file(flights, tmp_path):
+    (flights / 'empty').mkdir()
+    (flights / 'broken.mp4').write_bytes(b'\0' * 5000)
+    write_rig(flights / 'two.yaml', dict(list(TRUE.items())[:2]))
+    camera = CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1))
+    save_calibration(camera, flights / 'small.yaml')
+    output = tmp_path / 'rig.yaml'
+    reasons = {
+        'does not tell the shape|is named in 90 images': {'flight': 'still.mcap'},
+        '2 lights are too few': {'rig': 'two.yaml'},
+        'there is no light left in drone': {'distance': 'left:right=0.6'},
+        'as in left:right=0.82': {'distance': '0.6'},
+        'no images and no bag there': {'flight': 'empty'},
+        'not a video': {'flight': 'broken.mp4'},
+        'is for 320 x 240 px': {'camera-info': flights / 'small.yaml'},
+    }
+    for reason, options in reasons.items():
+        run = calibrate(flights, output, **options)
+        assert run.status == 1
+        assert re.search(reason, run.error), run.error
+        assert list(tmp_path.iterdir()) == []

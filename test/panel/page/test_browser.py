@@ -175,11 +175,6 @@ def test_a_set_is_saved_changed_and_loaded(panel):
     )
     page.get_by_text('The live values are those of night.').wait_for()
     page.get_by_role('button', name='More about sets').click()
-    page.get_by_text('Compare two sets').click()
-    dialog = page.get_by_role('dialog')
-    dialog.get_by_text('No parameter differs.').wait_for()
-    dialog.get_by_role('button', name='Close').click()
-    page.get_by_role('button', name='More about sets').click()
     page.get_by_text('Delete the set').click()
     page.get_by_role('dialog').get_by_role('heading', name='Delete the set night?').wait_for()
     page.get_by_role('dialog').get_by_role('button', name='Delete').click()
@@ -314,6 +309,144 @@ def test_edits_and_place_survive_another_node_and_a_reload(panel):
     page.get_by_role('switch', name='At once').click()
 
 
+def test_a_changed_parameter_is_found_and_reset_and_groups_fold(panel):
+    panel.choose(TRACKER)
+    page = panel.page
+    page.get_by_role('switch', name='Changed only').click()
+    panel.until(lambda: panel.row('max_area').is_hidden(), 'the unchanged ones to go')
+    assert panel.graph.set_parameter('marker_tracker', 'max_area', 500).successful
+    panel.row('max_area').wait_for()
+    page.get_by_role('button', name='Reset max_area').click()
+    panel.until(lambda: panel.graph.get_parameter('marker_tracker', 'max_area') == 0, 'the default')
+    panel.until(lambda: panel.row('max_area').is_hidden(), 'it to go again')
+    page.get_by_role('switch', name='Changed only').click()
+    panel.row('max_area').wait_for()
+    page.get_by_role('button', name='Detection').click()
+    panel.until(lambda: panel.row('max_area').is_hidden(), 'the group to be folded')
+    page.reload()
+    panel.row('mode').wait_for()
+    panel.until(lambda: panel.row('max_area').is_hidden(), 'the same after a reload')
+    page.get_by_role('button', name='Detection').click()
+    panel.row('max_area').wait_for()
+
+
+def test_keys(panel):
+    panel.choose(TRACKER)
+    page = panel.page
+    page.keyboard.press('Escape')
+    page.locator('h1').click()
+    for key, part in (('2', 'results'), ('3', 'runs'), ('1', 'images')):
+        page.keyboard.press(key)
+        tab = page.locator(f'.q-tab.{part}')
+        panel.until(lambda t=tab: t.get_attribute('aria-selected') == 'true', f'the key {key}')
+    page.keyboard.press('?')
+    page.get_by_role('dialog').get_by_text('Find a parameter').wait_for()
+    page.keyboard.press('Escape')
+    page.get_by_role('dialog').wait_for(state='detached')
+    panel.enter('lost_timeout', 1.5)
+    panel.until(lambda: panel.now('lost_timeout') == '1.5', 'the change')
+    page.locator('h1').click()
+    page.keyboard.press('Control+z')
+    panel.until(lambda: panel.now('lost_timeout') != '1.5', 'the change to be undone')
+    page.keyboard.press('/')
+    field = page.get_by_label('Find a parameter')
+    panel.until(lambda: field.evaluate('f => f === document.activeElement'), 'the field')
+    assert field.input_value() == ''
+    page.locator('h1').click()
+    page.keyboard.press(' ')
+    trust = page.locator('.readout .trust')
+    panel.until(lambda: trust.inner_text() == 'paused', 'the pause')
+    figures = page.locator('.readout .figures')
+    before = figures.inner_text()
+    panel.graph.spin(1.0)
+    assert figures.inner_text() == before
+    page.keyboard.press(' ')
+    panel.until(lambda: figures.inner_text() != before, 'it to go on')
+
+
+def test_the_result_is_in_large_figures_on_every_part_and_stale_without_the_node(panel):
+    panel.choose(TRACKER)
+    page, trust = panel.page, panel.page.locator('.readout .trust')
+    figures = page.locator('.readout .figures')
+    for part in ('images', 'results', 'runs'):
+        panel.part(part)
+        panel.until(lambda: re.search('[345] of 5 lights', trust.inner_text()), 'the lights')
+        panel.until(lambda: re.search(r'ahead\s+\d+\.\d m', figures.inner_text()), 'the distance')
+    size = figures.locator('dd').first.evaluate('e => parseFloat(getComputedStyle(e).fontSize)')
+    assert size >= 20
+    assert panel.graph.set_parameter('marker_tracker', 'threshold', 1.0).successful
+    panel.until(lambda: trust.get_attribute('data-trust') == 'bad', 'no light to be found')
+    assert panel.graph.set_parameter('marker_tracker', 'threshold', 0.7).successful
+    panel.until(lambda: trust.get_attribute('data-trust') != 'bad', 'the lights to be back')
+
+
+def test_the_pose_stands_in_space_with_red_left_and_green_right(panel):
+    panel.choose(TRACKER)
+    panel.part('results')
+    page = panel.page
+    # What three.js draws: the wing tips' lights, in the axes of the body.
+    read = """() => {
+        const holder = document.querySelector('.scene');
+        const [moved] = holder.dataset.objects.split(' ');
+        const body = getElement(Number(holder.id.slice(1))).objects.get(moved)?.mesh;
+        if (!body) return null;
+        const lights = body.children.filter(m => m.geometry?.type === 'SphereGeometry');
+        return {place: body.position.toArray(), visible: body.visible,
+            lights: lights.map(m => ['#' + m.material.color.getHexString(), m.position.y])};
+    }"""
+    panel.until(lambda: (page.evaluate(read) or {}).get('place', [0])[0] > 50, 'the distance')
+    found = page.evaluate(read)
+    assert (
+        found['visible'] and dict(found['lights'])['#e02020'] > 0 > dict(found['lights'])['#10b040']
+    )
+    before = found['place']
+    panel.until(lambda: page.evaluate(read)['place'] != before, 'it to move')
+    assert page.locator('.scene canvas').first.bounding_box()['height'] > 200
+
+
+def test_a_change_is_marked_in_the_curves(panel):
+    panel.choose(TRACKER)
+    panel.part('results')
+    marks = """() => {
+        const holder = document.querySelector('[data-curves="roll"]');
+        const chart = holder && getElement(Number(holder.id.slice(1))).chart;
+        const line = chart?.getOption().series[0]?.markLine;
+        return line ? line.data.map(m => m.name) : [];
+    }"""
+    panel.enter('search_radius', 22)
+    panel.until(lambda: 'search_radius 22' in panel.page.evaluate(marks), 'the mark')
+
+
+def test_a_recording_is_stepped_through_beside_the_sliders_and_compared(panel):
+    panel.choose(TRACKER)
+    panel.part('runs')
+    page, runs = panel.page, panel.page.locator('.part.runs')
+    words = runs.get_by_role('status').first
+    panel.until(lambda: words.inner_text().startswith('frame 1 of 180'), 'the first frame')
+    runs.get_by_role('button', name='One frame on').click()
+    panel.until(lambda: words.inner_text().startswith('frame 2 of 180'), 'the next frame')
+    slider = runs.get_by_role('slider', name='Frame')
+    slider.fill('60')
+    panel.until(lambda: words.inner_text() == 'frame 61 of 180 · 4.00 s', 'that frame')
+    live = runs.locator('.lane').first
+    assert '5 of 5 lights' in live.inner_text()
+    still = live.locator('img').get_attribute('src')
+    panel.enter('threshold', 0.999)
+    panel.until(lambda: '5 of 5' not in live.inner_text(), 'the change to be seen in the frame')
+    assert live.locator('img').get_attribute('src') != still
+    runs.get_by_role('combobox', name='Compare with').click()
+    page.get_by_role('option', name='default', exact=True).click()
+    other = runs.locator('.lane').nth(1)
+    panel.until(lambda: other.is_visible() and '5 of 5' in other.inner_text(), 'the other set')
+    runs.get_by_text('threshold 0.999 | 0.7').wait_for()
+    panel.enter('threshold', 0.7)
+    panel.until(lambda: '5 of 5 lights' in live.inner_text(), 'the lights to be back')
+    page.locator('h1').click()
+    page.keyboard.press(' ')
+    panel.until(lambda: not words.inner_text().startswith('frame 61 '), 'it to play')
+    page.keyboard.press(' ')
+
+
 def test_parameters_without_effect_are_folded_away_and_found_by_typing(panel):
     panel.choose(TRACKER)
     assert panel.row('grouping_distance').is_hidden()
@@ -335,8 +468,13 @@ def test_a_recording_holds_input_and_results(panel):
     panel.part('images')
     page = panel.page
     page.get_by_role('button', name='Record').click()
-    panel.until(lambda: page.get_by_text(re.compile('Recording .* [1-9][0-9]+ mess')).count(), 'it')
-    page.get_by_role('button', name='Stop').click()
+    words = page.locator('.record .number')
+    panel.until(lambda: re.fullmatch(r'0:[0-9]{2} · [1-9][0-9.]* MB', words.inner_text()), 'it')
+    stop = page.get_by_role('button', name='Stop')
+    for part in ('results', 'runs'):
+        panel.part(part)
+        assert words.is_visible() and 'bg-negative' in stop.get_attribute('class')
+    stop.click()
     page.get_by_text(re.compile('Recorded [0-9]+ messages')).wait_for()
     (path,) = (panel.folder / 'recordings').iterdir()
     with open_recording(path) as recording:

@@ -37,7 +37,7 @@ OFFSETS = {
     'role': 41,
     'confidence': 44,
 }
-ALWAYS = {'line_params', 'lines', 'corrections', 'vanishing_point'}
+ALWAYS = {'line_params', 'lines', 'corrections', 'vanishing_point', 'integrity'}
 
 
 @lru_cache
@@ -144,6 +144,23 @@ def test_pose_needs_a_calibration_and_the_width(calibrated, width, expected):
     _, said = flown(calibrated, runway_width=width)
     assert ('pose' in said) is expected
     assert set(said) >= ALWAYS
+
+
+def test_integrity_bounds_the_guidance_where_the_confidence_bears_it():
+    # 0.05 of risk left for three errors: 2.39 deviations and more.
+    processor, said = flown(runway_width=30.0, integrity_risk=0.3, alert_limit=[0.0, 1e-3])
+    status = said['integrity'].status[0]
+    values = {each.key: each.value for each in status.values}
+    assert (status.level, status.message) == (b'\1', 'alert: height')
+    pose = said['pose'].pose
+    offset, height = (math.sqrt(pose.covariance[7 * axis]) for axis in (1, 2))
+    assert float(values['offset']) > 1.2 * offset and float(values['height']) > 1.2 * height
+    strict = processor._parameters.changed({'integrity_risk': 1e-7})
+    processor.configure(strict)
+    silent = outputs(processor, 20)['integrity'].status[0]
+    assert silent.level == b'\2' and 'cannot bear a risk of 1e-07' in silent.message
+    thesis = outputs(RunwayDetectorProcessor(), 0)['integrity'].status[0]
+    assert thesis.message == 'not available: only mode approach has levels'
 
 
 def test_an_uncalibrated_camera_gives_no_pose():

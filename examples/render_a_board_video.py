@@ -1,0 +1,26 @@
+"""A checkerboard before the camera of a flight: python examples/render_a_board_video.py FLIGHT OUT.
+
+FLIGHT is a recording with its calibration, OUT.mp4 a video of 11 s.
+"""
+
+import sys
+
+import av
+
+from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.simulation.board import BoardVideo
+
+if len(sys.argv) != 3:
+    sys.exit('usage: python examples/render_a_board_video.py FLIGHT OUT.mp4')
+lens = next(open_source(sys.argv[1]).frames()).camera
+video = BoardVideo(seed=1, places=20, size=(lens.width, lens.height), lens=lens)
+with av.open(sys.argv[2], 'w') as container:
+    stream = container.add_stream('libx264', rate=15, options={'crf': '14', 'preset': 'veryfast'})
+    stream.width, stream.height, stream.pix_fmt = lens.width, lens.height, 'yuv420p'
+    for image in video.images():
+        for packet in stream.encode(av.VideoFrame.from_ndarray(image, format='gray')):
+            container.mux(packet)
+    for packet in stream.encode():
+        container.mux(packet)
+k = lens.k
+print(f'true focal length {k[0]:.1f} {k[4]:.1f}, principal point {k[2]:.1f} {k[5]:.1f} px')

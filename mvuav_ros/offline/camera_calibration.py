@@ -1,0 +1,292 @@
+"""A camera calibrated from a recording of a board: its views, its file and its report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.offline.report.model import Figure, Report, Section, Table
+from mvuav_ros.offline.report.style import COLORS, INK, drawing, label
+from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
+from mvuav_ros.vision.camera import CalibrationError
+from mvuav_ros.vision.camera_calibration import (
+    FEWEST_VIEWS,
+    CameraCalibration,
+    calibrate_camera,
+)
+from mvuav_ros.vision.image import ImageError
+from mvuav_ros.vision.point_operations import Pixels
+
+MOST_SEARCHES = 200
+"""Images of a recording in which the board is searched: of each stretch of time the sharpest."""
+APART = 0.03
+"""Part of the image's diagonal by which the outer corners of two views differ that count as two."""
+_NOT_THE_SAME = 0.004
+"""Of two that are both used, as the corners' noise is a new one in each image."""
+_THUMBNAIL = 320  # px
+_SHOWN = 9  # Pictures of views in the report
+_CELLS = 8, 6  # Into which the image is divided for its coverage
+
+
+@dataclass
+class BoardSearch:
+    """What a recording shows of a board.
+
+    Attributes:
+        size: of the images, px.
+        views: every one that was found.
+        stamps: of the views, s since the first frame.
+        thumbnails: of the views' images, for people.
+        frames: that were read.
+        searched: how many were looked at for the board.
+    """
+
+    size: tuple[int, int] = (0, 0)
+    views: list[BoardView] = field(default_factory=list)
+    stamps: list[float] = field(default_factory=list)
+    thumbnails: list[Pixels] = field(default_factory=list)
+    frames: int = 0
+    searched: int = 0
+
+    def different(self, most: int, apart: float = APART) -> list[int]:
+        """The views that differ from each other, as numbers; those that differ most first."""
+        return different_views(self.views, self.size, most, apart)
+
+
+def search_board(
+    source: FrameSource,
+    board: Board,
+    most: int,
+    seconds: float,
+    advance: Callable[[], object] = lambda: None,
+) -> BoardSearch:
+    """Look for a board in a recording, or in a camera's images until there are enough views.
+
+    Args:
+        source: open.
+        board: to be found.
+        most: different views that are enough for a camera to stop.
+        seconds: after which a camera is left.
+        advance: called for each frame.
+
+    Raises:
+        SourceError: it has no frames, frames of several sizes, or cannot be read.
+    """
+    search, start = BoardSearch(), time.monotonic()
+    for stamp, gray in _sharpest(source, search, advance):
+        search.searched += 1
+        view = board.find(gray)
+        if view is not None:
+            search.views.append(view)
+            search.stamps.append(stamp)
+            scale = _THUMBNAIL / gray.shape[1]
+            small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            search.thumbnails.append(
+                cv2.convertScaleAbs(small, alpha=1 if gray.dtype == np.uint8 else 1 / 256)
+            )
+        if source.live and (
+            len(search.different(most)) >= most or time.monotonic() > start + seconds
+        ):
+            break
+    if not search.frames:
+        raise SourceError(f'{source.name}: there is no image to read')
+    return search
+
+
+def _sharpest(
+    source: FrameSource, search: BoardSearch, advance: Callable[[], object]
+) -> Iterator[tuple[float, Pixels]]:
+    """Of each stretch of frames the sharpest one: its time (s) and its grey image."""
+    best: tuple[float, float, Pixels] | None = None
+    first_ns, inside = None, 0
+    for frame in source.frames():
+        advance()
+        if isinstance(frame, BadFrame):
+            continue
+        try:
+            gray = frame.image.gray()
+        except ImageError:
+            continue
+        first_ns = frame.stamp_ns if first_ns is None else first_ns
+        size = frame.image.width, frame.image.height
+        if search.frames and size != search.size:
+            raise SourceError(
+                f'{source.name} has images of {search.size[0]} x {search.size[1]} px and of '
+                f'{size[0]} x {size[1]} px: a calibration is for one size'
+            )
+        search.size, search.frames, inside = size, search.frames + 1, inside + 1
+        value = sharpness(gray)
+        if best is None or value > best[0]:
+            best = value, (frame.stamp_ns - first_ns) * 1e-9, gray
+        # Of a length that nobody knows the first stretches are short and later ones longer.
+        known = source.count
+        if inside >= (-(-known // MOST_SEARCHES) if known else 2 ** (search.searched // 60)):
+            yield best[1:]
+            best, inside = None, 0
+    if best is not None:
+        yield best[1:]
+
+
+def calibrate_from(
+    search: BoardSearch, board: Board, model: str, most: int
+) -> tuple[list[int], CameraCalibration]:
+    """The numbers of the views chosen, and the camera.
+
+    Raises:
+        CalibrationError: the views are too few or do not tell the camera.
+    """
+    found = len(search.views)
+    if not found:
+        raise CalibrationError(
+            f'no board of {board.columns}x{board.rows} inner corners in any of the '
+            f'{search.searched} images looked at, of {search.frames}: --board counts the corners '
+            'where four squares meet, and the whole board must be in view'
+            + ('' if not board.dictionary else '; --charuco names its dictionary')
+        )
+    chosen = search.different(most)
+    if len(chosen) < FEWEST_VIEWS:
+        raise CalibrationError(
+            f'the board is seen in {found} images, of which only {len(chosen)} '
+            f'{"differs" if len(chosen) == 1 else "differ"}: {FEWEST_VIEWS} are needed, and 20 '
+            'to 40 are good; move the board over the whole image, and tilt it'
+        )
+    chosen = search.different(most, _NOT_THE_SAME)
+    return chosen, calibrate_camera([search.views[i] for i in chosen], search.size, model)
+
+
+def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
+    """In which part of the image corners were seen, in cells of an eighth by a sixth of it."""
+    pixels = np.concatenate([view.pixels for view in views])
+    cells = np.clip((pixels / size * _CELLS).astype(int), 0, np.array(_CELLS) - 1)
+    return len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
+
+
+def describe(found: CameraCalibration) -> Iterator[tuple[str, float, float, str]]:
+    """Name, value, standard deviation and unit of each parameter."""
+    k, d = found.camera.k, found.camera.d
+    names = {5: 'k1 k2 p1 p2 k3', 8: 'k1 k2 p1 p2 k3 k4 k5 k6'}.get(len(d), 'k1 k2 k3 k4').split()
+    values = (k[0], k[4], k[2], k[5], *d)
+    units = ('px',) * 4 + ('',) * len(d)
+    yield from zip(('fx', 'fy', 'cx', 'cy', *names), values, found.deviations, units, strict=True)
+
+
+def report_of(
+    name: str, board: Board, search: BoardSearch, chosen: Sequence[int], found: CameraCalibration
+) -> Report:
+    """The page: the camera, the views and what they leave unexplained."""
+    views = [search.views[i] for i in chosen]
+    tilts = np.degrees(found.tilts)
+    rms = [float(np.sqrt(np.mean(each**2))) for each in found.residuals]
+    parameters = Table.of(
+        'camera',
+        'Camera',
+        'parameter | value .4 | standard deviation .4 | unit',
+        [(what, value, deviation, unit) for what, value, deviation, unit in describe(found)],
+        'Standard deviations are of the noise of the corners alone: noise² (JᵀJ)⁻¹.',
+    )
+    models = Table.of(
+        'models',
+        'Models, on views that were kept back',
+        'model | residual [px] .4',
+        list(found.kept_back.items()),
+        'The simplest model is taken that no longer one beats by more than 1 %.',
+    )
+    table = Table.of(
+        'views',
+        'Views',
+        'view | time [s] .2 | corners | tilt [deg] .1 | residual [px] | used',
+        [
+            (number, search.stamps[i], len(view.points), float(tilt), error, 'yes' if use else 'no')
+            for number, (i, view, tilt, error, use) in enumerate(
+                zip(chosen, views, tilts, rms, found.used, strict=True), 1
+            )
+        ],
+        'A view that is not used has residuals far above the others: blurred, or a wrong corner.',
+    )
+    figures = (_coverage_figure(views, search.size, found), _errors_figure(rms, found.used))
+    kind = f'ChArUco {board.dictionary}' if board.dictionary else 'checkerboard'
+    return Report(
+        f'Calibration of {name}',
+        (
+            f'{found.camera.distortion_model}, from {int(found.used.sum())} views; residual '
+            f'{found.rms:.3f} px rms per axis; corners in '
+            f'{100 * coverage(views, search.size):.0f} % of the image.',
+        ),
+        {
+            'source': name,
+            'board': f'{kind}, {board.columns}x{board.rows} inner corners, {board.square:g} m',
+            'frames': search.frames,
+            'searched': search.searched,
+            'board found': len(search.views),
+        },
+        (),
+        (
+            Section('Camera', (), (parameters, models) if found.kept_back else (parameters,)),
+            Section('Coverage and residuals', (), figures),
+            Section('Views', (), (_pictures(search, chosen, found.used), table)),
+        ),
+    )
+
+
+def _coverage_figure(
+    views: Sequence[BoardView], size: tuple[int, int], found: CameraCalibration
+) -> Figure:
+    largest = 3.0 * found.rms
+    scale = 0.04 * size[0] / max(largest, 1e-9)
+    with drawing(9.6, 9.6 * size[1] / size[0]) as canvas:
+        axes = canvas.figure.add_subplot()
+        for view, residual, use in zip(views, found.residuals, found.used, strict=True):
+            axes.quiver(
+                *view.pixels.T,
+                *(residual * scale).T,
+                color=COLORS[0] if use else COLORS[1],
+                angles='xy',
+                scale_units='xy',
+                scale=1.0,
+                width=0.0012,
+            )
+        axes.set(xlim=(-0.5, size[0] - 0.5), ylim=(size[1] - 0.5, -0.5), aspect='equal')
+        label(axes, '', 'u [px]', 'v [px]')
+    return canvas.as_figure(
+        'residuals',
+        'Where corners were seen, and their residuals',
+        'corners over the image, each with an arrow',
+        f'Arrows are seen minus projected, {scale:.0f} times as long as in the image. They should '
+        'point anywhere: arrows that agree with their neighbours show a lens of another model or '
+        'a bent board. Where no corner was, the lens is extrapolated. Orange: views left out.',
+    )
+
+
+def _errors_figure(rms: Sequence[float], used: NDArray[np.bool_]) -> Figure:
+    with drawing(9.6, 3.0) as canvas:
+        axes = canvas.figure.add_subplot()
+        colors = [COLORS[0] if use else COLORS[1] for use in used]
+        axes.bar(range(1, len(rms) + 1), rms, color=colors)
+        axes.axhline(float(np.median(rms)), color=INK, lw=0.8)
+        label(axes, '', 'view', 'residual [px rms]')
+    return canvas.as_figure('errors', 'Residual of each view', 'bars', 'The line is the median.')
+
+
+def _pictures(search: BoardSearch, chosen: Sequence[int], used: NDArray[np.bool_]) -> Figure:
+    """The first views, which differ most, and those left out."""
+    order = [number for number in range(len(chosen)) if not used[number]][:3]
+    order += [number for number in range(len(chosen)) if used[number]][: _SHOWN - len(order)]
+    rows = -(-len(order) // 3)
+    with drawing(9.6, 3.2 * rows * search.size[1] / search.size[0] + 0.25 * rows) as canvas:
+        grid = canvas.figure.subplots(rows, 3, squeeze=False)
+        for axes in grid.flat:
+            axes.axis('off')
+        for axes, number in zip(grid.flat, order, strict=False):
+            image = search.thumbnails[chosen[number]]
+            scale = image.shape[1] / search.size[0]
+            places = (search.views[chosen[number]].pixels + 0.5) * scale - 0.5
+            axes.imshow(image, cmap='gray', vmin=0, vmax=255)
+            axes.plot(*places.T, '.', ms=2.0, color=COLORS[0] if used[number] else COLORS[1])
+            axes.set_title(f'view {number + 1}' + ('' if used[number] else ', left out'))
+    return canvas.as_figure('pictures', 'Some views', 'images of the board with its corners')

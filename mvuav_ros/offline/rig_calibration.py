@@ -1,0 +1,276 @@
+"""A rig calibrated from a flight: the names of its lights, the adjustment, its report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mvuav_ros.offline.report.model import Figure, Report, Section, Table
+from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.recordings.serialization.messages import is_rectified_topic
+from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import ImageError
+from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.rig import MarkerRig, Point
+from mvuav_ros.vision.rig_calibration import (
+    FEWEST_LIGHTS,
+    LightSightings,
+    RigCalibration,
+    RigCalibrationError,
+    calibrate_rig,
+)
+
+_MOST_PASSES = 4
+_MORE = 1.01  # Times the lights that are named: a pass that names no more is the last one
+_DRAWN = 4000  # Residuals
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedRig:
+    """A rig, and what it was made from.
+
+    Attributes:
+        rig: the calibrated one.
+        rough: the one that was given.
+        camera: that saw it.
+        sightings: its lights' places in the flight, by the names of the last pass.
+        found: the adjustment.
+        frames: of the flight.
+        passes: how often the flight was named, each time with a better rig.
+    """
+
+    rig: MarkerRig
+    rough: MarkerRig
+    camera: CameraModel
+    sightings: LightSightings
+    found: RigCalibration
+    frames: int
+    passes: int
+
+
+def calibrate_from(
+    source: FrameSource,
+    rough: MarkerRig,
+    camera: CameraModel | None,
+    parameters: MarkerTrackerParameters,
+    distance: tuple[str, str, float] | None = None,
+    advance: Callable[[int], object] = lambda frames: None,
+) -> CalibratedRig:
+    """Name the lights in a flight and calibrate the rig, again with each better rig.
+
+    Args:
+        source: of the flight's images, not a live one.
+        rough: the rig as far as it is known.
+        camera: calibrated; None: the flight's own.
+        parameters: of the tracker that names the lights.
+        distance: two of the lights and their distance, m.
+        advance: called with the number of frames read in this pass.
+
+    Raises:
+        SourceError: the flight has no images, or no calibration of theirs.
+        RigCalibrationError: the flight does not tell the rig.
+    """
+    if source.live:
+        raise SourceError(f'{source.name}: record the flight first; it is read several times')
+    if len(rough.names) < FEWEST_LIGHTS:
+        raise RigCalibrationError(
+            f'{len(rough.names)} lights are too few: an image with {FEWEST_LIGHTS} tells more than '
+            'its own pose'
+        )
+    between = None
+    if distance is not None:
+        unknown = [name for name in distance[:2] if name not in rough.names]
+        if unknown:
+            raise RigCalibrationError(
+                f'there is no light {unknown[0]} in {rough.name}: {", ".join(rough.names)}'
+            )
+        between = rough.names.index(distance[0]), rough.names.index(distance[1]), distance[2]
+    rig, before, best = rough, 0.0, None
+    for number in range(1, _MOST_PASSES + 1):
+        frames, used, sightings = name_lights(source, rig, camera, parameters, advance)
+        if best is not None and len(sightings.frames) <= _MORE * before:
+            break
+        before = len(sightings.frames)
+        found = calibrate_rig(rough.positions, used, sightings, between, rough.names)
+        rig = replace(rough, markers=_placed(rough, found))
+        best = CalibratedRig(rig, rough, used, sightings, found, frames, number)
+    assert best is not None
+    return best
+
+
+def _placed(rough: MarkerRig, found: RigCalibration) -> tuple[tuple[str, Point], ...]:
+    places = found.positions.tolist()
+    return tuple((name, (x, y, z)) for name, (x, y, z) in zip(rough.names, places, strict=True))
+
+
+def name_lights(
+    source: FrameSource,
+    rig: MarkerRig,
+    camera: CameraModel | None,
+    parameters: MarkerTrackerParameters,
+    advance: Callable[[int], object],
+) -> tuple[int, CameraModel, LightSightings]:
+    """The number of frames, their camera, and where the tracker sees which light.
+
+    Raises:
+        SourceError: there are no images, or no calibration of theirs.
+    """
+    tracker, last_ns, count = MarkerTracker(parameters, rig), -1, 0
+    rows: list[tuple[int, int, float, float]] = []
+    for frame in source.frames():
+        if isinstance(frame, BadFrame) or frame.stamp_ns <= last_ns:
+            continue
+        last_ns, count = frame.stamp_ns, count + 1
+        if count == 1:
+            camera = camera or frame.camera
+            if camera is None:
+                raise SourceError(f'{source.name} has no calibration of its own: --camera-info')
+            if isinstance(source, BagImages) and is_rectified_topic(source.topic):
+                camera = camera.rectified()
+            try:
+                camera.check(frame.image.width, frame.image.height)
+            except CalibrationError as error:
+                raise SourceError(f'{source.name}: {error}') from error
+            tracker.set_camera(camera)
+        advance(count)
+        try:
+            result = tracker.process(frame.image, frame.stamp_ns)
+        except ImageError:
+            continue
+        rows += [
+            (count, int(marker.label), marker.x, marker.y)
+            for marker in result.markers
+            if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
+        ]
+    if camera is None or not count:
+        raise SourceError(f'{source.name}: there is no image to read')
+    if not rows:
+        raise RigCalibrationError(
+            f'no light of {rig.name} is named in {count} images: see mvuav rig check, and the '
+            'threshold of marker_tracker (--param)'
+        )
+    table = np.array(rows)
+    frames, markers = (table[:, column].astype(np.intp) for column in (0, 1))
+    return count, camera, LightSightings(frames, markers, table[:, 2:])
+
+
+def report_of(name: str, made: CalibratedRig) -> Report:
+    """The page: the lights, and what they leave unexplained."""
+    found, sightings = made.found, made.sightings
+    moved = 1000 * (found.positions - made.rough.positions)
+    rows = []
+    for index, light in enumerate(made.rig.names):
+        mine = found.used & (sightings.markers == index)
+        rms = float(np.sqrt(np.mean(found.residuals[mine] ** 2)))
+        rows.append(
+            (
+                light,
+                *found.positions[index].tolist(),
+                *(1000 * found.deviations[index]).tolist(),
+                float(np.linalg.norm(moved[index])),
+                int(mine.sum()),
+                rms,
+            )
+        )
+    lights = Table.of(
+        'lights',
+        'Lights',
+        'light | x [m] .5 | y [m] .5 | z [m] .5 | sd x [mm] .2 | sd y [mm] .2 | sd z [mm] .2 | '
+        'moved [mm] .1 | sightings | residual [px] .3',
+        rows,
+        'Standard deviations (sd) are of the noise in the images'
+        + (
+            f', and of the scale ({100 * found.scale_deviation:.2g} %), which is the rough rig’s.'  # noqa: RUF001
+            if found.scale_deviation
+            else '; the given distance is taken as exact.'
+        )
+        + ' Moved is the distance to the rough position.',
+    )
+    seen = len(sightings.frames)
+    figures = (_residual_figure(made), _shape_figure(made))
+    return Report(
+        f'Calibration of {made.rig.name}',
+        (
+            f'{len(made.rig.names)} lights from {found.frames} images; noise of a light '
+            f'{found.noise:.3f} px per axis; {int(found.used.sum())} of {seen} sightings used.',
+        ),
+        {
+            'source': name,
+            'rough rig': made.rough.name,
+            'frames': made.frames,
+            'passes': made.passes,
+            'fewest lights in an image': FEWEST_LIGHTS,
+        },
+        (),
+        (Section('Lights', (), (lights,)), Section('Residuals and shape', (), figures)),
+    )
+
+
+def _residual_figure(made: CalibratedRig) -> Figure:
+    found, camera = made.found, made.camera
+    scale = 0.03 * camera.width / max(3.0 * found.noise, 1e-9)
+    with drawing(9.6, 9.6 * camera.height / camera.width + 0.4) as canvas:
+        axes = canvas.figure.add_subplot()
+        every = -(-int(found.used.sum()) // _DRAWN)
+        for index, name in enumerate(made.rig.names):
+            mine = np.flatnonzero(found.used & (made.sightings.markers == index))[::every]
+            axes.quiver(
+                *made.sightings.pixels[mine].T,
+                *(found.residuals[mine] * scale).T,
+                color=COLORS[index % len(COLORS)],
+                angles='xy',
+                scale_units='xy',
+                scale=1.0,
+                width=0.0012,
+                label=name,
+            )
+        axes.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect='equal')
+        label(axes, '', 'u [px]', 'v [px]')
+        legend_below(canvas.figure, axes)
+    return canvas.as_figure(
+        'residuals',
+        'Residuals of the lights',
+        'arrows over the image',
+        f'Arrows are seen minus projected, {scale:.0f} times as long as in the image. They should '
+        'point anywhere: arrows that agree with their neighbours show a wrong camera calibration, '
+        'a body that bends, or lights that look different from aside.',
+    )
+
+
+def _shape_figure(made: CalibratedRig) -> Figure:
+    sides = (('from behind', 1, 2), ('from the right', 0, 2), ('from above', 1, 0))
+    with drawing(9.6, 3.4) as canvas:
+        for axes, (title, first, second) in zip(canvas.figure.subplots(1, 3), sides, strict=True):
+            for index, name in enumerate(made.rig.names):
+                place, rough = made.found.positions[index], made.rough.positions[index]
+                axes.plot(rough[first], rough[second], 'o', mfc='none', color=SOFT, ms=7)
+                color = COLORS[index % len(COLORS)]
+                axes.plot(place[first], place[second], '.', color=color, ms=6, label=name)
+            axes.set_aspect('equal', 'datalim')
+            if first == 1:  # y is to the left
+                axes.invert_xaxis()
+            label(axes, title, f'{"xyz"[first]} [m]', f'{"xyz"[second]} [m]')
+    return canvas.as_figure('shape', 'The rig', 'the lights from three sides', 'Rings: rough rig.')
+
+
+def parse_distance(text: str) -> tuple[str, str, float]:
+    """Read ``left:right=0.82``.
+
+    Raises:
+        ValueError: it is anything else.
+    """
+    names, _, metres = text.partition('=')
+    first, colon, second = names.partition(':')
+    try:
+        value = float(metres)
+    except ValueError:
+        value = 0.0
+    if not (first and second and colon and 0.0 < value < 1e6) or first == second:
+        raise ValueError(f'write two lights and metres, as in left:right=0.82, not {text!r}')
+    return first, second, value

@@ -1,0 +1,197 @@
+"""A node's newest results as a few large figures, how far to trust them, and a pose in space."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2
+
+from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, rpy
+from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.runway.results import LineFlag
+
+TOPICS: dict[str, dict[str, type]] = {
+    'marker_tracker': {
+        'markers': PointCloud2,
+        'rpy': Vector3Stamped,
+        'pose': PoseWithCovarianceStamped,
+    },
+    'runway_detector': {'line_params': PointCloud2, 'pose': PoseWithCovarianceStamped},
+}
+"""What figures are made of, below a node's name."""
+GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
+_MOST_ROWS = 12
+_MOST_VALUES = 100_000
+_LARGEST = 1e9
+_WIDEST = 10.0
+"""Half of a view's width over its distance; no calibration of a camera is wider."""
+
+Figure = tuple[str, str, str]
+"""What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
+
+
+class Figures:
+    """Collects the newest messages of one node; ValueError and the like for what is none of ours.
+
+    ``values`` gives the node's parameters.
+    """
+
+    def __init__(self, kind: str, values: Callable[[], Mapping[str, Any]]) -> None:
+        self._kind, self._values = kind, values
+        self._trust = (BAD, 'no results yet')
+        self._roll, self._lines = math.nan, list[Figure]()
+        self._place, self._turn = np.full(3, math.nan), np.full((3, 3), math.nan)
+        self._deviations = np.full(6, math.nan)
+        self._view: tuple[float, float] | None = None
+
+    def take(self, topic: str, message: Any) -> None:
+        """A message of one of `TOPICS`, or the ``camera_info`` of the node's images."""
+        if topic == 'camera_info':
+            half_width, half_height = (
+                message.width / 2 / message.k[0],
+                message.height / 2 / message.k[4],
+            )
+            if 0 < half_width < _WIDEST and 0 < half_height < _WIDEST:
+                self._view = half_width, half_height
+        elif topic == 'rpy':
+            self._roll = float(message.vector.x)
+        elif topic == 'pose':
+            self._take_pose(message)
+        elif self._kind == 'marker_tracker':
+            self._trust = _trust_in_markers(rows_of(message))
+        else:
+            self._take_lines(rows_of(message))
+
+    def said(self) -> dict[str, Any]:
+        """For the page, as JSON takes it: ``trust``, ``figures``, ``pose`` and ``view``.
+
+        The pose is where something is, m, and its axes as rows of a matrix, x forward, y left, z
+        up: the body before the camera, or the camera in the runway's frame. The view is half the
+        width and height of what the camera sees at a distance of 1.
+        """
+        known = bool(np.isfinite((*self._place[1:], *self._turn.flat)).all())
+        trust = self._trust
+        if trust[0] == GOOD and not known and self._wants_pose:
+            trust = DOUBTFUL, f'{trust[1]}, but no pose'
+        place = np.nan_to_num(self._place)
+        pose = [place.round(3).tolist(), self._turn.round(5).tolist()] if known else None
+        return {'trust': trust, 'figures': self._figures(), 'pose': pose, 'view': self._view}
+
+    @property
+    def _wants_pose(self) -> bool:
+        values = self._values()
+        if self._kind == 'marker_tracker':
+            return bool(values.get('pose')) and values.get('mode') == 'track'
+        return values.get('mode') == 'approach' and values.get('runway_width', 0.0) != 0.0
+
+    def _figures(self) -> list[Figure]:
+        (x, y, z), (sx, sy, sz, *turns) = self._place, self._deviations
+        whole = np.isfinite(self._turn).all()
+        roll, pitch, yaw = rpy(self._turn) if whole else (math.nan,) * 3
+        if self._kind == 'marker_tracker':
+            known = roll if math.isnan(self._roll) else self._roll
+            return [
+                ('roll', _degrees(known), _degrees(turns[0], '± ')),
+                ('ahead', _metres(x), _metres(sx, '± ')),
+                (_side(y), _metres(abs(y)), _metres(sy, '± ')),
+                ('above' if z > 0 else 'below', _metres(abs(z)), _metres(sz, '± ')),
+                ('pitch', _degrees(pitch), _degrees(turns[1], '± ')),
+                ('yaw', _degrees(yaw), _degrees(turns[2], '± ')),
+            ]
+        if self._values().get('mode') != 'approach':
+            return self._lines
+        return [
+            (f'{_side(y)} of centre', _metres(abs(y)), _metres(sy, '± ')),
+            ('height', _metres(z), _metres(sz, '± ')),
+            (f'heading {_side(yaw)}', _degrees(abs(yaw)), _degrees(turns[2], '± ')),
+            ('to the near end', _metres(-x), _metres(sx, '± ')),
+        ]
+
+    def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
+        pose = message.pose.pose
+        place = np.array([pose.position.x, pose.position.y, pose.position.z])
+        self._place = np.where(np.abs(place) < _LARGEST, place, math.nan)
+        self._turn = rotation_of(pose.orientation)
+        variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
+        known = (variances > 0) & (variances < _LARGEST)
+        self._deviations = np.sqrt(np.where(known, variances, math.nan))
+        if self._kind == 'marker_tracker':
+            self._place = OPTICAL_FROM_BODY.T @ self._place
+            self._turn = OPTICAL_FROM_BODY.T @ self._turn
+            self._deviations[:3] = np.abs(OPTICAL_FROM_BODY.T) @ self._deviations[:3]
+
+    def _take_lines(self, rows: Any) -> None:
+        found = np.isfinite(rows['rho'])
+        held = int(((rows['flags'] & LineFlag.CORRECTED) != 0)[found].sum())
+        words = f'{found.sum()} of {len(rows)} lines' + (f', {held} held' if held else '')
+        if self._values().get('mode') == 'approach':
+            confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
+            sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
+            words = sure + (f', {held} held' if held else '')
+            complete = bool(found[:2].all())
+        else:
+            complete = bool(found.all())
+        good = complete and not held
+        self._trust = (GOOD if good else DOUBTFUL if found.any() else BAD, words)
+        if not found.any():
+            self._place[:], self._turn[:] = math.nan, math.nan
+        self._lines = [
+            (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
+            for number, (row, known) in enumerate(zip(rows, found, strict=True), 1)
+        ]
+
+
+def rows_of(message: PointCloud2) -> Any:
+    """The first rows; a message says itself how large it is."""
+    if len(message.fields) > 50 or message.width * message.height > _MOST_VALUES:
+        raise ValueError('no result of our nodes')
+    return decode_points(message)[:_MOST_ROWS]
+
+
+def rotation_of(quaternion: Any) -> NDArray[np.float64]:
+    """A geometry_msgs/Quaternion as a matrix; NaN where it is none."""
+    q = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=float)
+    length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
+    if length < 1e-6:
+        return np.full((3, 3), math.nan)
+    w, x, y, z = q / length
+    across = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    return np.asarray(np.eye(3) + 2.0 * w * across + 2.0 * across @ across)
+
+
+def _trust_in_markers(rows: Any) -> tuple[str, str]:
+    detected, predicted = (
+        int((rows['state'] == state).sum())
+        for state in (MarkerState.DETECTED, MarkerState.PREDICTED)
+    )
+    if len(rows) == 0 or (rows['label'] == Label.UNLABELLED).all():
+        return (GOOD if detected else BAD), f'{detected} lights, without names'
+    words = f'{detected} of {len(rows)} lights' + (f', {predicted} predicted' if predicted else '')
+    good = detected == len(rows)
+    return (GOOD if good else DOUBTFUL if detected + predicted > 1 else BAD), words
+
+
+def _side(value: float) -> str:
+    return 'aside' if math.isnan(value) else 'left' if value > 0 else 'right'
+
+
+def _metres(value: float, sign: str = '') -> str:
+    return _written(value if abs(value) < 1e6 else math.nan, ' m', sign)
+
+
+def _degrees(value: float, sign: str = '') -> str:
+    return _written(math.degrees(value), '°', sign)
+
+
+def _written(value: float, unit: str, sign: str) -> str:
+    """With two digits where it is a deviation, which is nothing where it is not known."""
+    if not math.isfinite(value):
+        return '' if sign else '-'
+    # Adding 0 makes -0.0 a 0.0.
+    return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'

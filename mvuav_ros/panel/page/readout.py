@@ -1,0 +1,136 @@
+"""The selected node's newest result, in view on every part: figures, trust, and space."""
+
+from __future__ import annotations
+
+import numpy as np
+from nicegui import ui
+from nicegui.elements.scene.scene_object3d import Object3D
+
+from mvuav_ros.panel.images import RESULT_OF_KIND
+from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.page import elements as el
+
+Point = tuple[float, float, float]
+_PORT, _STARBOARD, _WHITE = '#e02020', '#10b040', '#ffffff'
+"""Navigation lights: red left, green right, white behind."""
+_BODY, _CAMERA, _ASPHALT = '#8a97a6', '#0b62b8', '#5a6068'
+_AXES, _LONGEST_VIEW = 12.0, 25.0
+_TANKER = (
+    # Ends of fuselage, wings, stabilizers and fin of the tanker of the thesis, m, and radii.
+    ((-36.0, 0.0, 0.0), (34.0, 0.0, 0.0), 3.2),
+    ((4.0, 0.0, 0.0), (-12.0, 29.8, 1.0), 1.3),
+    ((4.0, 0.0, 0.0), (-12.0, -29.8, 1.0), 1.3),
+    ((-32.0, 0.0, 2.0), (-37.0, 11.0, 3.0), 0.8),
+    ((-32.0, 0.0, 2.0), (-37.0, -11.0, 3.0), 0.8),
+    ((-32.0, 0.0, 1.0), (-36.5, 0.0, 13.0), 0.8),
+)
+_LIGHTS = (
+    (_PORT, (-12.0, 29.8, 1.0)),
+    (_STARBOARD, (-12.0, -29.8, 1.0)),
+    (_WHITE, (-37.0, 0.0, 0.0)),
+)
+_RATES = {True: 20, False: 0.5}
+"""Images of the scene per second, on the screen and off it, where a browser still draws them."""
+_RUNWAY_LENGTH, _USUAL_WIDTH = 1500.0, 45.0
+
+
+class Readout:
+    """Large figures with the state of trust, which ``static/live.js`` fills.
+
+    On a telephone the node's result image stands beside them.
+    """
+
+    def __init__(self) -> None:
+        with el.box('readout card', 'section').props('aria-label=Result'):
+            with el.box('preview well').props('data-fresh=never'):
+                self._canvas = el.box('image', 'canvas').props('role=img aria-label="Result"')
+            with el.box('grow'):
+                el.text('no results yet', 'trust').props('data-trust=stale')
+                el.box('figures', 'dl')
+
+    def show(self, node: LiveNode | None) -> None:
+        """Stand for this node."""
+        key = f'{node.name} {RESULT_OF_KIND[node.kind]}' if node else ''
+        el.set_props(self._canvas, data_key=key)
+
+
+class PoseScene:
+    """The pose in space, to be turned with the mouse; ``static/live.js`` moves its bodies.
+
+    One for a page, whatever node is looked at: a browser never gives up a scene that it has drawn.
+    """
+
+    def __init__(self) -> None:
+        self._kind = ''
+        with el.box('card pose'):
+            self._title = el.text('Pose', tag='h2')
+            viewer = ui.scene.perspective_camera(fov=40, near=1.0, far=4000.0)
+            view = ui.scene(grid=(400, 40), background_color='#dfe6ee', camera=viewer)
+            self._scene = view.classes('scene').props('role=img')
+            el.text('No pose: it needs a calibrated camera (camera_info).', 'soft small no-pose')
+        with self._scene as scene:
+            with scene.group() as self._own:
+                self._cone = _make_view(scene)
+                scene.axes_helper(_AXES)
+                for color, y in ((_PORT, 1.5), (_STARBOARD, -1.5)):
+                    scene.sphere(0.6).material(color).move(0.0, y, 0.0)
+            with scene.group() as self._tanker:
+                scene.axes_helper(2 * _AXES)
+                for start, end, radius in _TANKER:
+                    _rod(scene, start, end, radius)
+                for color, place in _LIGHTS:
+                    scene.sphere(2.0).material(color).move(*place)
+            with scene.group() as self._runway:
+                scene.axes_helper(_AXES)
+                self._strip = scene.box(_RUNWAY_LENGTH, 1.0, 0.1).material(_ASPHALT)
+                self._strip.move(_RUNWAY_LENGTH / 2)
+                for stroke in range(30, int(_RUNWAY_LENGTH), 60):
+                    scene.box(30.0, 0.9, 0.12).material(_WHITE).move(stroke)
+
+    def appear(self, visible: bool) -> None:
+        """Draw what is on the screen only."""
+        el.set_props(self._scene, fps=_RATES[visible])
+
+    def show(self, node: LiveNode | None) -> None:
+        """Show the bodies of this node's kind."""
+        if node is None:
+            return
+        tracks = node.kind == 'marker_tracker'
+        if node.kind != self._kind:
+            self._kind = node.kind
+            words = 'the tanker before the camera' if tracks else 'the camera before the runway'
+            self._title.set_text(f'Pose: {words}')
+            self._tanker.visible(tracks)
+            self._runway.visible(not tracks)
+            if tracks:
+                self._scene.move_camera(-60, 45, 35, 50, 0, 0, duration=0)
+            else:
+                self._scene.move_camera(-230, 75, 70, -30, 0, 8, duration=0)
+            moved, still = (self._tanker.id, self._own.id) if tracks else (self._own.id, '-')
+            el.set_props(self._scene, data_objects=f'{moved} {still} {self._cone.id}')
+            el.set_props(self._scene, aria_label=f'Pose: {words}, in space')
+        width = node.values.get('runway_width')
+        wide = width if isinstance(width, float) and 0 < width < 1e3 else _USUAL_WIDTH
+        if not tracks and self._strip.sy != wide:
+            self._strip.scale(1.0, wide, 1.0)
+
+
+def _make_view(scene: ui.scene) -> Object3D:
+    """What the camera sees, as a pyramid; a view of 1 to each side at a distance of 1."""
+    corners = [(1.0, y, z) for y, z in ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))]
+    with scene.group() as cone:
+        for corner, after in zip(corners, corners[1:] + corners[:1], strict=True):
+            scene.line([0.0, 0.0, 0.0], list(corner)).material(_CAMERA)
+            scene.line(list(corner), list(after)).material(_CAMERA)
+    return cone.scale(_LONGEST_VIEW, 0.6 * _LONGEST_VIEW, 0.45 * _LONGEST_VIEW)
+
+
+def _rod(scene: ui.scene, start: Point, end: Point, radius: float) -> None:
+    """A cylinder between two points, which three.js makes along y."""
+    along = np.subtract(end, start)
+    length = float(np.linalg.norm(along))
+    aside = np.cross(along / length, (0.6, 0.0, 0.8))
+    aside /= np.linalg.norm(aside)
+    turn = np.column_stack((aside, along / length, np.cross(aside, along / length)))
+    rod = scene.cylinder(0.7 * radius, radius, length, 12).material(_BODY)
+    rod.move(*np.add(start, end) / 2).rotate_R(turn.tolist())

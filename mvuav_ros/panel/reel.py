@@ -1,0 +1,203 @@
+"""Frames of a recording, one by one, through a node's code with any values, in a process apart."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rclpy.serialization import deserialize_message
+
+from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
+from mvuav_ros.offline.replay.frames import make_processors, process
+from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.panel.figures import TOPICS, Figures
+from mvuav_ros.panel.images import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.processing.processor import Processor
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.serialization import serialized_image
+from mvuav_ros.recordings.serialization.image_decoding import decode_image
+from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
+from mvuav_ros.recordings.sources.selection import Selection
+
+MOST_BYTES = 256_000_000
+"""Of the frames kept in memory; of a longer recording a stretch is shown."""
+_WARM_UP = 30
+"""Frames before the one asked for, from which a tracker gets into its state."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A frame of a recording from ``start_s`` on, for a kind of node with each set of values."""
+
+    source: str
+    start_s: float
+    kind: str
+    index: int
+    values: tuple[Mapping[str, Value], ...]
+
+
+class Result(NamedTuple):
+    """What a node made of a frame: the image with the results as JPEG, and `Figures.said`.
+
+    ``reason`` says why there is none.
+    """
+
+    jpeg: bytes
+    said: dict[str, Any]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A frame that was asked for: its place, and the stretch's frames and length in s."""
+
+    index: int
+    count: int
+    seconds: float
+    is_whole: bool
+    results: tuple[Result, ...]
+
+
+class ReelFailedError(RuntimeError):
+    """The recording cannot be shown, with the reason."""
+
+
+class ReelProcess:
+    """The process of one page, begun by the first frame and ended by `end`."""
+
+    def __init__(self) -> None:
+        self._worker: Worker | None = None
+        self._busy = self._ended = False
+
+    async def show(self, wanted: Wanted) -> Shown:
+        """Process a frame; one at a time. ReelFailedError where that is not possible."""
+        self._busy = True
+        try:
+            if self._worker is None:
+                self._worker = await asyncio.to_thread(Worker, Reel())
+            self._worker.send(0, wanted)
+            done: Any = await asyncio.to_thread(self._worker.receive)
+        except ProcessDiedError as error:
+            self._drop()
+            raise ReelFailedError(str(error)) from None
+        finally:
+            self._busy = False
+            if self._ended:
+                self._drop()
+        if done.error is not None:
+            raise ReelFailedError(str(done.error))
+        shown: Shown = done.result
+        return shown
+
+    def end(self) -> None:
+        """End the process, once the frame that it is at is done."""
+        self._ended = True
+        # Not while a thread reads from it: what it reads might be another's by then.
+        if not self._busy:
+            self._drop()
+
+    def _drop(self) -> None:
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.end()
+
+
+class Reel:
+    """The work of the process: keeps a stretch of a recording, and each set's node in its state."""
+
+    def __init__(self) -> None:
+        self._opened: tuple[str, float] = ('', 0.0)
+        self._items: list[EncodedFrame | Frame | BadFrame] = []
+        self._is_whole = True
+        self._lanes: dict[int, _Lane] = {}
+
+    def __call__(self, wanted: Wanted, report: Report, stop: Stop) -> Shown:
+        """Process a frame."""
+        if (wanted.source, wanted.start_s) != self._opened:
+            self._open(wanted.source, wanted.start_s)
+        if not self._items:
+            raise SourceError('there are no images')
+        index = min(max(wanted.index, 0), len(self._items) - 1)
+        results = [
+            self._process(number, wanted.kind, dict(values), index)
+            for number, values in enumerate(wanted.values)
+        ]
+        seconds = 1e-9 * (self._items[index].stamp_ns - self._items[0].stamp_ns)
+        return Shown(index, len(self._items), seconds, self._is_whole, tuple(results))
+
+    def _open(self, source: str, start_s: float) -> None:
+        self._opened, self._items, self._lanes = ('', 0.0), [], {}
+        images, size = BagImages(Path(source)), 0
+        try:
+            for item in images.items(Selection(start_s), camera=True, attitude=True):
+                if not isinstance(item, RecordedMessage):
+                    self._items.append(item)
+                    size += _size(item)
+                if size > MOST_BYTES:
+                    break
+        finally:
+            images.close()
+        self._is_whole = size <= MOST_BYTES and start_s == 0
+        self._opened = source, start_s
+
+    def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:
+        lane = self._lanes.get(number)
+        if lane is None or (lane.kind, lane.values) != (kind, values) or index < lane.index:
+            lane = None
+        if lane is None or index > lane.index + _WARM_UP:
+            try:
+                (processor,) = make_processors({kind: values})
+            except ParameterError as error:
+                return Result(b'', {}, str(error))
+            lane = self._lanes[number] = _Lane(kind, values, processor, index - _WARM_UP - 1)
+        for at in range(max(lane.index + 1, 0), index + 1):
+            lane.result = lane.take(self._items[at], draw=at == index)
+        lane.index = index
+        return lane.result
+
+
+class _Lane:
+    """A node in its state behind the frame ``index``."""
+
+    def __init__(
+        self, kind: str, values: dict[str, Value], processor: Processor, index: int
+    ) -> None:
+        self.kind, self.values, self.index = kind, values, index
+        self.result = Result(b'', {}, '')
+        self._processor = processor
+        known = processor.parameters_type.from_mapping(values).as_dict()
+        self._figures = Figures(kind, lambda: known)
+
+    def take(self, item: EncodedFrame | Frame | BadFrame, *, draw: bool) -> Result:
+        frame = item.decoded() if isinstance(item, EncodedFrame) else item
+        if isinstance(frame, BadFrame):
+            return Result(b'', {}, frame.reason)
+        jpeg, below = b'', f'/{self.kind}/'
+        results = process(frame, self._processor, draw)
+        for topic, _, data in results.messages:
+            name = topic.removeprefix(below)
+            if name in TOPICS[self.kind]:
+                self._figures.take(name, deserialize_message(data, TOPICS[self.kind][name]))
+            elif name == RESULT_OF_KIND[self.kind]:
+                jpeg = encode_jpeg(decode_image(serialized_image.view_image(data)))
+        return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
+
+
+def _size(item: EncodedFrame | Frame | BadFrame) -> int:
+    """Bytes in memory, with what belongs to the objects."""
+    if isinstance(item, EncodedFrame):
+        return 1000 + len(item.recorded.data)
+    return 1000 + (item.image.pixels.nbytes if isinstance(item, Frame) else 0)
+
+
+def settable(kind: str, values: Mapping[str, Value]) -> dict[str, Value]:
+    """Of a node's values those that its code takes."""
+    known = PROCESSORS[kind].parameters_type.names()
+    return {name: values[name] for name in known if name in values}

@@ -1,0 +1,100 @@
+"""`mvuav calibrate`, and what it refuses without leaving a file."""
+
+import cv2
+import numpy as np
+import pytest
+from support.boards import BOARD
+from support.commands import mvuav
+
+from mvuav_ros.recordings.sources.calibration import load_calibration
+from mvuav_ros.simulation.board import BoardVideo
+
+FRAMES = 12  # Different places
+
+
+@pytest.fixture(scope='module')
+def rendered():
+    """The camera, images with the board held still, all different, and one in motion."""
+    video = BoardVideo(3, places=FRAMES, pause=1, steps=2)
+    images = list(video.images())
+    return video.camera, images[::2], images[1]
+
+
+def write(folder, images):
+    folder.mkdir()
+    for number, image in enumerate(images):
+        cv2.imwrite(str(folder / f'{number:03}.png'), image)
+    return folder
+
+
+def refused(tmp_path, source, *options):
+    """The line that a calibration fails with; it must leave nothing behind."""
+    before = set(tmp_path.iterdir())
+    run = mvuav(
+        'calibrate', source, '--board', '9x6', '--square', 0.03, *options, '-o', tmp_path / 'c.yaml'
+    )
+    assert run.status == 1
+    assert set(tmp_path.iterdir()) == before
+    return run.error
+
+
+def test_images_become_a_calibration_and_a_page(rendered, tmp_path):
+    true, stills, moving = rendered
+    source = write(tmp_path / 'images', [*stills, moving])
+    output = tmp_path / 'new' / 'nose.yaml'
+    command = ('calibrate', source, '--board', '9x6', '--square', 0.03, '-o', output)
+    run = mvuav(*command, '--name', 'nose')
+    assert (run.status, run.err) == (0, '')
+    camera = load_calibration(output)
+    assert (camera.width, camera.height) == (640, 480)
+    assert camera.k[0] == pytest.approx(true.k[0], rel=0.01)
+    assert camera.p == (*camera.k[:3], 0, *camera.k[3:6], 0, *camera.k[6:], 0)
+    assert 'camera_name: "nose"' in output.read_text()
+    page = (tmp_path / 'new' / 'nose_report' / 'index.html').read_text()
+    assert 'Where corners were seen' in page
+    assert 'model ' in run.out
+    assert 'fx ' in run.out
+    assert sorted(path.name for path in output.parent.iterdir()) == ['nose.yaml', 'nose_report']
+    # Nothing is overwritten unasked.
+    assert 'exists' in mvuav(*command).error
+
+
+def test_nothing_to_calibrate_from(rendered, tmp_path):
+    empty = np.full((120, 160), 90, np.uint8)
+    source = write(tmp_path / 'none', [empty] * 4)
+    assert 'no board of 9x6 inner corners in any of the 4 images' in refused(tmp_path, source)
+    (tmp_path / 'empty').mkdir()
+    assert 'no images and no bag there' in refused(tmp_path, tmp_path / 'empty')
+    (tmp_path / 'broken.mp4').write_bytes(b'\0' * 5000)
+    assert 'not a video' in refused(tmp_path, tmp_path / 'broken.mp4')
+    mixed = write(tmp_path / 'mixed', [empty, empty[:60]])
+    assert '160 x 120 px and of 160 x 60 px' in refused(tmp_path, mixed)
+
+
+def test_views_that_do_not_tell_a_camera(rendered, tmp_path):
+    _, stills, _ = rendered
+    stills = [next(image for image in stills if BOARD.find(image) is not None)]
+    one = write(tmp_path / 'one', stills)
+    assert 'seen in 1 images, of which only 1 differs: 5 are needed' in refused(tmp_path, one)
+    alike = write(tmp_path / 'alike', stills * 6)
+    assert 'seen in 6 images, of which only 1 differs' in refused(tmp_path, alike)
+    # Straight ahead, near and far, all over the image.
+    flat = np.full((480, 640), 120, np.uint8)
+    board = cv2.resize(BoardVideo(1).picture(), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    parallel = []
+    for scale, x, y in ((0.8, 20, 20), (1.2, 300, 100), (1, 100, 200), (1.4, 250, 20), (1.6, 5, 9)):
+        small = cv2.resize(board, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        image = flat.copy()
+        image[y : y + small.shape[0], x : x + small.shape[1]] = small
+        parallel.append(image)
+    source = write(tmp_path / 'parallel', parallel)
+    assert 'do not tell the focal length' in refused(tmp_path, source, '--model', 'plumb_bob')
+
+
+def test_boards_that_are_misspelt(tmp_path):
+    options = '-o', tmp_path / 'c.yaml'
+    run = mvuav('calibrate', tmp_path, '--board', '9', '--square', 0.03, *options)
+    assert 'write columns x rows, as in 9x6' in run.error
+    run = mvuav('calibrate', tmp_path, '--board', '9x6', '--square', 0, *options)
+    assert 'write metres' in run.error
+    assert list(tmp_path.iterdir()) == []

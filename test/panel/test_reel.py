@@ -1,0 +1,106 @@
+"""A recording frame by frame, with any values, as the node itself would see it."""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.graph import ROOT
+
+pytest.importorskip('nicegui', reason='the extra panel is not installed')
+
+from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.panel import reel
+from mvuav_ros.panel.reel import Reel, ReelFailedError, ReelProcess, Wanted
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+
+TANKER = str(ROOT / 'bags' / 'tanker.mcap')
+VALUES = MarkerTrackerParameters().as_dict()
+FIRST = Wanted(TANKER, 0.0, 'marker_tracker', 0, (VALUES,))
+
+
+def show(player, index, *more, **changed):
+    wanted = replace(FIRST, index=index, values=(VALUES, *more), **changed)
+    return player(wanted, lambda _: None, Stop())
+
+
+def figure(result, name):
+    return next(float(f[1].rstrip('°m ')) for f in result.said['figures'] if f[0] == name)
+
+
+def test_a_frame_that_is_jumped_to_is_as_if_all_before_had_been_seen():
+    jumped, stepped = Reel(), Reel()
+    for index in range(61):
+        shown = show(stepped, index)
+    there = show(jumped, 60)
+    assert (there.count, there.is_whole) == (180, True) and there.seconds == pytest.approx(4.0)
+    for name in ('roll', 'ahead', 'pitch'):
+        left, right = (figure(s.results[0], name) for s in (shown, there))
+        assert left == pytest.approx(right, abs=0.11)
+    assert there.results[0].said['trust'] == ('good', '5 of 5 lights')
+    assert there.results[0].jpeg[:2] == b'\xff\xd8'
+
+
+def test_a_light_that_is_out_is_predicted_and_doubted():
+    # The flight's left stabilizer is out from 8 s to 8.3 s.
+    result = show(Reel(), 122).results[0]
+    assert result.said['trust'] == ('doubtful', '4 of 5 lights, 1 predicted')
+
+
+def test_two_sets_on_one_frame_and_a_value_that_is_changed():
+    player = Reel()
+    blind = {**VALUES, 'threshold': 0.99, 'mode': 'detect'}
+    shown = show(player, 30, blind)
+    assert [result.said['trust'][0] for result in shown.results] == ['good', 'bad']
+    again = show(player, 30, VALUES)
+    assert [result.said['trust'][0] for result in again.results] == ['good', 'good']
+    assert again.results[0] is shown.results[0], 'what has not changed is not processed again'
+    refused = show(player, 30, {**VALUES, 'threshold': 7.0}).results[1]
+    assert 'threshold' in refused.reason and not refused.jpeg
+
+
+def test_going_back_and_on_gives_the_same_again():
+    player = Reel()
+    forth = show(player, 40)
+    show(player, 39)
+    back = show(player, 40)
+    assert back.results[0].said['trust'] == forth.results[0].said['trust']
+    assert figure(back.results[0], 'roll') == pytest.approx(
+        figure(forth.results[0], 'roll'), abs=0.1
+    )
+    assert show(player, 10_000).index == 179 and show(player, -5).index == 0
+
+
+def test_of_a_recording_too_long_for_memory_a_stretch_is_shown(monkeypatch):
+    monkeypatch.setattr(reel, 'MOST_BYTES', 640 * 480 * 10)
+    shown = show(Reel(), 500)
+    assert (shown.count, shown.index, shown.is_whole) == (10, 9, False)
+    later = show(Reel(), 0, start_s=4.0)
+    assert later.count == 10 and not later.is_whole
+    first, fifth = (show(Reel(), 0, start_s=s).results[0] for s in (0.0, 4.0))
+    assert not np.array_equal(first.jpeg, fifth.jpeg)
+
+
+def test_the_process_says_why_a_recording_cannot_be_shown_and_goes_on(tmp_path):
+    broken = tmp_path / 'broken.mcap'
+    broken.write_bytes(b'no bag')
+
+    async def use():
+        process = ReelProcess()
+        try:
+            with pytest.raises(ReelFailedError, match='broken'):
+                await process.show(replace(FIRST, source=str(broken)))
+            return await process.show(replace(FIRST, index=3))
+        finally:
+            process.end()
+
+    async def use_and_close():
+        process = ReelProcess()
+        under_way = asyncio.create_task(process.show(FIRST))
+        await asyncio.sleep(0)
+        process.end()
+        return await under_way, process
+
+    shown, process = asyncio.run(use_and_close())
+    assert shown.count == 180 and process._worker is None
+    assert asyncio.run(use()).results[0].said['trust'][1] == '5 of 5 lights'

@@ -1,0 +1,83 @@
+"""Boards found in images, and views that differ."""
+
+import cv2
+import numpy as np
+import pytest
+from support.boards import BOARD, LENSES, SIZE, view_of
+
+from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.vision.board import Board, BoardError, different_views
+
+NO_ARUCO = not hasattr(cv2, 'aruco')
+
+
+def rendered(seed):
+    """An image of a still board without noise of its corners, and where they are."""
+    video = BoardVideo(seed, places=1, corner_noise=0.0)
+    pose, _ = next(video.poses())
+    return next(video.images()), video.camera.project(video.corners, pose[:3], pose[3:])
+
+
+def error(view, true):
+    """The board may be taken for one that is turned by half a turn."""
+    return min(np.abs(view.pixels - order).max() for order in (true, true[::-1]))
+
+
+def test_corners_are_found_to_a_tenth_of_a_pixel():
+    image, true = rendered(4)
+    view = BOARD.find(image)
+    assert error(view, true) < 0.15
+    # In an image that is searched at a smaller size the corners are those of the whole image.
+    large = cv2.resize(image, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    assert error(BOARD.find(large), 3 * (true + 0.5) - 0.5) < 0.45
+    deep = BOARD.find(image.astype(np.uint16) * 40)
+    assert error(deep, true) < 0.15
+
+
+def test_an_image_without_a_board_has_none():
+    rng = np.random.default_rng(1)
+    assert BOARD.find(np.full((480, 640), 90, np.uint8)) is None
+    assert BOARD.find(rng.integers(0, 256, (240, 320)).astype(np.uint8)) is None
+
+
+@pytest.mark.skipif(NO_ARUCO, reason='this OpenCV has no aruco')
+@pytest.mark.parametrize('rows', [6, 7])
+def test_a_charuco_board_is_found_in_part_as_well(rows):
+    board = Board(9, rows, 0.03, 'DICT_5X5_100')
+    side = 60
+    aruco = cv2.aruco
+    dictionary = aruco.getPredefinedDictionary(aruco.DICT_5X5_100)
+    sides = (10, rows + 1), 0.03, 0.75 * 0.03, dictionary
+    drawn = (10 * side, (rows + 1) * side)
+    if hasattr(aruco, 'CharucoBoard_create'):
+        picture = aruco.CharucoBoard_create(*sides[0], *sides[1:]).draw(drawn)
+    else:
+        picture = aruco.CharucoBoard(*sides).generateImage(drawn)
+    image = np.pad(picture, 40, constant_values=255)
+    view = board.find(image)
+    assert len(view.points) == 9 * rows
+    assert view.pixels[0] == pytest.approx((99.5, 99.5), abs=0.3)
+    part = board.find(image[:, :420])
+    assert 12 <= len(part.points) < 9 * rows
+    # The same corner of the board in both.
+    assert part.pixels[0] == pytest.approx(view.pixels[0], abs=0.3)
+    assert (part.points[0] == view.points[0]).all()
+
+
+def test_boards_that_cannot_be():
+    with pytest.raises(BoardError, match='too few'):
+        Board(9, 1, 0.03)
+    with pytest.raises(BoardError, match='write metres'):
+        Board(9, 6, 0.0)
+    with pytest.raises(BoardError, match=r'no ArUco dictionary|has no aruco'):
+        Board(9, 6, 0.03, 'DICT_NONE')
+
+
+def test_views_that_differ_are_chosen_and_those_alike_are_not():
+    camera = LENSES['plumb_bob']
+    places = (-0.1, -0.05, 0.0, 0.05, 0.1)
+    views = [view_of(camera, (0.3, 0, 0), (x, 0, 0.6)) for x in places for _ in range(3)]
+    chosen = different_views(views, SIZE, 20, 0.03)
+    assert sorted(index // 3 for index in chosen) == [0, 1, 2, 3, 4]
+    assert len(different_views(views, SIZE, 3, 0.03)) == 3
+    assert different_views(views[:3], SIZE, 20, 0.03) in ([0], [1], [2])

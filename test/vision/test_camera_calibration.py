@@ -1,0 +1,75 @@
+"""Cameras from views of a board, against the cameras that the views were made with."""
+
+import numpy as np
+import pytest
+from support.boards import LENSES, SIZE, view_of, views_of
+
+from mvuav_ros.vision.board import BoardView
+from mvuav_ros.vision.camera import CalibrationError
+from mvuav_ros.vision.camera_calibration import calibrate_camera
+
+
+@pytest.mark.parametrize('model', LENSES)
+def test_the_camera_is_found_and_its_model(model):
+    true = LENSES[model]
+    for seed in (1,):
+        found = calibrate_camera(views_of(true, 50, seed=seed), SIZE)
+        assert found.camera.distortion_model == model
+        k, wanted = np.array(found.camera.k), np.array(true.k)
+        assert k[[0, 4]] == pytest.approx(wanted[[0, 4]], rel=0.003)
+        assert k[[2, 5]] == pytest.approx(wanted[[2, 5]], abs=1.0)
+        assert found.rms == pytest.approx(0.2, rel=0.05)
+        # Within what it says of itself: four deviations hold 99.99 %.
+        error = np.abs(k[[0, 4, 2, 5]] - wanted[[0, 4, 2, 5]])
+        assert (error < 4 * np.array(found.deviations[:4])).all()
+
+
+def test_the_deviations_are_those_of_repeated_calibrations():
+    true = LENSES['equidistant']
+    found = [calibrate_camera(views_of(true, 12, seed=s), SIZE, 'equidistant') for s in range(16)]
+    focal = np.array([each.camera.k[0] for each in found])
+    told = np.array([each.deviations[0] for each in found])
+    scores = (focal - true.k[0]) / told
+    # Of 16 standard normal numbers, at 99.9 %.
+    assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.65
+
+
+def test_a_rational_lens_needs_a_rational_model():
+    d = (0.3, -0.1, 0.0, 0.0, 0.02, 0.6, 0.05, 0.01)
+    true = type(LENSES['plumb_bob'])(*SIZE, (330, 0, 320, 0, 330, 240, 0, 0, 1), d)
+    found = calibrate_camera(views_of(true, 40), SIZE, 'rational_polynomial')
+    assert found.camera.distortion_model == 'rational_polynomial'
+    assert len(found.camera.d) == 8
+    assert found.camera.k[0] == pytest.approx(330, rel=0.005)
+
+
+def test_a_blurred_view_is_left_out():
+    views = views_of(LENSES['plumb_bob'], 20)
+    rng = np.random.default_rng(5)
+    bad = views[7]
+    views[7] = BoardView(bad.points, bad.pixels + rng.normal(0, 4, bad.pixels.shape), bad.outline)
+    found = calibrate_camera(views, SIZE)
+    assert np.flatnonzero(~found.used).tolist() == [7]
+    assert found.rms < 0.25
+
+
+@pytest.mark.parametrize('tilt', [(0, 0), (0, 1)])
+def test_views_parallel_to_the_image_are_refused(tilt):
+    with pytest.raises(CalibrationError, match=r'do not tell the focal length.*tilted'):
+        calibrate_camera(views_of(LENSES['plumb_bob'], 10, tilt=tilt), SIZE, 'plumb_bob')
+
+
+def test_views_that_only_move_aside_are_refused():
+    rng = np.random.default_rng(3)
+    views = [
+        view_of(LENSES['plumb_bob'], (0.5, 0.1, 0), (x, y, 0.5), 0.2, rng)
+        for x in (-0.05, 0, 0.05)
+        for y in (-0.03, 0, 0.03)
+    ]
+    with pytest.raises(CalibrationError, match='do not tell the focal length'):
+        calibrate_camera(views, SIZE)
+
+
+def test_four_views_are_refused():
+    with pytest.raises(CalibrationError, match='4 different views of the board are too few'):
+        calibrate_camera(views_of(LENSES['plumb_bob'], 4), SIZE)
