@@ -130,16 +130,15 @@ def _member_lines(name: str, value: Any) -> Iterator[str]:
 
 
 def _signature(name: str, found: Any) -> str:
-    if inspect.isclass(found) and not hasattr(found, '__dataclass_fields__'):
-        if issubclass(found, int):
-            return '\n'.join(f'{name}.{each.name} = {int(each)}' for each in found)  # type: ignore
-        if hasattr(found, '_fields'):
-            return f'{name}({", ".join(found._fields)})'
-    given = [
-        str(each).replace("'", '') if each.annotation is not each.empty else str(each)
-        for each in inspect.signature(found).parameters.values()
-        if each.name != 'self' and each.name != 'cls'
-    ]
+    if inspect.isclass(found) and issubclass(found, int):
+        return '\n'.join(f'{name}.{each.name} = {int(each)}' for each in found)  # type: ignore
+    if hasattr(found, '_fields'):
+        given = list(found._fields)
+    else:
+        parameters = inspect.signature(found).parameters.values()
+        given = [
+            str(each).replace("'", '') for each in parameters if each.name not in ('self', 'cls')
+        ]
     short = f'{name}({", ".join(given)})'
     if len(short) <= 96:
         return short
