@@ -21,8 +21,8 @@ halves, of the version that its name in the file says.
 | start | frames to all names: mean, most |
 | recovery | frames from a marker's return to its name: 95th percentile, most |
 | roll | frames with both wings whole in which the roll is told, within a degree |
-| pose | frames with three whole markers in which a pose is told; its worst errors; median of the \
-flights' mean NEES (6 is ideal) |
+| pose | poses told over frames with three whole markers (more than 100 %: with markers in part \
+hidden); its worst errors; median of the flights' mean NEES (6 is ideal) |
 | ms | median of frames in which nothing happens, mean of the others, worst of those |
 """
 
@@ -250,13 +250,24 @@ def main() -> None:
         kept = json.loads(asked.json.read_text()) if asked.json.exists() else {}
         for name, (rows, _) in flown.items():
             kept[name] = {'flights': asked.flights, 'seeds': asked.seeds, 'groups': rows}
-        asked.json.write_text(json.dumps(kept, indent=1) + '\n')
+        asked.json.write_text(_one_line_each(kept))
     if asked.csv is not None:
         with asked.csv.open('w', newline='') as file:
             writer = csv.writer(file)
             lines = [line for _, (_, lines) in flown.items() for line in lines]
             writer.writerow(lines[0])
             writer.writerows(line.values() for line in lines)
+
+
+def _one_line_each(kept: dict[str, Any]) -> str:
+    """JSON with a line for each group."""
+    versions = []
+    for name, one in kept.items():
+        rows = [f'{json.dumps(group)}: {json.dumps(row)}' for group, row in one['groups'].items()]
+        head = {key: value for key, value in one.items() if key != 'groups'}
+        start = f'{json.dumps(name)}: {json.dumps(head)[:-1]}, "groups": '
+        versions.append(start + '{\n  ' + ',\n  '.join(rows) + '\n}}')
+    return '{' + ',\n'.join(versions) + '}\n'
 
 
 def fly_all(

@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.messages import transforms
+from mvuav_ros.processing.messages import detections, transforms
 from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
 from mvuav_ros.processing.messages.statuses import encode_integrity
 from mvuav_ros.processing.processor import Output, Processor
@@ -75,7 +75,8 @@ class MarkerTrackerProcessor(Processor):
         self._doubts = [f'rig: {doubt}' for doubt in self._tracker.doubts]
         self._marker_topics = [f'marker/{name}' for name in self._rig.names]
         markers = dict.fromkeys(self._marker_topics, PointStamped)
-        self._set_topics({**_TOPICS, **markers}, parameters.publish_tf)
+        topics = {**_TOPICS, **detections.TYPES, **markers}
+        self._set_topics(topics, parameters.publish_tf)
         self._poses = PoseEstimator(self._rig)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
@@ -84,17 +85,22 @@ class MarkerTrackerProcessor(Processor):
         Raises:
             ParameterError: the rig's file cannot be used.
         """
-        before, self._parameters = self._parameters, parameters
-        if _setup(parameters) != _setup(before):
+        if _setup(parameters) != _setup(self._parameters):
             self._set_rig(parameters)
         else:
             self._tracker.configure(parameters)
+        self._parameters = parameters
         self._share_camera()
 
     @property
     def awaits_camera_info(self) -> bool:
         """See `Processor.awaits_camera_info`."""
         return self._parameters.pose
+
+    @property
+    def lacks_camera_info(self) -> bool:
+        """See `Processor.lacks_camera_info`."""
+        return self._parameters.pose and self._camera is None
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
@@ -125,6 +131,11 @@ class MarkerTrackerProcessor(Processor):
             Output('pose', partial(transforms.encode_pose, pose, header)),
             Output('integrity', partial(self._encode_integrity, pose, header)),
         ]
+        if detections.TYPES:
+            make = partial(detections.encode_markers, result, self._rig.names, header)
+            outputs.append(Output('detections', make))
+            make = partial(detections.encode_body, self._rig, pose, header)
+            outputs.append(Output('detections_3d', make))
         outputs += [
             Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
             for marker in result.markers
@@ -132,7 +143,8 @@ class MarkerTrackerProcessor(Processor):
         ]
         if pose is not None:
             camera, body = transforms.camera_in_body(pose), transforms.body_in_camera(pose)
-            outputs += self._placements(camera, body, self._rig.name, frame, header)
+            name = self._parameters.body_frame or self._rig.name
+            outputs += self._placements(camera, body, name, frame, self._parameters)
         self._newest = (frame.image, result, pose, header)
         return outputs
 
@@ -153,6 +165,9 @@ class MarkerTrackerProcessor(Processor):
         self._check(self._camera, frame.image)
         if self._rejection:
             self._warnings.append(self._rejection)
+            return None
+        if result.camera_doubt:
+            self._warnings.append(f'no pose: {result.camera_doubt}')
             return None
         self._seen = named_places(result)
         pose = self._poses.estimate(self._camera, *self._seen, frame.stamp_ns)
@@ -202,7 +217,7 @@ def _budget(given: MarkerTrackerParameters) -> IntegrityBudget:
     )
 
 
-def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:
+def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, str]:
     return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf
 
 

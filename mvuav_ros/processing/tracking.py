@@ -151,6 +151,8 @@ def _answer(
         labels, pixels = named_places(result)
         try:
             camera.check(frame.image.width, frame.image.height)
+            if result.camera_doubt:
+                raise CalibrationError(result.camera_doubt)
             pose = poses.estimate(camera, labels, pixels, frame.stamp_ns)
             if pose is None and len(labels) >= FEWEST:
                 reason = f'no pose: {poses.reason}'

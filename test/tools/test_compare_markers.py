@@ -254,3 +254,12 @@ def test_two_versions_side_by_side(tmp_path):
         ]
     again = compare('--seeds', '78', '79', '--against', kept, '--kept', 'against')
     assert [line.split(' | ')[2] for line in again[2:]] == ['against (kept)', 'this', 'this']
+
+
+def test_kept_figures_are_of_both_halves():
+    kept = json.loads((ROOT / 'test/data/marker_flights.json').read_text())
+    seeds = [one['seeds'] for one in kept.values()]
+    assert any(first < 30000 for first, _ in seeds) and any(first >= 30000 for first, _ in seeds)
+    for one in kept.values():
+        assert set(SCENES) < set(one['groups'])
+        assert one['groups']['all']['flights'] >= 300

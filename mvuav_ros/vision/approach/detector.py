@@ -41,7 +41,7 @@ class ApproachDetector:
         >>> sky = np.full((240, 320, 3), (230, 180, 140), np.uint8)
         >>> result = ApproachDetector().process(sky, stamp_ns=0)
         >>> result.status, [line.found for line in result.lines]
-        ('no runway: no horizon', [False, False, False, False, False])
+        ('no runway: no horizon in view: give attitude', [False, False, False, False, False])
 
     Attributes:
         attitude_problem: why the newest frame's attitude was not used; empty if it was or there is
@@ -160,11 +160,15 @@ class ApproachDetector:
 
     def _why_absent(self, found: Found) -> str:
         target = self._parameters.target
+        status = f'no {target}'
+        if found.unchanged and not found.confidence:
+            return status + f': the picture has not changed for {found.unchanged} frames'
         if found.track is not None:
-            return f'no {target}: the likeliest has confidence {found.confidence:.2f}'
+            status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
-        without = found.horizon_row is None and target != 'road'
-        return f'no {target}' + without * ': no horizon'
+        if found.horizon_row is None and target != 'road':
+            status += ': no horizon in view: give attitude'
+        return status
 
     def _absent(self, image: Pixels, stamp_ns: int, status: str) -> ApproachResult:
         height, width = image.shape[:2]

@@ -14,11 +14,12 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.markers.centroid import CentroidMeter, Cut, Detection
 from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, count_bright
 from mvuav_ros.vision.markers.many_centroids import clipped, measure_pixels, measure_windows
-from mvuav_ros.vision.point_operations import Pixels, threshold
+from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 MAX_BLOBS = 400
 LONGEST = 3.0
 """Sides of the box around a piece that may still be a light, one over the other."""
+MOST_LABELLED = 0.4  # Part of the rows with bright pixels from which on all are labelled at once
 LEAST_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
@@ -53,8 +54,8 @@ class Blobs:
         self._stats: NDArray[Any] = np.empty((0, 5), np.int32)
         if not count_bright(mask):
             return
-        count, self._numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-        self._count = count
+        self._numbers, stats = label(mask)
+        count = self._count = len(stats)
         chosen = np.flatnonzero(area_fits(stats[1:, cv2.CC_STAT_AREA], parameters))
         if len(chosen) > MAX_BLOBS:
             raise GroupingError(f'{count - 1} clusters above the threshold')
@@ -135,6 +136,53 @@ class Blobs:
             ax, ay = -ax, -ay
         x0, y0, area = box.x0 + mx, box.y0 + my, box.area // 2
         return Detection(x0 - ax, y0 - ay, area, 0.0), Detection(x0 + ax, y0 + ay, area, 0.0)
+
+
+def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """A mask's 8-connected pieces, as `cv2.connectedComponentsWithStats` numbers them.
+
+    Only the rows with a bright pixel are labelled, which are few where the lights are small.
+
+    Returns:
+        (height, width), each pixel's number, 0 where it is dark; and (1 + pieces, 5), their boxes
+        and areas by OpenCV's columns, of which the first row, that of the dark, is of no use.
+    """
+    # In pairs, as OpenCV numbers the pieces by the pair of rows in which they begin.
+    bright = np.bitwise_or.reduce(_words(mask), axis=1)
+    pairs = np.flatnonzero(np.bitwise_or.reduce(bright.reshape(-1, 2), axis=1))
+    ends = np.flatnonzero(np.diff(pairs) > 1)
+    first = pairs[np.concatenate(([0], ends + 1))] if len(pairs) else pairs
+    last = pairs[np.concatenate((ends, [-1]))] if len(pairs) else pairs
+    if len(pairs) > MOST_LABELLED * len(mask) / 2:
+        return _label_all(mask)
+    numbers = np.zeros(mask.shape, np.int32)
+    found = [np.zeros((1, 5), np.int32)]
+    count = 0
+    for top, bottom in zip((2 * first).tolist(), (2 * last + 2).tolist(), strict=True):
+        band = mask[top:bottom]
+        own, stats = _label_all(band)
+        stats[:, cv2.CC_STAT_TOP] += top
+        if count:
+            np.add(own, count, out=own, where=own > 0)
+        numbers[top:bottom] = own
+        found.append(stats[1:])
+        count += len(stats) - 1
+    return numbers, np.concatenate(found)
+
+
+def _label_all(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    _, numbers, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    return np.asarray(numbers, np.int32), np.asarray(stats, np.int32)
+
+
+def _words(mask: Mask) -> NDArray[np.unsignedinteger]:
+    """A mask's rows, of which there are an even number, as long words where they can be."""
+    height, width = mask.shape
+    if height % 2:
+        mask = np.concatenate((mask, np.zeros((1, width), np.uint8)))
+    if width % 8 == 0 and mask.flags.c_contiguous:
+        return mask.view(np.uint64)
+    return mask
 
 
 def may_be_light(box: Blob) -> bool:

@@ -114,6 +114,8 @@ class MarkerResult:
             markers' order; NaN where nothing was known, empty where nothing was predicted.
         has_wings: whether the body has a left_wing and a right_wing, which make the roll.
         ids: in ``track_any`` each light's number, from 1 up and never given twice; else empty.
+        camera_doubt: why the camera's calibration is not believed, in words; empty if it is, or if
+            there is none. A pose by it would be wrong.
     """
 
     markers: tuple[Marker, ...]
@@ -123,6 +125,7 @@ class MarkerResult:
     predictions: tuple[tuple[float, float], ...] = ()
     has_wings: bool = True
     ids: tuple[int, ...] = ()
+    camera_doubt: str = ''
 
 
 def counts_of(markers: Sequence[Marker]) -> str:

@@ -8,8 +8,8 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image, as_image
+from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.detection import detect, detect_any
-from mvuav_ros.vision.markers.identity.tracker import IdentityTracker
 from mvuav_ros.vision.markers.results import Label, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
 from mvuav_ros.vision.point_operations import Pixels
@@ -19,7 +19,7 @@ from mvuav_ros.vision.rig_examination import examine
 if TYPE_CHECKING:
     from mvuav_ros.vision.markers.multi_object import MultiObjectTracker
 
-    Tracker = ThesisTracker | IdentityTracker | MultiObjectTracker
+    Tracker = ThesisTracker | CalibratedTracker | MultiObjectTracker
 
 AUTO, INTENSITY, BRIGHTEST = 'auto', 'intensity', 'brightest'  # Channels of a colour image
 WITHOUT_MEMORY = ('detect', 'detect_any')  # Modes that take each frame by itself
@@ -79,7 +79,7 @@ class MarkerTracker:
         another image size is not used.
         """
         self._camera = camera
-        if isinstance(self._tracker, IdentityTracker):
+        if isinstance(self._tracker, CalibratedTracker):
             self._tracker.set_camera(camera)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
@@ -111,7 +111,7 @@ class MarkerTracker:
 
             return MultiObjectTracker()
         if self.parameters.prediction == 'kalman':
-            tracker = IdentityTracker(self.rig)
+            tracker = CalibratedTracker(self.rig)
             tracker.set_camera(self._camera)
             return tracker
         return ThesisTracker()

@@ -60,6 +60,7 @@ class IdentityTracker:
         self._size = (0, 0)
         self._camera: CameraModel | None = None
         self._tick = 0
+        self.lights = 0  # in the newest frame in which the whole body was looked for
         self._start_again()
 
     def set_camera(self, camera: CameraModel | None) -> None:
@@ -95,8 +96,10 @@ class IdentityTracker:
             lights = Lights(frame, self._lens)
         except GroupingError as error:
             self._attempts.fail()
+            self.lights = 0
             return self._report.nothing(str(error))
         seen, count = len(lights), self._count
+        self.lights = seen
         if not self._attempts.due(seen):
             return self._report.nothing(f'{seen} lights in view, {count} do not stand out')
         if seen < count:

@@ -1,0 +1,206 @@
+"""Names that do not hang on the calibration: where the lights contradict it, theirs is used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.identity.tracker import IdentityTracker
+from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.rig import MarkerRig
+from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
+
+Array = NDArray[np.float64]
+
+AGREED = 3  # Frames that must tell another focal length before names are given by it
+ANOTHER = 0.006  # Part by which it must differ from the one in use, or half a deviation; and
+ANOTHER_RIG = 0.001  # in parts of its size what the rig is taken for (root mean square)
+SAME_LIGHT = 1.0  # px, between the places of a light as two trackers tell it
+FIRST_STEP, LONGEST_STEP = 0.1, 8.0
+"""s between two frames that are taken for the estimate: while it is young, and when settled."""
+FEWEST = 5
+"""Markers of a rig that can be named without a calibration, and then tell one; four fit any."""
+MOST_OTHERS = 3
+"""Lights beside the rig's with which they are tried without the calibration, which takes time."""
+TRIED, RESTED = 30, 5
+"""Frames at the start in each of which the lights are named without the calibration as well;
+afterwards in one of so many, as they may not be the rig's."""
+
+
+class CalibratedTracker:
+    """Follows a rig before a calibrated camera, even if the calibration is wrong.
+
+    The lights that have names tell the focal length (see `SelfCalibration`). Where that contradicts
+    the calibration, the names go on with what the lights show, and every result says so: a pose by
+    that calibration would be wrong. Where the calibration is so wrong that no names are found, they
+    are looked for without it.
+    """
+
+    def __init__(self, rig: MarkerRig) -> None:
+        self._rig = rig
+        middle = rig.positions.mean(axis=0)
+        self._extent = float(np.linalg.norm(rig.positions - middle, axis=1).max())
+        self._camera: CameraModel | None = None
+        self._tracker = IdentityTracker(rig)
+        self._forget()
+
+    def set_camera(self, camera: CameraModel | None) -> None:
+        """Take a calibration, or that there is none; what was known under another one is lost."""
+        if camera != self._camera:
+            self._camera = camera
+            self._tracker.set_camera(camera)
+            self._forget()
+
+    def _forget(self) -> None:
+        self._check: SelfCalibration | None = None
+        self._size = (0, 0)
+        self._trial: IdentityTracker | None = None
+        self._has_named = False
+        self._frames = self._differing = 0
+        # Logarithm of the focal length in use over the calibration's, and the markers' offsets, m.
+        self._learnt: tuple[float, Array] = 0.0, np.zeros((len(self._rig.names), 3))
+        self._doubt = ''
+        self._step, self._next = FIRST_STEP, -math.inf
+
+    def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
+        """Find the body's markers in the next frame, of a later time (s) than the last one."""
+        size = image.width, image.height
+        if size != self._size:
+            self._begin(size)
+        result = self._tracker.track(image, time, parameters)
+        if self._check is None:
+            return result
+        if any(_is_seen(marker) for marker in result.markers):
+            self._has_named, self._trial = True, None
+            if time >= self._next:
+                result = self._learn(self._check, result, image, time, parameters)
+        elif not self._has_named:
+            result = self._name_without(self._check, result, image, time, parameters)
+        return replace(result, camera_doubt=self._doubt) if self._doubt else result
+
+    def _begin(self, size: tuple[int, int]) -> None:
+        """Begin with images of a size, px."""
+        camera = self._camera
+        if self._learnt[0]:
+            self._tracker = IdentityTracker(self._rig)
+            self._tracker.set_camera(camera)
+        self._forget()
+        self._size = size
+        if camera is None:
+            return
+        try:
+            camera.check(*size)
+        except CalibrationError:
+            return
+        self._check = SelfCalibration(self._rig.positions, camera)
+
+    def _learn(
+        self,
+        check: SelfCalibration,
+        result: MarkerResult,
+        image: Image,
+        time: float,
+        parameters: MarkerTrackerParameters,
+    ) -> MarkerResult:
+        """Hold a frame's named lights against the calibration."""
+        seen = [index for index, marker in enumerate(result.markers) if _is_seen(marker)]
+        taken = check.add(seen, _places([result.markers[index] for index in seen]))
+        estimate = check.estimate()
+        if not taken or estimate is None or not estimate.fits:
+            self._next = time + 2.0 * FIRST_STEP
+            return result
+        self._tell(estimate)
+        differing = self._differs(estimate)
+        self._differing = self._differing + 1 if differing else 0
+        self._step = FIRST_STEP if differing else min(2.0 * self._step, LONGEST_STEP)
+        self._next = time + self._step
+        # What one frame alone shows may be another light.
+        if self._differing < 2 or len(check) < AGREED or len(seen) < len(result.markers):
+            return result
+        again = self._with_learnt(estimate, image, time, parameters)
+        apart = _places(again.markers) - _places(result.markers)
+        if not (np.hypot(*apart.T) < SAME_LIGHT).all():
+            return result
+        self._take(estimate)
+        return again
+
+    def _differs(self, estimate: Estimate) -> bool:
+        """Whether camera and rig are others than those in use."""
+        shift, offsets = self._learnt
+        if abs(shift - estimate.shift) > max(ANOTHER, 0.5 * estimate.deviation):
+            return True
+        apart = float(np.sqrt(np.square(estimate.offsets - offsets).sum(axis=-1).mean()))
+        return apart > ANOTHER_RIG * self._extent
+
+    def _name_without(
+        self,
+        check: SelfCalibration,
+        result: MarkerResult,
+        image: Image,
+        time: float,
+        parameters: MarkerTrackerParameters,
+    ) -> MarkerResult:
+        """Name the lights without the calibration where nothing was found with it."""
+        self._frames += 1
+        count = len(self._rig.names)
+        if count < FEWEST or not count <= self._tracker.lights <= count + MOST_OTHERS:
+            return result
+        if self._frames > TRIED and self._frames % RESTED:
+            return result
+        self._trial = self._trial or IdentityTracker(self._rig)
+        named = self._trial.track(image, time, parameters)
+        if not all(_is_seen(marker) for marker in named.markers):
+            return result
+        check.add(range(len(named.markers)), _places(named.markers))
+        estimate = check.estimate()
+        if estimate is None or not estimate.fits or len(check) < AGREED:
+            return result
+        again = self._with_learnt(estimate, image, time, parameters)
+        if not all(_is_seen(marker) for marker in again.markers):
+            return result
+        self._has_named, self._trial = True, None
+        self._take(estimate)
+        self._tell(estimate)
+        self._next = time + FIRST_STEP
+        return again
+
+    def _with_learnt(
+        self, estimate: Estimate, image: Image, time: float, parameters: MarkerTrackerParameters
+    ) -> MarkerResult:
+        """What a tracker finds in a frame that begins with it and with what the lights show."""
+        assert self._camera is not None
+        self._other = IdentityTracker(estimate.of_rig(self._rig))
+        self._other.set_camera(estimate.of_camera(self._camera))
+        return self._other.track(image, time, parameters)
+
+    def _take(self, estimate: Estimate) -> None:
+        """Go on with that tracker."""
+        self._tracker, self._learnt = self._other, (estimate.shift, estimate.offsets)
+        self._differing = 0
+
+    def _tell(self, estimate: Estimate) -> None:
+        """Say what contradicts the calibration."""
+        self._doubt = ''
+        if estimate.contradicts and self._camera is not None:
+            told = math.sqrt(self._camera.matrix[0, 0] * self._camera.matrix[1, 1])
+            shown = math.exp(estimate.shift) * told
+            self._doubt = (
+                f'camera_info says a focal length of {told:.0f} px, the lights show {shown:.0f} px '
+                '(if the rig is measured right)'
+            )
+
+
+def _is_seen(marker: Marker) -> bool:
+    return marker.state is MarkerState.DETECTED
+
+
+def _places(markers: Sequence[Marker]) -> Array:
+    """(n, 2), px."""
+    return np.array([(marker.x, marker.y) for marker in markers]).reshape(-1, 2)
