@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -90,9 +91,9 @@ class PoseEstimator:
     OpenCV's perspective-n-point solvers give the first pose, Levenberg-Marquardt steps on the
     reprojection error every pose; the last pose is where it starts, and decides where two
     solutions fit. A marker that the others contradict is left out where it is clear which one
-    that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative and the noise
-    from the residuals of this and earlier frames (one frame of five markers leaves four degrees
-    of freedom, far too few to tell) and a small steady error.
+    that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise
+    comes from the residuals of this and earlier frames, as one frame of five markers leaves only
+    four degrees of freedom, and from a small steady error.
 
     GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
     the error in object space by orthogonal iteration; at the solution they agree with this one
@@ -106,7 +107,7 @@ class PoseEstimator:
         >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])
         >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
         >>> estimator = PoseEstimator(TANKER_747)
-        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
+        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), stamp_ns=0)
         >>> [round(float(metres), 3) for metres in pose.translation]
         [2.0, -1.0, 120.0]
 
@@ -132,7 +133,7 @@ class PoseEstimator:
         return self._residuals.noise
 
     def estimate(
-        self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
+        self, camera: CameraModel, labels: Sequence[int], pixels: Array, stamp_ns: int
     ) -> Pose | None:
         """The pose in one frame.
 
@@ -140,12 +141,14 @@ class PoseEstimator:
             camera: calibrated (see `CameraModel.check`).
             labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
-            time: s, later than the last frame's.
+            stamp_ns: the frame's time, ns, later than the last one's.
 
         Returns:
             The pose, or None where the markers are too few, do not fit or do not tell it well
             enough; `reason` says which.
         """
+        # A float would be seconds, of which a caller would never hear.
+        time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)
         if len(labels) < FEWEST:
             self.reason = f'{len(labels)} markers; a pose needs {FEWEST}'
