@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -73,7 +74,7 @@ class RunwayDetectorProcessor(Processor):
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         super().__init__()
         self._parameters = parameters or RunwayDetectorParameters()
-        self._thesis = RunwayDetector(parameters)
+        self._thesis = RunwayDetector(replace(self._parameters, mode='thesis'))
         self._approach = ApproachDetector(parameters)
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
         self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
@@ -99,7 +100,7 @@ class RunwayDetectorProcessor(Processor):
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
         self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
-        self._thesis.configure(parameters)
+        self._thesis.configure(replace(parameters, mode='thesis'))
         self._approach.configure(parameters)
         if parameters.mode != before.mode:
             self._forget()
@@ -128,13 +129,12 @@ class RunwayDetectorProcessor(Processor):
         self._approach.reset()
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        pixels = _pixels(frame.image)
         result: RunwayResult | ApproachResult
         if self._parameters.mode == 'approach':
-            result = self._approach.process(pixels, frame.stamp_ns, frame.attitude)
+            result = self._approach.process(frame.image, frame.stamp_ns, frame.attitude)
             self.status = '; '.join(filter(None, (result.status, self._approach.attitude_problem)))
         else:
-            result = self._thesis.process(pixels, frame.stamp_ns)
+            result = self._thesis.process(frame.image, frame.stamp_ns)
             self.status = result.status
         camera = self._usable_camera(frame.image)
         outputs = [
@@ -199,8 +199,3 @@ class RunwayDetectorProcessor(Processor):
                 image = Image(drawn, encoding)
                 outputs.append(Output(topic, partial(serialize_image, image, header)))
         return outputs
-
-
-def _pixels(image: Image) -> Any:
-    """Colour as blue, green, red; grey as it is."""
-    return image.pixels if image.is_gray else image.bgr()
