@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from approach_rows import Pixels, Row, Timed, judged
+from numpy.typing import NDArray
 
+from mvuav_ros.simulation import terrain
 from mvuav_ros.simulation.attitude_sensor import measured_attitude
+from mvuav_ros.simulation.ground import GroundPainter, load_ground
+from mvuav_ros.simulation.ripmap import Ripmap
 from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_surface import Surface
 from mvuav_ros.simulation.runway_truth import CameraPose
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import Attitude
@@ -35,6 +41,24 @@ FLIGHTS: dict[str, dict[str, Any]] = {
 BANKS = {f'bank {bank}': bank for bank in (-30, -20, 20, 30)}
 """Degrees by which an approach flies banked; the attitude comes from the simulated sensor, as on
 flights so named."""
+STEEP: dict[str, dict[str, Any]] = {
+    'pitch 26': {'seed': 31, 'camera_pitch_deg': 26.0},
+    'pitch 26, attitude': {'seed': 31, 'camera_pitch_deg': 26.0},
+    'pitch 32, shaken': {'seed': 32, 'camera_pitch_deg': 32.0, 'shake': 2},
+    'pitch 32, shaken, attitude': {'seed': 32, 'camera_pitch_deg': 32.0, 'shake': 2},
+    'low pass, pitch 28': {'seed': 33, 'camera_pitch_deg': 28.0, 'motion': 'low_pass'},
+    'low pass, pitch 28, attitude': {'seed': 33, 'camera_pitch_deg': 28.0, 'motion': 'low_pass'},
+    'slabs, pitch 27': {'seed': 34, 'camera_pitch_deg': 27.0},
+    'slabs, pitch 27, attitude': {'seed': 34, 'camera_pitch_deg': 27.0},
+    'slabs, low pass, pitch 30': {'seed': 35, 'camera_pitch_deg': 30.0, 'motion': 'low_pass'},
+    'slabs, low pass, pitch 30, attitude': {
+        'seed': 35,
+        'camera_pitch_deg': 30.0,
+        'motion': 'low_pass',
+    },
+}
+"""The camera looks down: no horizon is in view, and the runway reaches the top."""
+STEEP_CHECK = tuple(name for name in STEEP if 'pitch 32' in name or 'pitch 30' in name)
 FLIGHT_FRAMES = 275
 
 
@@ -51,9 +75,40 @@ class BankedFlight(RunwayFlight):
         return CameraPose(pose.position, roll, pose.pitch, pose.yaw, rotation)
 
 
+class Slabs(Surface):
+    """A runway of concrete slabs with dark joints and no side lines; a taxiway joins it."""
+
+    def _pavement(
+        self, width: float, length: float, detail: float, rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        pavement = 1.5 * super()._pavement(width, length, detail, rng)
+        x, y = self._centres(0)[None, :], self._centres(1)[:, None]
+        for places in (x, y):
+            joint = np.abs((places + 0.25) % 7.5 - 0.25) < 0.16
+            pavement *= np.where(joint, 0.72, 1.0)[:, :, None]
+        return np.asarray(pavement, np.float32)
+
+    def _mark(self, width: float, length: float) -> None:
+        self._mark_end(width / 30.0, 0.5 * width, length, far=False)
+
+
+class SlabFlight(BankedFlight):
+    """A flight to such a runway."""
+
+    @cached_property
+    def _painter(self) -> GroundPainter:
+        s = self.settings
+        ground = load_ground(s.runway_width, s.runway_length, s.detail, s.seed)
+        land = terrain.draw_terrain(s.runway_length, s.detail, s.seed)
+        surface = Slabs(land, s.runway_width, s.runway_length, s.detail, s.seed)
+        runway = Ripmap(surface.texture, surface.origin, surface.step, wrap=False)
+        return GroundPainter(ground._replace(runway=runway), self.camera, s.visibility)
+
+
 def simulated(name: str, step: int, cache: Path | None) -> Row:
     """A simulated flight down to 20 m before the runway; within 3 px of the true ends."""
-    flight = BankedFlight(RunwaySettings(frames=1000, **FLIGHTS.get(name, {'seed': 21})))
+    kind = SlabFlight if name.startswith('slabs') else BankedFlight
+    flight = kind(RunwaySettings(frames=1000, **(FLIGHTS | STEEP).get(name, {'seed': 21})))
     flight.bank_deg = BANKS.get(name, 0.0)
     settings = flight.settings
     row, detector = Row(f'simulated {name}'), Timed(settings.runway_width)
@@ -63,18 +118,27 @@ def simulated(name: str, step: int, cache: Path | None) -> Row:
     )
     last = int((settings.start_distance - 20) / settings.speed * settings.fps)
     errors = []
-    for index in range(last - FLIGHT_FRAMES, last, step):
+    frames = range(last - FLIGHT_FRAMES, last, step)
+    if name in STEEP:
+        # Of the near end until the far one comes into view.
+        frames = range(last - 50, last + 150, step)
+    for index in frames:
         truth = flight.truth_at(flight.seen_at(index))
         attitude = None
         if name in BANKS or name.endswith('attitude'):
             attitude = Attitude(*measured_attitude(truth.pose, settings.seed, index))
         result = detector.process(drawn(flight, name, index, cache), attitude)
-        worst = 0.0
+        worst, allowed = 0.0, 3.0
+        if name in STEEP:
+            # As labelled flights are judged: near by, the runway is as wide as the frame.
+            left, right = truth.lines[:2]
+            ends = (left.x1, right.x1), (left.x2, right.x2)
+            allowed = max(allowed, *(0.05 * abs(b - a) for a, b in ends))
         for line in result.lines[:2]:
             true = truth.lines[line.role - 1]
             for x, y in ((true.x1, true.y1), (true.x2, true.y2)):
                 away = abs(x * math.cos(line.theta) + y * math.sin(line.theta) - line.rho)
-                worst = max(worst, away / 3.0 if line.found else math.inf)
+                worst = max(worst, away / allowed if line.found else math.inf)
         row.frames.append(judged(str(index), detector, result, worst))
         guidance = result.guidance
         if guidance is not None and guidance.known:

@@ -12,16 +12,28 @@ import argparse
 import csv
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from approach_flights import BANKS, FLIGHTS, simulated
-from approach_rows import HEADER, Row, Timed, judged
+from approach_flights import BANKS, FLIGHTS, STEEP, STEEP_CHECK, simulated
+from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
+from approach_views import (
+    TEXTS,
+    Shot,
+    View,
+    as_it_is,
+    cropped,
+    following,
+    in_sky_or_text,
+    with_text,
+    without_runway,
+)
 from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import (
@@ -37,39 +49,91 @@ RUNS = {
     'approach_run3': Tolerance(),
     'approach_run5': Tolerance(4.0, 0.08),
 }
-CLIPS = {
-    'road/udacity_solidWhiteRight.mp4': (0, 221),
-    'road/straight_rural_road_720p50.mp4': (0, 1295),
-    'road/forest_road_white_edges.mp4': (0, 1231),
-    'runway/uav_a4_over_threshold_640x480.mp4': (0, 1001),
+CUTS: dict[str, list[tuple[str, View, slice]]] = {
+    'approach_run2': [
+        ('cut 1 px below', following(1.0), slice(None)),
+        ('cut at 88', cropped(88), slice(None)),
+        ('cut at 88, twice', cropped(88, 2), slice(None)),
+    ],
+    'approach_run3': [
+        ('cut 2 px below', following(2.0), slice(200, None)),
+        ('cut 14 px below', following(14.0), slice(320, None)),
+        ('cut at 84', cropped(84), slice(270, None)),
+        ('cut at 84, twice', cropped(84, 2), slice(270, 480)),
+        ('cut at 95, thrice', cropped(95, 3), slice(370, 490)),
+    ],
+    'approach_run5': [
+        ('cut 4 px below', following(4.0), slice(200, None)),
+        ('cut at 130', cropped(130), slice(250, None)),
+        ('cut at 136, twice', cropped(136, 2), slice(250, None)),
+    ],
 }
+"""Of each flight: name, what is seen of a frame, and which frames; no horizon is in view."""
+CLIPS = {
+    'road/udacity_solidWhiteRight.mp4': 221,
+    'road/straight_rural_road_720p50.mp4': 1295,
+    'road/forest_road_white_edges.mp4': 1231,
+    'runway/uav_a4_over_threshold_640x480.mp4': 1001,
+}
+CHECK_CLIPS = ('road/udacity_solidWhiteRight.mp4', 'runway/uav_a4_over_threshold_640x480.mp4')
 UAV_RUNWAY = range(200, 451)
 """Frames of the UAV clip in which its runway may be seen."""
 STILL_FRAMES = 30
 OVERLAP = 0.3
 
 
-def run_rows(
-    footage: Path, part: slice, variants: Sequence[Variant]
-) -> Iterator[tuple[str, Callable[[], Row]]]:
-    """The labelled flights, in colour and grey, with and without a horizon."""
-    for run, allowed in RUNS.items():
+class Job(NamedTuple):
+    """Rows of one kind of footage, made when they are asked for."""
+
+    group: str
+    name: str
+    check: bool
+    make: Callable[[], list[Row]]
+
+
+def run_jobs(footage: Path, options: argparse.Namespace) -> Iterator[Job]:
+    """The labelled flights: as they are, without a horizon in view, and with text."""
+    part = slice(options.start, options.stop, options.step)
+    for run in RUNS:
         for gray in (True,) if run == 'approach_run5' else (False, True):
             for horizon in (True, False):
                 kind = ('grey' if gray else 'colour') + (' horizon' if horizon else ' image')
-                for variant in variants:
-                    name = f'{run[-4:]} {kind}'
+
+                def job(
+                    group: str,
+                    name: str,
+                    part: slice = part,
+                    run: str = run,
+                    gray: bool = gray,
+                    horizon: bool = horizon,
+                    **how: Any,
+                ) -> Job:
                     make = partial(
                         labelled_run,
-                        name if variant is PLAIN else f'{name}, {variant.name}',
+                        name,
                         footage / 'runway' / run,
-                        allowed,
+                        RUNS[run],
                         gray=gray,
                         horizon=horizon,
                         part=part,
-                        variant=variant,
+                        **how,
                     )
-                    yield name, make
+                    return Job(group, name, run == 'approach_run2', lambda: [make()])
+
+                for variant in VARIANTS if options.variants else (PLAIN,):
+                    name = f'{run[-4:]} {kind}'
+                    name += '' if variant is PLAIN else f', {variant.name}'
+                    yield job('runs', name, variant=variant)
+                for cut, view, rows in CUTS[run]:
+                    yield job('no horizon', f'{run[-4:]} {kind} {cut}', rows, view=view)
+                if horizon == (run == 'approach_run3' and gray):
+                    for style in TEXTS:
+                        name = f'{run[-4:]} {kind} {style}'
+                        yield job('text', name, view=with_text(style))
+                        bare = with_text(style, without_runway)
+                        rows = slice(None, 240, options.step)
+                        name += ', no runway'
+                        yield job('text', name, rows, view=bare, absent=True)
 
 
 def labelled_run(
@@ -80,21 +144,28 @@ def labelled_run(
     gray: bool,
     horizon: bool,
     part: slice,
-    variant: Variant,
+    variant: Variant = PLAIN,
+    view: View = as_it_is,
+    absent: bool = False,
 ) -> Row:
-    """A run with corners labelled by hand."""
+    """A run with corners labelled by hand; every report is wrong where the runway is absent."""
     labels: list[LabelledFrame] = read_corners(folder / 'corners.csv')
-    lines = read_horizon(folder / 'horizon.csv', labels) if horizon else [None] * len(labels)
+    lines = read_horizon(folder / 'horizon.csv', labels)
     row, detector = Row(name), Timed()
     flag = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
     frames = list(zip(labels, lines, strict=True))[part][variant.skip :]
     for index, (label, line) in enumerate(frames):
         image = cv2.imread(str(folder / label.file), flag)
         width = image.shape[1]
-        seen = variant.horizon(line, width)
-        result = detector.process(variant.image(image, index), seen)
-        score = score_frame(variant.label(label, width), result.lines, allowed)
-        row.frames.append(judged(label.file, detector, result, score.error))
+        changed = variant.label(label, width), variant.horizon(line, width)
+        shot = view(Shot(variant.image(image, index), *changed), index)
+        result = detector.process(shot.image, shot.horizon if horizon else None)
+        assert shot.label is not None
+        within = Tolerance(shot.zoom * allowed.least, allowed.share)
+        error = score_frame(shot.label, result.lines, within).error
+        frame = judged(label.file, detector, result, math.inf if absent else error)
+        frame.outside = frame.corners is not None and in_sky_or_text(frame.corners, shot)
+        row.frames.append(frame)
     return detector.put(row)
 
 
@@ -109,47 +180,60 @@ def scatter(rows: list[Row]) -> str:
     )
 
 
-def clip(path: Path, gray: bool, step: int) -> Row:
+def clip(name: str, path: Path, gray: bool, step: int, text: str) -> Row:
     """A clip without a runway; every report is wrong, except of the UAV's runway."""
     uav = 'uav' in path.name
-    row = Row(f'{path.stem[:24]} {"grey" if gray else "colour"}', warm_up=0)
+    row = Row(name, warm_up=0)
     detector = Timed()
+    view = with_text(text) if text else as_it_is
     video = cv2.VideoCapture(str(path))
-    first, last = CLIPS[f'{path.parent.name}/{path.name}']
-    for index in range(last):
+    for index in range(CLIPS[f'{path.parent.name}/{path.name}']):
         grabbed, image = video.read()
         if not grabbed:
             break
-        if index < first or index % step:
+        if index % step:
             continue
+        if image.shape[1] >= 960:
+            # As large as a flight's frames, so that it takes no longer to read.
+            image = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         if gray:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         error = 0.0 if uav and index in UAV_RUNWAY else math.inf
-        result = detector.process(image)
-        row.frames.append(judged(str(index), detector, result, error))
+        shot = view(Shot(image), index)
+        frame = judged(str(index), detector, detector.process(shot.image), error)
+        frame.outside = frame.corners is not None and in_sky_or_text(frame.corners, shot)
+        row.frames.append(frame)
     return detector.put(row)
 
 
-def stills(folder: Path, check: bool, frames: int) -> list[Row]:
-    """Stills of one half of the videos, each shown several times; near and far group apart."""
+def stills(folder: Path, check: bool, frames: int, text: str) -> list[Row]:
+    """Stills of one half of the videos, each shown several times; near and far group apart.
+
+    Text that is drawn changes with time, the rest does not.
+    """
+    view = with_text(text) if text else as_it_is
     boxes: dict[str, list[list[float]]] = {}
     with (folder / 'boxes.csv').open(newline='') as file:
         for line in csv.DictReader(file):
             box = [float(line[key]) for key in ('x_min', 'y_min', 'x_max', 'y_max')]
             boxes.setdefault(line['file'], []).append(box)
     half = 'check' if check else 'tuning'
-    rows = {group: Row(f'stills {half} {group}', warm_up=0) for group in ('far', 'near')}
+    name = f'stills {half} {text} '.replace('  ', ' ')
+    rows = {group: Row(name + group, warm_up=0) for group in ('far', 'near')}
     for name in sorted(boxes):
         if bool(int(name.split('-')[1]) // 2 % 2) != check:
             continue
         image, detector = cv2.imread(str(folder / name)), Timed()
-        result = [detector.process(image) for _ in range(frames)][-1]
+        shots = [view(Shot(image), number) for number in range(frames)]
+        result = [detector.process(shot.image) for shot in shots][-1]
         best = 0.0
         if result.corners is not None:
             points = np.array(result.corners)
             best = max(overlap(points, box) for box in boxes[name])
         row = rows['near' if name.startswith('1') else 'far']
-        row.frames.append(judged(name, detector, result, OVERLAP / max(best, 1e-3)))
+        frame = judged(name, detector, result, OVERLAP / max(best, 1e-3))
+        frame.outside = frame.corners is not None and in_sky_or_text(frame.corners, shots[-1])
+        row.frames.append(frame)
         row.first_ms += detector.spent[0]
         row.later_ms += float(np.mean(detector.spent[1:])) if frames > 1 else 0.0
     for row in rows.values():
@@ -167,22 +251,73 @@ def overlap(corners: NDArray[np.float64], box: list[float]) -> float:
     return shared / (float(np.prod(last - first)) + area - shared)
 
 
-def jobs(options: argparse.Namespace) -> Iterator[tuple[str, Callable[[], list[Row]]]]:
-    """All rows by name."""
+def jobs(options: argparse.Namespace) -> Iterator[Job]:
+    """All rows, in groups of footage of one kind."""
     footage, step = options.footage, options.step
-    part = slice(options.start, options.stop, step)
-    for name, make in run_rows(footage, part, VARIANTS if options.variants else (PLAIN,)):
-        yield name, lambda make=make: [make()]
+    yield from run_jobs(footage, options)
     for path in CLIPS:
+        check = path in CHECK_CLIPS
         for gray in (False, True):
-            name = f'{Path(path).stem} {"grey" if gray else "colour"}'
-            yield name, lambda path=path, gray=gray: [clip(footage / path, gray, options.clip_step)]
+            for text in ('', *TEXTS):
+                group = ('fields' if 'uav' in path else 'roads') + (' with text' if text else '')
+                name = f'{Path(path).stem[:24]} {"grey" if gray else "colour"} {text}'
+                make = partial(clip, name, footage / path, gray, options.clip_step, text)
+                yield Job(group, name, check, lambda make=make: [make()])
     folder = footage / 'runway' / 'cockpit_stills'
     for check in (False, True):
-        name = f'stills {"check" if check else "tuning"}'
-        yield name, lambda check=check: stills(folder, check, options.still_frames)
-    for name in (*FLIGHTS, *BANKS):
-        yield f'simulated {name}', lambda name=name: [simulated(name, step, options.cache)]
+        for text in ('', 'status lines', 'boxes'):
+            name = f'stills {"check" if check else "tuning"} {text}'.rstrip()
+            make_all = partial(stills, folder, check, options.still_frames, text)
+            yield Job('stills with text' if text else 'stills', name, check, make_all)
+    for flight in (*FLIGHTS, *BANKS):
+        name = f'simulated {flight}'
+        one = partial(simulated, flight, step, options.cache)
+        yield Job('simulated', name, flight not in FLIGHTS, lambda one=one: [one()])
+    for flight in STEEP:
+        name = f'simulated {flight}'
+        one = partial(simulated, flight, step, options.cache)
+        yield Job('no horizon', name, flight in STEEP_CHECK, lambda one=one: [one()])
+
+
+def summary(rows: list[Row]) -> Iterator[str]:
+    """Means of each group's halves."""
+    yield f'{"mean of rows":42s} {HEADER[43:]}'
+    for group in dict.fromkeys(row.kind for row in rows):
+        for check in (False, True):
+            part = [row for row in rows if row.kind == group and row.check == check]
+            if part:
+                shares = np.array([(*row.shares(), row.outside) for row in part]).mean(axis=0)
+                counted = sum(len(row.frames) - row.warm_up for row in part)
+                times = [(row.first_ms, row.later_ms, row.opencv_ms) for row in part]
+                first, later, opencv = np.mean(times, axis=0)
+                yield (
+                    f'{group:42s} {"check" if check else "tuned":5s} {counted:5d} '
+                    + ' '.join(f'{share:6.1f}' for share in shares)
+                    + f' {"":6s} {first:7.0f} {later:6.1f} {opencv:6.1f}'
+                )
+
+
+def beside(rows: list[Row], other: Path) -> Iterator[str]:
+    """Right, wrong, in sky or text, first report and CPU of an earlier run and of this one."""
+    titles = ('right', 'wrong', 'sky', 'first', 'ms')
+    yield f'{"":42s} half  ' + ' '.join(f'{title:>15s}' for title in titles)
+    old = {entry['name']: entry for entry in json.loads(other.read_text())}
+    for row in rows:
+        before = old.get(row.name)
+        if before is None:
+            continue
+        frames = [Frame(**frame) for frame in before['frames']]
+        was = Row(**{**before, 'frames': frames})
+        cells = [
+            (was.shares()[1], row.shares()[1]),
+            (was.shares()[2], row.shares()[2]),
+            (was.outside, row.outside),
+            (was.first or math.nan, row.first or math.nan),
+            (was.later_ms, row.later_ms),
+        ]
+        half = 'check' if row.check else 'tuned'
+        text = ' '.join(f'{one:6.1f} > {two:6.1f}' for one, two in cells)
+        yield f'{row.name:42s} {half} {text}'
 
 
 def main() -> None:
@@ -190,30 +325,39 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument('footage', type=Path)
     parser.add_argument('--only', nargs='*', default=[''], help='parts of names')
+    parser.add_argument('--kinds', nargs='*', help='groups: runs, text, no horizon, roads, ...')
     parser.add_argument('--step', type=int, default=1, help='of the flights')
     parser.add_argument('--start', type=int, help='first frame of the flights')
     parser.add_argument('--stop', type=int, help='frame after the last one')
     parser.add_argument('--variants', action='store_true', help='of the flights, too')
-    parser.add_argument('--clip-step', type=int, default=1, help='of the clips')
+    parser.add_argument('--clip-step', type=int, default=2, help='of the clips')
     parser.add_argument('--still-frames', type=int, default=STILL_FRAMES)
     parser.add_argument('--cache', type=Path, help='for simulated frames')
     parser.add_argument('--json', type=Path, help='for every frame')
+    parser.add_argument('--beside', type=Path, help='JSON of another checkout, to compare with')
     options = parser.parse_args()
     cv2.setNumThreads(1)
     print(HEADER, flush=True)
     rows = []
     groups: dict[str, list[Row]] = {}
-    for name, make in jobs(options):
-        if any(part in name for part in options.only):
-            for row in make():
+    for job in jobs(options):
+        wanted = options.kinds is None or job.group in options.kinds
+        if wanted and any(part in job.name for part in options.only):
+            for row in job.make():
+                row.kind, row.check = job.group, job.check
                 rows.append(row)
-                groups.setdefault(name, []).append(row)
+                groups.setdefault(job.name.split(',')[0], []).append(row)
                 print(row.line(), flush=True)
+                if options.json is not None:
+                    options.json.write_text(json.dumps([asdict(each) for each in rows]))
     if options.variants:
         for name, group in groups.items():
             print(f'{name:20s} {scatter(group)}')
-    if options.json is not None:
-        options.json.write_text(json.dumps([asdict(row) for row in rows]))
+    for line in summary(rows):
+        print(line)
+    if options.beside is not None:
+        for line in beside(rows, options.beside):
+            print(line)
 
 
 if __name__ == '__main__':

@@ -3,9 +3,11 @@
 Not part of the package: it needs the footage, which is not given away, and takes minutes. Only
 the tuning half is used: the flights of run 3 and of run 5, the cockpit stills of every other
 video, two roads and the part of the UAV clip without a runway; in colour and in grey. Run 2, the
-other stills and the motorway are left for checks.
+other stills and the motorway are left for checks. The weights of strips whose edges meet above
+the image are fitted to the same flights, roads and fields cut off below their horizons, and to
+simulated flights whose camera looks down.
 
-    python tools/fit_approach.py ../shared/footage
+    python tools/fit_approach.py ../shared/footage [--above]
 """
 
 from __future__ import annotations
@@ -20,11 +22,15 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from approach_flights import STEEP, STEEP_CHECK, BankedFlight, SlabFlight
+from approach_views import Shot, following
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, read_horizon
+from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.runway.appearance import FEATURES
+from mvuav_ros.vision.approach.runway.appearance import FEATURES, LEAST_SKY
 from mvuav_ros.vision.approach.runway.candidates import Candidates, LevelledImage, find_candidates
 from mvuav_ros.vision.approach.runway.evidence import shrink_levels
 
@@ -70,6 +76,76 @@ def examples(footage: Path) -> Iterator[Example]:
         ('runway/uav_a4_over_threshold_640x480.mp4', 25),
     ):
         yield from of_clip(footage / clip, step)
+
+
+def examples_above(footage: Path) -> Iterator[Example]:
+    """Images of the tuning half without a horizon, of which strips meet above."""
+    runs = (
+        ('approach_run3', 200, 6, Allowed(3.0, 0.05)),
+        ('approach_run5', 200, 8, Allowed(4, 0.08)),
+    )
+    for run, first, step, allowed in runs:
+        folder = footage / 'runway' / run
+        labels = read_corners(folder / 'corners.csv')
+        frames = list(zip(labels, read_horizon(folder / 'horizon.csv', labels), strict=True))
+        for index in range(first, len(frames), step):
+            label, line = frames[index]
+            colour = cv2.imread(str(folder / label.file))
+            number = index // step
+            view = following((2.0, 8.0, 14.0, 20.0)[number % 4], (1, 2, 3)[number % 3])
+            shot = view(Shot(both_kinds(colour)[number % 2], label, line), index)
+            if shot.label is not None and shot.label.near_left[1] > 12:
+                yield above(shot.image, shot.label, allowed)
+    for name, settings in STEEP.items():
+        if name in STEEP_CHECK or name.endswith('attitude'):
+            continue
+        kind = SlabFlight if name.startswith('slabs') else BankedFlight
+        flight = kind(RunwaySettings(frames=1000, **settings))
+        last = int((flight.settings.start_distance - 20) / flight.settings.speed * 25)
+        for number, index in enumerate(range(last - 50, last + 150, 8)):
+            lines = flight.truth_at(flight.seen_at(index)).lines
+            ends = [p for line in lines[:2] for p in ((line.x2, line.y2), (line.x1, line.y1))]
+            if np.isfinite(ends).all():
+                image = both_kinds(flight.frame(index).image.pixels)[number % 2]
+                corners = ends[0], ends[2], ends[3], ends[1]
+                yield above(image, LabelledFrame('', *corners), Allowed(6.0, 0.05))
+    for clip, step, horizon in (
+        ('road/straight_rural_road_720p50.mp4', 25, 0.5),
+        ('road/forest_road_white_edges.mp4', 25, 0.5),
+        ('runway/uav_a4_over_threshold_640x480.mp4', 16, 0.6),
+    ):
+        video, index = cv2.VideoCapture(str(footage / clip)), 0
+        while video.grab():
+            if index % step == 0 and not ('uav' in clip and 180 <= index < 450):
+                image = video.retrieve()[1]
+                image = both_kinds(image)[index // step % 2]
+                # Whole, and without the horizon.
+                top = 0 if index // step % 3 == 0 else int(horizon * image.shape[0])
+                yield above(np.ascontiguousarray(image[top:]), None, Allowed(3.0, 0.05))
+            index += 1
+
+
+def above(image: NDArray[Any], label: LabelledFrame | None, allowed: Allowed) -> Example:
+    """Candidates of an image that meet above it."""
+    pixels, factor = shrink_levels(image)
+    found = find_candidates(LevelledImage(pixels), -0.45 * pixels.shape[0], 0.0)
+    far = found.strips[:, 1] < LEAST_SKY
+    found = Candidates(found.strips[far], found.features[far])
+    if label is None:
+        none = np.zeros(len(found.strips), bool)
+        return chosen(found, none, ~none, 1.0)
+    worst = np.zeros(len(found.strips))
+    for side, ends in (
+        (2, (label.near_left, label.far_left)),
+        (3, (label.near_right, label.far_right)),
+    ):
+        for on_x, on_y in ends:
+            x, y = (on_x + 0.5) / factor - 0.5, (on_y + 0.5) / factor - 0.5
+            at = found.strips[:, 0] + found.strips[:, side] * (y - found.strips[:, 1])
+            worst = np.maximum(worst, np.abs(at - x))
+    width = abs(label.near_right[0] - label.near_left[0]) / factor
+    error = worst / max(allowed.least, allowed.share * width)
+    return chosen(found, error <= 1, (error <= 1) | (error > 2.0), 1.0)
 
 
 def both_kinds(image: NDArray[Any]) -> list[NDArray[Any]]:
@@ -174,8 +250,11 @@ def errors(
 
 def fit(images: list[Example]) -> dict[str, Any]:
     """Maximise the probability that of each image's candidates a right one, or none, is chosen."""
+    images = [image._replace(features=np.nan_to_num(image.features)) for image in images]
     features = np.concatenate([image.features for image in images])
-    mean, deviation = features.mean(axis=0), features.std(axis=0) + 1e-6
+    mean, deviation = features.mean(axis=0), features.std(axis=0)
+    # A feature that no image shows says nothing.
+    deviation[deviation < 1e-4] = 1.0
 
     def scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.clip((values - mean) / deviation, -4, 4)
@@ -237,9 +316,17 @@ class Problem:
 def main() -> None:
     """Fit and write."""
     cv2.setNumThreads(1)
-    images = [image for image in examples(Path(sys.argv[1])) if len(image.features)]
-    OUTPUT.write_text(json.dumps(fit(images), indent=1) + '\n')
-    print(f'{OUTPUT}: fitted to {len(images)} images')
+    fitted = json.loads(OUTPUT.read_text())
+    which = examples_above if '--above' in sys.argv else examples
+    images = [image for image in which(Path(sys.argv[1])) if len(image.features)]
+    weights = fit(images)
+    if '--above' in sys.argv:
+        fitted['above'] = weights
+    else:
+        fitted |= weights
+    OUTPUT.write_text(json.dumps(fitted, indent=1) + '\n')
+    found = sum(bool(image.right.any()) for image in images)
+    print(f'{OUTPUT}: fitted to {len(images)} images, {found} with a runway found')
 
 
 if __name__ == '__main__':

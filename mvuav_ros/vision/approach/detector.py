@@ -20,6 +20,7 @@ from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.lines import LineFlags, Segment
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.results import LineRole
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
@@ -40,7 +41,7 @@ class ApproachDetector:
         >>> sky = np.full((240, 320, 3), (230, 180, 140), np.uint8)
         >>> result = ApproachDetector().process(sky, stamp_ns=0)
         >>> result.status, [line.found for line in result.lines]
-        ('no runway: no horizon', [False, False, False, False, False])
+        ('no runway: no horizon in view: give attitude', [False, False, False, False, False])
 
     Attributes:
         attitude_problem: why the newest frame's attitude was not used; empty if it was or there is
@@ -71,6 +72,7 @@ class ApproachDetector:
     def reset(self) -> None:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
+        self._last_stamp_ns: int | None = None
         self._finder: RunwayFinder | StripFinder | None = None
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
@@ -86,7 +88,7 @@ class ApproachDetector:
 
     def process(
         self,
-        image: Pixels,
+        image: Image | Pixels,
         stamp_ns: int,
         attitude: Attitude | HorizonLine | None = None,
     ) -> ApproachResult:
@@ -95,15 +97,23 @@ class ApproachDetector:
         A frame of another size than the last one starts afresh.
 
         Args:
-            image: (height, width) or (height, width, 3), blue first, uint8 or uint16; any size,
-                also none. It is neither changed nor copied.
-            stamp_ns: its time, ns; handed through.
+            image: an `Image`, or (height, width) or (height, width, 3), blue first, uint8 or
+                uint16; any size, also none. It is neither changed nor copied.
+            stamp_ns: its time, ns; not before the last frame's (see `reset`).
             attitude: of the body at that time, or where the horizon is on the frame, if known.
+
+        Raises:
+            ImageError: the image has another shape or type.
+            ValueError: the stamp is before the last one.
         """
+        image = as_pixels(image)
         height, width = image.shape[:2]
         if self._size != (height, width):
             self.reset()
             self._size = (height, width)
+        if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
+            raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
+        self._last_stamp_ns = stamp_ns
         if min(height, width) < _SMALLEST:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, status)
@@ -150,11 +160,15 @@ class ApproachDetector:
 
     def _why_absent(self, found: Found) -> str:
         target = self._parameters.target
+        status = f'no {target}'
+        if found.unchanged and not found.confidence:
+            return status + f': the picture has not changed for {found.unchanged} frames'
         if found.track is not None:
-            return f'no {target}: the likeliest has confidence {found.confidence:.2f}'
+            status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
-        without = found.horizon_row is None and target != 'road'
-        return f'no {target}' + without * ': no horizon'
+        if found.horizon_row is None and target != 'road':
+            status += ': no horizon in view: give attitude'
+        return status
 
     def _absent(self, image: Pixels, stamp_ns: int, status: str) -> ApproachResult:
         height, width = image.shape[:2]

@@ -23,13 +23,16 @@ from mvuav_ros.vision.approach.runway.tracker import RunwayTracker, SearchRange
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 from mvuav_ros.vision.point_operations import Pixels
 
+_FROZEN = 50
+"""Frames that are all the same, from which a picture is frozen and shows nothing: two seconds."""
 _AFRESH = 10
 """Frames between two looks for the horizon at any slope."""
 _NEAR_HORIZON = 10.0
 """Px of the working image between the runway's vanishing point and a horizon seen in the image, up
 to which the two are taken for the same."""
-_WHOLE = (0.03, 0.65)
-"""Share of the height in which vanishing points are looked for without a horizon."""
+_WHOLE, _ABOVE = (0.03, 0.65), -0.4
+"""Share of the height in which vanishing points are looked for without a horizon, and up to which
+they are where none may be in view."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +44,14 @@ class Found:
         confidence: of the track.
         level: the frame's derotation.
         horizon_row: on the levelled working image, if it is known.
+        unchanged: frames before this one that were the same, if they were counted.
     """
 
     track: FollowedStrip | None
     confidence: float
     level: Derotation
     horizon_row: float | None
+    unchanged: int = 0
 
 
 class _ImageHorizon:
@@ -91,7 +96,9 @@ class RunwayFinder:
             row, known = seen, self._agreed(seen)
         frame = LevelledFrame(image, level)
         track = self._tracker.step(frame, pixels, ranges, known, attitude=attitude is not None)
-        return Found(track, self._tracker.confidence, level, row)
+        unchanged = self._tracker.unchanged
+        confidence = 0.0 if unchanged > _FROZEN else self._tracker.confidence
+        return Found(track, confidence, level, row, unchanged)
 
     @property
     def report(self) -> Report | None:
@@ -107,13 +114,14 @@ class RunwayFinder:
         colour = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
         horizon = self._horizon.find(np.asarray(colour, np.uint8))
         whole = SearchRange(0.0, _WHOLE[0] * height, _WHOLE[1] * height)
+        beyond = SearchRange(0.0, _ABOVE * height, _WHOLE[0] * height)
         if horizon is None:
-            return Derotation(width, height, factor, 0.0), [whole], None
+            return Derotation(width, height, factor, 0.0), [whole, beyond], None
         level = Derotation(width, height, factor, horizon.slope)
         row = level.row_of(horizon.row)
         above, below = TUNING.horizon_reach
         near = SearchRange(level.slope, row - above, row + below)
-        return level, [near, whole], row
+        return level, [near, whole, beyond], row
 
     def _agreed(self, row: float | None) -> tuple[float, float] | None:
         """The seen horizon where the runway's edges meet at it; a cloud's edge is none."""

@@ -27,8 +27,12 @@ class Registration:
     def __init__(self) -> None:
         self._last: NDArray[Any] | None = None
         self._now: NDArray[Any] | None = None
+        self.gray = np.zeros((0, 0), np.uint8)
+        """The newest working image in 256 grey levels."""
         self.moving = False
         """The newest image differs from the last one; a still says nothing new."""
+        self.unchanged = 0
+        """Images that were the same as the newest."""
 
     def take(self, pixels: NDArray[Any]) -> None:
         """Take in the next working image, (height, width) or (height, width, 3)."""
@@ -37,7 +41,10 @@ class Registration:
         if gray.dtype != np.uint8:
             gray = gray.astype(np.float32)
         self._last, self._now = self._now, np.asarray(gray)
-        self.moving = self._last is not None and not np.array_equal(self._last, self._now)
+        self.gray = self._now.astype(np.uint8) if gray.dtype != np.uint8 else self._now
+        same = self._last is not None and np.array_equal(self._last, self._now)
+        self.moving = self._last is not None and not same
+        self.unchanged = self.unchanged + 1 if same else 0
 
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
         """Px to the right and down by which the surroundings of the last frame's strip have moved.

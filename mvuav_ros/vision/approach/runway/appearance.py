@@ -24,6 +24,8 @@ from mvuav_ros.vision.approach.runway.tuning import TUNING
 _MIRROR = np.array([-1, -1, -1, 1], np.float32)
 _SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
 """Widths of strips around and within a strip that are compared with it, of its width."""
+LEAST_SKY = -1.0
+"""Row of the vanishing point from which on what is above it is in the image; else it is unknown."""
 _SIDE = np.array([1.0, 2.0])
 """Of half its width: how much wider on one side."""
 
@@ -60,7 +62,7 @@ class Scene:
 def describe(
     image: EvidenceMap, strips: Strips, scene: Scene, level: int
 ) -> tuple[NDArray[np.float64], Strips]:
-    """Features of strips on a level's map.
+    """Features of strips on a level's map; NaN where the image does not show them.
 
     Returns:
         (n, features) in the order of `FEATURES`, and the strips with the ends that were found.
@@ -75,7 +77,7 @@ def describe(
         | _of_the_sky(image, measured, scene)
     )
     table = np.stack([np.asarray(values[name], np.float64) for name in FEATURES], axis=1)
-    return np.nan_to_num(table), measured.strips
+    return table, measured.strips
 
 
 def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
@@ -163,7 +165,7 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     counted = (-up <= np.maximum(0.5 * near, 4)[:, None]) & in_one & in_other
     strength = np.minimum(strength / UNIT, MOST_GAIN) * counted
     result: Numbers = strength.sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
-    return result
+    return np.where(y < LEAST_SKY, np.nan, result)
 
 
 def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
@@ -257,11 +259,12 @@ def _of_the_sky(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, Numb
     rows = np.rint(y).astype(np.intp)
     column = np.clip(np.rint(x).astype(np.intp), 0, scene.skyline.size - 1)
     above, below = _texture(image, rows - 8, x) - 1.0, _texture(image, rows + 8, x) - 1.0
-    return {
+    values = {
         'sky': np.clip((band(-12, -4) - band(3, 12)) / 40, -3, 3),
         'sky_texture': np.log(above / below),
         'skyline': np.clip((y - scene.skyline[column]) / np.maximum(near, 5), -3, 3),
     }
+    return {name: np.where(y < LEAST_SKY, np.nan, value) for name, value in values.items()}
 
 
 def _texture(image: EvidenceMap, rows: Any, columns: Any) -> Numbers:

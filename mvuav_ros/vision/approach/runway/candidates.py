@@ -22,7 +22,7 @@ from mvuav_ros.vision.approach.runway.profile import profile
 from mvuav_ros.vision.approach.runway.search import Strips, distinct, fan, fan_jobs
 from mvuav_ros.vision.approach.runway.tuning import TUNING
 
-LEVELS = 3
+LEVELS = 4
 """Of the pyramid."""
 _SKY_STEP = 5
 _SKY_SMOOTHING = 31
@@ -38,7 +38,7 @@ class Candidates(NamedTuple):
     features: NDArray[np.float64]
 
 
-_NONE = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
+NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
 def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -66,14 +66,24 @@ class LevelledImage:
     """
 
     def __init__(
-        self, pixels: NDArray[Any], level: Derotation | None = None, scene: Scene | None = None
+        self,
+        pixels: NDArray[Any],
+        level: Derotation | None = None,
+        scene: Scene | None = None,
+        overlaid: NDArray[np.uint8] | None = None,
     ) -> None:
-        """Begin with pixels of 256 grey levels, and the scene of a frame just before, if known."""
+        """Begin with pixels of 256 grey levels.
+
+        The scene of a frame just before, and where something is laid over the view (not 0), may be
+        known.
+        """
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
         self._pixels: list[NDArray[Any]] = []
         self._given_scene = scene
+        self._overlaid = overlaid
+        self._hidden: NDArray[np.bool_] | None = None
         self._maps: dict[int, EvidenceMap] = {}
         self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
 
@@ -81,7 +91,8 @@ class LevelledImage:
         """The same image, levelled by another angle, rad."""
         if slope == self.level.slope:
             return self
-        return LevelledImage(self._given, replace(self.level, slope=slope))
+        level = replace(self.level, slope=slope)
+        return LevelledImage(self._given, level, overlaid=self._overlaid)
 
     @property
     def used(self) -> bool:
@@ -96,10 +107,19 @@ class LevelledImage:
             self._pixels.append(halved(self._pixels[-1]))
         return self._pixels[level]
 
+    def hidden(self, level: int) -> NDArray[np.bool_] | None:
+        """Where something is laid over the image of a level of the pyramid."""
+        if self._overlaid is None:
+            return None
+        if self._hidden is None:
+            self._hidden = self.level.turned(self._overlaid) > 0
+        height, width = self.pixels(level).shape[:2]
+        return self._hidden[:: 2**level, :: 2**level][:height, :width]
+
     def map(self, level: int) -> EvidenceMap:
         """Evidence of a level of the pyramid."""
         if level not in self._maps:
-            self._maps[level] = gather_evidence(self.pixels(level))
+            self._maps[level] = gather_evidence(self.pixels(level), self.hidden(level))
         return self._maps[level]
 
     @cached_property
@@ -128,14 +148,14 @@ class LevelledImage:
             self._packed[level] = of.packed()
         return fan(depth, of.width).find(*self._packed[level], of.height, row)
 
-    def weigh(self, found: NDArray[np.float64], level: int) -> Candidates:
-        """Align what a search of a level found, and describe what still are strips."""
-        best = distinct(found, TUNING.candidates if level == 0 else TUNING.candidates // 2)
+    def weigh(self, found: NDArray[np.float64], level: int, most: int) -> Candidates:
+        """Align the best of what a search of a level found, and describe what still are strips."""
+        best = distinct(found, most)
         if not len(best):
-            return _NONE
+            return NO_CANDIDATES
         aligned, valid = align(self.map(level), best[:, :6])
         if not valid.any():
-            return _NONE
+            return NO_CANDIDATES
         features, strips = describe(self.map(level), aligned[valid], self.scene(level), level)
         return Candidates(_to_finest(strips, level), features)
 
@@ -151,7 +171,25 @@ class LevelledImage:
         if right - left < _LEAST_PART or bottom - top < _LEAST_PART:
             return None
         known[:, :2] -= (left, top)
-        return Part(gather_evidence(pixels[top:bottom, left:right]), known, level, (left, top))
+        part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
+        image = gather_evidence(pixels[part], None if hidden is None else hidden[part])
+        return Part(image, known, level, (left, top))
+
+    def share_hidden(self, strip: Strip) -> float:
+        """Share of a strip's edges over which something is laid."""
+        if self._overlaid is None:
+            return 0.0
+        x, y, left, right, far, near = (float(value) for value in strip)
+        depth = np.linspace(far, near, 12)
+        slopes = np.array([[left], [right]])
+        frame = replace(self.level, factor=1)
+        columns, rows = frame.to_frame(x + slopes * depth, np.broadcast_to(y + depth, (2, 12)))
+        height, width = self._overlaid.shape
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        if not inside.any():
+            return 1.0
+        at = rows[inside].astype(np.intp), columns[inside].astype(np.intp)
+        return float((self._overlaid[at] > 0).mean())
 
 
 class Part(NamedTuple):
@@ -224,7 +262,7 @@ def _to_level(strips: Strips, level: int) -> Strips:
 
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
     """All runways whose edges may meet between two rows of a levelled image, px."""
-    parts = [_NONE]
+    parts = [NO_CANDIDATES]
     for level in range(LEVELS):
         factor = 2**level
         found = [
@@ -233,5 +271,6 @@ def find_candidates(image: LevelledImage, first: float, last: float) -> Candidat
             for row in rows
         ]
         if found:
-            parts.append(image.weigh(np.concatenate(found), level))
+            most = TUNING.candidates if level == 0 else TUNING.candidates // 2
+            parts.append(image.weigh(np.concatenate(found), level, most))
     return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))

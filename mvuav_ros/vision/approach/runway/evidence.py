@@ -47,11 +47,13 @@ class EvidenceMap:
         sums: of the 1 or 3 opponent channels, grey levels.
         evidence: (height, width, 4) int8 in `UNIT`: steps to the right, and paint.
         texture: (height, width) of brightness, grey levels.
+        hidden: (height, width) where something is laid over the view, if anywhere.
     """
 
     sums: Table
     evidence: NDArray[np.int8]
     texture: NDArray[np.float32]
+    hidden: NDArray[np.bool_] | None = None
 
     @property
     def height(self) -> int:
@@ -75,12 +77,15 @@ class EvidenceMap:
         return left, right
 
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
-        """Evidence at the pixels nearest to places, 0 outside; and whether they are inside."""
+        """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""
         column = np.rint(columns).astype(np.int32)
         row = np.broadcast_to(rows, column.shape)
         inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
         found = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel()
-        values = found.take(np.where(inside, row * self.width + column, 0))
+        index = np.where(inside, row * self.width + column, 0)
+        values = found.take(index)
+        if self.hidden is not None:
+            inside &= ~self.hidden.ravel().take(index)
         values[~inside] = 0
         return values.view(np.int8).reshape((*column.shape, CHANNELS)), inside
 
@@ -95,8 +100,11 @@ class EvidenceMap:
         return total / np.maximum(end - begin, 1), end > begin
 
 
-def gather_evidence(pixels: NDArray[Any]) -> EvidenceMap:
-    """Make the maps of a levelled image of 256 grey levels, or colours."""
+def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = None) -> EvidenceMap:
+    """Make the maps of a levelled image of 256 grey levels, or colours.
+
+    There is no evidence where it is hidden, (height, width).
+    """
     channels = opponent_channels(pixels)
     height, width = channels[0].shape
     evidence = np.zeros((height, width, CHANNELS), np.int8)
@@ -107,7 +115,9 @@ def gather_evidence(pixels: NDArray[Any]) -> EvidenceMap:
     np.abs(channels[0][:, 1:] - channels[0][:, :-1], out=change[:, :-1])
     evidence[..., 3] = _quantised(_paint(channels[0], change))
     texture = cv2.blur(np.minimum(change, 20.0), (31, 9))
-    return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32))
+    if hidden is not None:
+        evidence[hidden] = 0
+    return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32), hidden)
 
 
 def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:

@@ -12,6 +12,8 @@ _SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
 _POINTS = 12
 _NARROWEST = 5.0
 """Px of the near end: what is narrower shows too little to be told from specks in clouds."""
+_MOST_ABOVE = 1.0
+"""Heights of the image by which the vanishing point may lie above it."""
 _AGREE = 2.0
 """Px between edges measured on the frame and the mean, at most."""
 
@@ -126,6 +128,6 @@ def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
         and width * near > _NARROWEST
         and abs(left + right) / 2 < 2.0 * width
         and -0.5 * columns < x < 1.5 * columns
-        and -0.3 * height < y < height - 6
+        and -_MOST_ABOVE * height < y < height - 6
         and near > far
     )

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from mvuav_ros.vision.approach.runway.appearance import FEATURES
 
 _FILE = 'probability.json'
+_SKY, _WIDTH = FEATURES.index('sky'), FEATURES.index('width')
+_NEAR_BY = math.log(48.0)
+"""Logarithm of px of the near end, from which a strip that meets above the image is near by. Run 5
+below its horizon: up to 35 px; the simulated flights whose cameras look down: 90 px and more."""
 _FARTHEST = 4.0
 """Standard deviations: features beyond say no more."""
 _STEADY, _LEAST_AGREEMENT, _LONG = 2.0, 0.05, 50.0
@@ -41,12 +45,13 @@ class EvidenceWeights:
     offset: float
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of (n, features) in the order of `FEATURES`."""
+        """(n,) of (n, features) in the order of `FEATURES`; what is NaN does not count."""
         values = np.clip((features - self.mean) / self.deviation, -_FARTHEST, _FARTHEST)
         total = values * self.slopes[0]
         for knot, slope in zip(self.knots, self.slopes[1:], strict=True):
             total += np.maximum(values - knot, 0.0) * slope
-        result: NDArray[np.float64] = total.sum(axis=1) + self.offset
+        # 0 is between what runways and what other strips have there.
+        result: NDArray[np.float64] = np.nan_to_num(total).sum(axis=1) + self.offset
         return result
 
 
@@ -121,10 +126,24 @@ def _logistic(weights: NDArray[np.float64], values: NDArray[np.float64]) -> floa
     return 1.0 / (1.0 + math.exp(-float(weights[0] + (weights[1:] * values).sum())))
 
 
+def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) log odds of strips with (n, features); of those seen from near by other weights."""
+    above = np.isnan(features[:, _SKY]) & (features[:, _WIDTH] > _NEAR_BY)
+    odds = evidence_weights('').log_odds(features)
+    if above.any():
+        odds[above] = evidence_weights('above').log_odds(features[above])
+    return odds
+
+
 @cache
-def evidence_weights() -> EvidenceWeights:
-    """The weights that belong to this version; made by tools/fit_approach.py."""
+def evidence_weights(which: str) -> EvidenceWeights:
+    """The weights that belong to this version; made by tools/fit_approach.py.
+
+    Those named ``above`` are of wide strips whose edges meet above the image.
+    """
     data = _fitted()
+    if which:
+        data = data[which]
     if tuple(data['features']) != FEATURES:
         raise ValueError(f'{_FILE} is of other features: run tools/fit_approach.py again')
     arrays = {name: np.array(data[name]) for name in ('mean', 'deviation', 'knots', 'slopes')}

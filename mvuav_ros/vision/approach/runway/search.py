@@ -75,7 +75,9 @@ class Fan:
         slopes, inside = self.slopes[kept], self.inside.ravel().take(place)
         first, second = slopes[:, _FIRST], slopes[:, _SECOND]
         width, middle = second - first, 0.5 * (first + second)
-        possible = (width * self.depth >= TUNING.narrowest) & (width <= TUNING.widest)
+        possible = (width * self.depth >= TUNING.narrowest) & (
+            width <= (TUNING.widest if top >= 0 else TUNING.widest_above)
+        )
         possible &= np.abs(middle) <= TUNING.farthest_aside * np.maximum(width, 0.15)
         possible &= inside[:, _FIRST] & inside[:, _SECOND]
         score[~possible] = 0.0
@@ -135,7 +137,9 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[tuple[int, list[
     """
     for depth in TUNING.depths if level == 0 else TUNING.depths[2:]:
         step = 0.4 * depth
-        yield depth, np.arange(first, last + 0.5 * step, step).tolist()
+        rows = np.arange(first, last + 0.5 * step, step)
+        # The compared part of a strip must be in the image.
+        yield depth, rows[rows > 0.5 - TUNING.first_row * depth].tolist()
 
 
 def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:

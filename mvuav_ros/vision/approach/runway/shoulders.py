@@ -34,7 +34,7 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
     It must do so for more than half of the runway's length, with something even in between.
 
     Returns:
-        None if too little beside the runway is on the frame.
+        None if too little beside the runway is on the frame, or it is too narrow.
     """
     rows, edges, outwards = rows_of(strip, np.linspace(_FIRST_ROW, 1.0, _ROWS))
     across = np.arange(-_INSIDE, _BEYOND, _STEP)
@@ -46,6 +46,8 @@ def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:
     if 2 * np.count_nonzero(seen) < _ROWS:
         return None
     window = max(2, round(_WINDOW / (float(np.median(outwards[1])) * _STEP)))
+    if window >= across.size // 2:
+        return None
     channels = opponent_channels(pixels)
     unit = max(float(channels[0].mean()), 1.0)
     steps = np.stack([_steps(channel, window, seen) for channel in channels]) / unit

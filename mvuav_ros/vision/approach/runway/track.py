@@ -34,12 +34,17 @@ from mvuav_ros.vision.approach.runway.geometry import (
     strip_through,
 )
 from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
-from mvuav_ros.vision.approach.runway.probability import evidence_weights
+from mvuav_ros.vision.approach.runway.probability import log_odds_of
 
 _MOST_STRIPS = 8
 """Tried around the mean each time."""
 _MISS_MEMORY = 0.15
 """Share of a frame that does not show it in what a track remembers."""
+_DIM = -1.5
+"""Log odds below which nothing is reported, and the lines along a strip are not worth their time
+between two weighings."""
+_DIM_PERIOD = 4
+"""Frames from one weighing to the next of a young track that is."""
 _MISSED = -4.0
 """Log odds of a weighing in which nothing is there."""
 _CLEAR_PX, _CLEAR_SHARE = 1.0, 0.03
@@ -100,6 +105,9 @@ class RunwayTrack(EdgeTrack):
         """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
         if self.age:
             self.predict(view)
+        if not self._plausible(view):
+            self.give_up()
+            return
         before = self.strip()
         self._follow(view, period)
         if self._plausible(view):
@@ -114,7 +122,12 @@ class RunwayTrack(EdgeTrack):
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
-        if self._rested < period and self.age > YOUNG:
+        dim = self.log_odds < _DIM
+        if self.age <= YOUNG:
+            period = _DIM_PERIOD if dim else 1
+        elif dim:
+            period *= 2
+        if self._rested < period and self.age > 1:
             if self.locked:
                 self.follow_edges(view)
             elif self.points is not None:
@@ -139,6 +152,8 @@ class RunwayTrack(EdgeTrack):
         rows = strip[1] + strip[4:6]
         mean = columns_at(strip[None], rows)[0]
         self.points = points_along(mean, rows, self._spread)
+        if self.log_odds < _DIM:
+            return
         lines = self.by_lines(view, strip)
         if lines is not None:
             self.take_in(lines, rows, view)
@@ -167,7 +182,7 @@ class RunwayTrack(EdgeTrack):
         if seen is None:
             return False
         measured, features, valid = seen
-        odds = np.where(valid, evidence_weights().log_odds(features), -np.inf)
+        odds = np.where(valid, log_odds_of(features), -np.inf)
         best = int(odds.argmax())
         now = float(odds[best]) + math.log(
             float(np.exp(odds[apart(measured, odds)] - odds[best]).sum())

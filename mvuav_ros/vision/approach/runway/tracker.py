@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from itertools import islice
+from collections.abc import Iterator
+from itertools import islice, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
 from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.overlaid import Overlaid
 from mvuav_ros.vision.approach.registration import Registration
 from mvuav_ros.vision.approach.runway.appearance import Scene
 from mvuav_ros.vision.approach.runway.candidates import (
     LEVELS,
+    NO_CANDIDATES,
     Candidates,
     LevelledImage,
     find_candidates,
@@ -23,7 +26,7 @@ from mvuav_ros.vision.approach.runway.edge_track import View
 from mvuav_ros.vision.approach.runway.probability import (
     Report,
     confidence_weights,
-    evidence_weights,
+    log_odds_of,
 )
 from mvuav_ros.vision.approach.runway.search import fan_jobs
 from mvuav_ros.vision.approach.runway.track import RunwayTrack
@@ -31,12 +34,18 @@ from mvuav_ros.vision.approach.runway.track import RunwayTrack
 _MOST_TRACKS = 3
 _CHUNK = 8
 """Rows of vanishing points searched in one frame."""
-_OFTEN, _SELDOM = 2, 24
-"""Frames from one share of the search to the next without and with a runway."""
+_OFTEN, _LATER, _SELDOM = 2, 4, 24
+"""Frames from one share of the search to the next without a runway, after `_ROUNDS` through all of
+them, and with a runway."""
+_ROUNDS = 1
+_MOST_WEIGHED = 14
+"""Of the strips that a share of the search finds."""
 _BEST_PERIOD, _OTHERS_PERIOD = 6, 12
 """Frames from one weighing of the best track, and of others, to the next."""
 _SCENE_FRAMES = 24
 """For which the image as a whole is taken to stay alike."""
+_MOST_HIDDEN = 0.5
+"""Share of a strip's edges: more is the edge of what is laid over the view."""
 _HOPELESS = -5.0
 _LEAST_START = -3.0
 """Log odds below which a candidate is not followed."""
@@ -54,6 +63,23 @@ class SearchRange(NamedTuple):
     last: float
 
 
+_Chunk = tuple[SearchRange, int, int, list[float]]
+"""What is searched in one frame: range, level, depth, and rows."""
+
+
+def _chunks(where: SearchRange) -> Iterator[_Chunk]:
+    for level in range(LEVELS):
+        for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
+            for start in range(0, len(rows), _CHUNK):
+                yield where, level, depth, rows[start : start + _CHUNK]
+
+
+def _by_turns(ranges: list[list[_Chunk]]) -> Iterator[_Chunk]:
+    """One chunk of each range after the other."""
+    for together in zip_longest(*ranges):
+        yield from (chunk for chunk in together if chunk is not None)
+
+
 class RunwayTracker:
     """Finds and follows the runway on the levelled working images of one size."""
 
@@ -64,8 +90,9 @@ class RunwayTracker:
         self._attitude = False
         self._scene: Scene | None = None
         self._registration = Registration()
+        self._overlaid = Overlaid()
         self._frame = 0
-        self._job = 0
+        self._job = self._rounds = 0
 
     def step(
         self,
@@ -88,8 +115,9 @@ class RunwayTracker:
         if self._frame % _SCENE_FRAMES == 0:
             self._scene = None
         self._registration.take(pixels)
+        self._overlaid.take(self._registration.gray)
         level = frame.level
-        working = LevelledImage(pixels, level, self._scene)
+        working = LevelledImage(pixels, level, self._scene, self._overlaid.mask)
         view = View(frame, working, horizon, self._registration)
         for track in self.tracks:
             if self._level is not None:
@@ -98,17 +126,27 @@ class RunwayTracker:
             track.step(view, period)
         self._level, self._attitude = level, attitude
         self.tracks = [
-            track for track in self.tracks if not track.lost and track.log_odds > _HOPELESS
+            track
+            for track in self.tracks
+            if not track.lost
+            and track.log_odds > _HOPELESS
+            and working.share_hidden(track.strip()) < _MOST_HIDDEN
         ]
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
-        if self._frame % (_SELDOM if certain else _OFTEN) == 0:
+        period = _SELDOM if certain else _OFTEN if self._rounds < _ROUNDS else _LATER
+        if self._frame % period == 0:
             self._start(self._search(view, ranges), view)
         self._frame += 1
         if working.used:
             self._scene = working.whole_scene
         self._choose()
         return self.best
+
+    @property
+    def unchanged(self) -> int:
+        """Frames before the newest that were the same."""
+        return self._registration.unchanged
 
     @property
     def report(self) -> Report | None:
@@ -145,18 +183,15 @@ class RunwayTracker:
             image = view.working.at_slope(where.slope)
             found = find_candidates(image, where.first, where.last)
         else:
-            chunks = [
-                (where, level, depth, rows[start : start + _CHUNK])
-                for where in ranges
-                for level in range(LEVELS)
-                for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level)
-                for start in range(0, len(rows), _CHUNK)
-            ]
-            where, level, depth, rows = chunks[self._job % len(chunks)]
+            chunks = list(_by_turns([list(_chunks(where)) for where in ranges]))
+            if not chunks:
+                return NO_CANDIDATES
+            self._rounds, number = divmod(self._job, len(chunks))
+            where, level, depth, rows = chunks[number]
             self._job += 1
             image = view.working.at_slope(where.slope)
             strips = np.concatenate([image.search(level, depth, row) for row in rows])
-            found = image.weigh(strips, level)
+            found = image.weigh(strips, level, _MOST_WEIGHED)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 
@@ -164,7 +199,7 @@ class RunwayTracker:
         """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
         if not len(found.strips):
             return
-        odds = evidence_weights().log_odds(found.features)
+        odds = log_odds_of(found.features)
         fresh: list[RunwayTrack] = []
         for index in islice(np.argsort(-odds, kind='stable'), _MOST_TAKEN):
             if odds[index] < max(_LEAST_START, float(odds.max()) - _FAR_BELOW):

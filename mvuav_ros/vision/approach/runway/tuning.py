@@ -36,6 +36,8 @@ class TuningParameters:
         narrowest: px; a narrower near end tells nothing.
         widest: width over camera height of the widest strip searched (a landing flare is wider,
             and followed, not found).
+        widest_above: the same of a strip whose edges meet above the image: near by. The simulated
+            flights whose cameras look down.
         farthest_aside: lateral offset over width of the farthest strip searched.
         candidates: kept on the finest level of the pyramid; half as many on the others.
         attitude_reach: px of the working image over which the vanishing point is searched about a
@@ -61,6 +63,7 @@ class TuningParameters:
     steepest: float = 1.8
     narrowest: float = 6.0
     widest: float = 1.5
+    widest_above: float = 3.0
     farthest_aside: float = 1.2
     candidates: int = 60
     attitude_reach: float = 10.0

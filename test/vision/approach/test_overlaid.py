@@ -1,0 +1,75 @@
+"""What is laid over the view stands still while the ground moves."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.overlaid import Overlaid
+
+HORIZON = 60
+TEXT = (20, 190, 150, 214)
+"""First column and row, and those after the last, of the text."""
+
+
+def ground(index, turn=0.0):
+    """A plane of fields seen from an aircraft that flies on, and turns by px per frame."""
+    rng = np.random.default_rng(7)
+    fields = cv2.resize(rng.integers(40, 150, (150, 150), np.uint8), (1200, 1200))
+    rows = np.arange(HORIZON + 4, 240)
+    depth = 3000.0 / (rows - HORIZON)
+    across = (np.arange(320) - 160 - turn * index) / 300.0
+    x = (600 + depth[:, None] * across * 6) % 1199
+    y = (600 + 6 * depth + 1.2 * index)[:, None] % 1199 + 0 * x
+    image = np.full((240, 320), 220, np.uint8)
+    image[HORIZON + 4 :] = cv2.remap(
+        fields, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR
+    )
+    return image
+
+
+def with_text(image):
+    cv2.putText(image, 'ALT 1200', (22, 210), cv2.FONT_HERSHEY_SIMPLEX, 0.7, 255, 2)
+    return image
+
+
+def seen(images):
+    overlaid = Overlaid()
+    for image in images:
+        overlaid.take(image)
+    return overlaid.mask
+
+
+@pytest.mark.parametrize('turn', [0.0, 1.5])
+def test_text_is_told_from_the_ground_that_moves(turn):
+    mask = seen(with_text(ground(index, turn)) for index in range(40))
+    left, top, right, bottom = TEXT
+    assert mask is not None
+    assert (mask[top + 4 : bottom - 4, left + 4 : right - 20] > 0).mean() > 0.8
+    ground_alone = mask.copy()
+    ground_alone[top - 16 : bottom + 16, max(left - 16, 0) : right + 16] = 0
+    assert (ground_alone[HORIZON:] > 0).mean() < 0.05
+
+
+def test_nothing_is_overlaid_where_everything_moves_or_nothing_does():
+    mask = seen(ground(index, 1.5) for index in range(40))
+    assert mask is None or (mask[HORIZON:] > 0).mean() < 0.05
+    assert seen([with_text(ground(0))] * 40) is None
+
+
+def fixed_strip(image):
+    """A runway's outline with its markings, as a head-up display would draw it."""
+    for x1, x2 in ((150, 110), (170, 210)):
+        cv2.line(image, (x1, 80), (x2, 150), 255, 3, cv2.LINE_AA)
+    for number in range(8):
+        cv2.line(image, (120 + 11 * number, 146), (124 + 11 * number, 136), 255, 2, cv2.LINE_AA)
+    return image
+
+
+def test_a_runway_that_is_painted_on_the_picture_is_none():
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.0))
+    results = [detector.process(fixed_strip(ground(index, 1.5)), index) for index in range(60)]
+    # It takes some frames until the ground has moved enough.
+    for result in results[40:]:
+        assert result.corners is None or abs(result.corners[0][0] - 112) > 15
