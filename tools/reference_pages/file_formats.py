@@ -124,7 +124,9 @@ def _rig() -> str:
     text = (ROOT / 'config' / 'tanker_747.yaml').read_text(encoding='utf-8')
     return (
         '## Marker rig\n\nParameter `layout` of `marker_tracker` and of `mvuav simulate tanker`; '
-        '`mvuav rig check FILE` examines one,\n`mvuav rig calibrate` writes one, with `standard_deviations` (m, for people).\nThe built-in one is:\n\n```yaml\n' + text + '```\n'
+        '`mvuav rig check FILE` examines one,\n`mvuav rig calibrate` writes one, with `standard_deviations` (m, for people).\nThe built-in one is:\n\n```yaml\n'
+        + text
+        + '```\n'
     )
 
 
