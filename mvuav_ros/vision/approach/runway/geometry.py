@@ -12,7 +12,7 @@ _SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
 _POINTS = 12
 _NARROWEST = 5.0
 """Px of the near end: what is narrower shows too little to be told from specks in clouds."""
-_AT_TOP, _LEAST_BELOW_TOP = 6.0, 14.0
+_AT_TOP, _LEAST_BELOW_TOP = 6.0, 8.0
 """Px: of what meets above that row so many must be in view; less is a letter at the top. Run 2
 below its horizon, and text on the motorway."""
 _MOST_ABOVE = 1.0
