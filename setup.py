@@ -71,7 +71,6 @@ setup(
         'docs': [
             'mkdocs>=1.6,<2',
             'mkdocs-material>=9.6,<10',
-            'mkdocstrings[python]>=0.29',
             'pandas',
         ],
         'dev': [

@@ -28,7 +28,7 @@ def _flight(name, detector, settings):
     source = {
         'source': str(SHARE / 'bags' / f'{name}.mcap'),
         'loop': True,
-        'frame_id': 'camera_optical_frame',
+        'frame_id': f'{name}_camera_optical_frame',
     }
     for executable, parameters in (('video_source', source), (detector, settings)):
         yield Node(
@@ -43,11 +43,15 @@ def _flight(name, detector, settings):
 def _rviz(config):
     if shutil.which('rviz2') is None:
         return [LogInfo(msg='rviz2 is not installed: see the topics in another viewer')]
+    # One world for both scenes, side by side.
+    apart = ['--x', '300', '--frame-id', 'runway_camera_optical_frame']
+    apart += ['--child-frame-id', 'tanker_camera_optical_frame']
     return [
+        Node(package='tf2_ros', executable='static_transform_publisher', arguments=apart),
         Node(
             package='rviz2',
             executable='rviz2',
             arguments=['-d', str(config)],
             condition=IfCondition(LaunchConfiguration('rviz')),
-        )
+        ),
     ]

@@ -19,13 +19,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mvuav_ros.parameters.nodes import load_parameters
+    from mvuav_ros.processing.tracking import draw, track
     from mvuav_ros.recordings.sources.calibration import load_calibration
+    from mvuav_ros.recordings.sources.opening import open_source
     from mvuav_ros.vision.approach.detector import ApproachDetector
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.image import Image
     from mvuav_ros.vision.markers.tracker import MarkerTracker
     from mvuav_ros.vision.pose import PoseEstimator
-    from mvuav_ros.vision.rig import MarkerRig
+    from mvuav_ros.vision.rig import MarkerRig, load_rig
     from mvuav_ros.vision.runway.detector import RunwayDetector
 
 __version__ = '0.2.0'
@@ -40,8 +42,12 @@ __all__ = [
     'PoseEstimator',
     'RunwayDetector',
     '__version__',
+    'draw',
     'load_calibration',
     'load_parameters',
+    'load_rig',
+    'open_source',
+    'track',
 ]
 
 _MODULES = {
@@ -53,7 +59,11 @@ _MODULES = {
     'PoseEstimator': 'vision.pose',
     'RunwayDetector': 'vision.runway.detector',
     'load_calibration': 'recordings.sources.calibration',
+    'draw': 'processing.tracking',
     'load_parameters': 'parameters.nodes',
+    'load_rig': 'vision.rig',
+    'open_source': 'recordings.sources.opening',
+    'track': 'processing.tracking',
 }
 
 

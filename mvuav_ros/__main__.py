@@ -13,13 +13,15 @@ from types import FrameType
 from mvuav_ros.missing_module import explain_missing_module
 
 NODES = {
-    'marker_tracker': 'mvuav_ros.nodes.marker_tracker',
-    'runway_detector': 'mvuav_ros.nodes.runway_detector',
-    'video_source': 'mvuav_ros.nodes.video_source',
-    'vision_process': 'mvuav_ros.nodes.vision_process',
+    **dict.fromkeys(
+        ('marker_tracker', 'runway_detector', 'video_source', 'vision_process'),
+        'mvuav_ros.nodes.executables',
+    ),
     'tuning_panel': 'mvuav_ros.panel.main',
+    'resume_bag': 'mvuav_ros.nodes.bag_resuming',
 }
 EXECUTABLES = {**NODES, 'mvuav': 'mvuav_ros.cli.app'}
+"""The module of each; its function has the executable's name, or is `main`."""
 
 
 def main() -> None:
@@ -38,14 +40,17 @@ def _run(name: str) -> None:
     # with several threads, which wait for one another on a busy machine: 80 instead of 1.7 ms for a
     # tracked frame.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    # A camera that cannot be opened is said by us, and tried again each second.
+    os.environ.setdefault('OPENCV_LOG_LEVEL', 'ERROR')
     # Until the executable has its own handlers.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, leave)
     try:
-        run = import_module(EXECUTABLES[name]).main
+        module = import_module(EXECUTABLES[name])
+        run = vars(module).get(name) or module.main
+        run()
     except ModuleNotFoundError as error:
         sys.exit(f'{name}: {explain_missing_module(name, error)}')
-    run()
 
 
 # The console scripts.

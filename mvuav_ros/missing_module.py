@@ -16,6 +16,8 @@ _ROS = frozenset(
         'visualization_msgs',
     ]
 )
+_PIP = {'cv2': 'opencv-python-headless', 'yaml': 'PyYAML', 'mcap_ros2': 'mcap-ros2-support'}
+"""PyPI's name of a module, where it is another."""
 _APT = {
     'cv2': 'python3-opencv',
     'matplotlib': 'python3-matplotlib',
@@ -38,8 +40,9 @@ def explain_missing_module(what: str, error: ImportError) -> str:
     module = (error.name or '').partition('.')[0]
     if module in _ROS:
         return f'{what} needs ROS 2 ({module}): source it, or pip install "mvuav_ros[ros]"'
+    pip = f'pip install {_PIP.get(module, module)}'
     if module in _APT:
-        return f'{what} needs {module}: apt install {_APT[module]}, or pip install {module}'
+        return f'{what} needs {module}: apt install {_APT[module]}, or {pip}'
     if module and not module.startswith('mvuav_ros') and isinstance(error, ModuleNotFoundError):
-        return f'{what} needs {module}: pip install {module}'
+        return f'{what} needs {module}: {pip}'
     return f'{what} cannot start: {error}'

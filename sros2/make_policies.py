@@ -34,11 +34,13 @@ PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_p
 def detector_policy(processor: type[Processor]) -> str:
     """Images in, results out; nothing else."""
     results = [*processor.topics, *processor.debug_topics, *processor.periodic_topics]
-    inputs = ['image_raw', 'image_raw/compressed', 'clock']
+    inputs = ['image_raw', 'image_raw/compressed', 'clock', 'tf_static']
     if processor.uses_camera_info:
         inputs.append('camera_info')
     if processor.uses_attitude:
         inputs.append('imu')
+    # Where vision_msgs is installed.
+    results += ['detections', *(['detections_3d'] if 'markers' in processor.topics else [])]
     services = ['reset', 'enable', *processor.triggers]
     return policy(
         processor.name,

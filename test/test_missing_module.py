@@ -46,3 +46,5 @@ def test_what_no_package_has_is_left_as_it_is():
     assert explain_missing_module('replay', error) == 'replay cannot start: cannot import name spam'
     unknown = ModuleNotFoundError('No module named zzz', name='zzz.y')
     assert explain_missing_module('replay', unknown) == 'replay needs zzz: pip install zzz'
+    cv2 = explain_missing_module('replay', ModuleNotFoundError('No module', name='cv2'))
+    assert cv2.endswith('apt install python3-opencv, or pip install opencv-python-headless')

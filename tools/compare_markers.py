@@ -173,7 +173,7 @@ def _follow(rig: Any, camera: Any, frames: Iterator[Any]) -> dict[str, Any]:
         if camera is None or getattr(result, 'camera_doubt', ''):
             continue
         labels = np.flatnonzero(named)
-        pose = poses.estimate(camera, labels.tolist(), places[labels], stamp_ns * 1e-9)
+        pose = poses.estimate(camera, labels.tolist(), places[labels], stamp_ns)
         if pose is not None:
             told = pose.rotation, pose.translation, pose.covariance
             score.add_pose(told, (truth.rotation, truth.translation))

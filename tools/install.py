@@ -29,6 +29,11 @@ OPTIONS = {
     'constraint': '--constraints',
 }
 """pip's settings and uv's options for the same; any of them may hold several values."""
+STRATEGIES = ('first-index', 'unsafe-first-match')
+"""A package comes from the first index that has it; only where that one lacks the version that was
+tested, as a mirror of a part does, from the next. Never from the one with the highest version:
+somebody could put one there under a name of ours.
+"""
 VARIABLES = {'cert': 'SSL_CERT_FILE', 'client-cert': 'SSL_CLIENT_CERT', 'proxy': 'ALL_PROXY'}
 """pip's settings and the environment variables that uv reads."""
 _ORDER = ('global', 'install', ':env:')
@@ -72,10 +77,10 @@ def install(python: Path, title: str, what: Sequence[str]) -> bool:
         options, variables = uv_settings(pip_settings(pip))
         command = [str(uv), 'pip', 'install', '--python', str(python)]
         # Our own package is built anew each time: its version does not change with its files.
-        command += ['--reinstall-package', 'mvuav_ros', '--index-strategy', 'unsafe-best-match']
-        command += [*options, *what]
-        if _run(title, command, variables, quiet=True):
-            return True
+        command += ['--reinstall-package', 'mvuav_ros', *options, *what]
+        for strategy in STRATEGIES:
+            if _run(title, [*command, '--index-strategy', strategy], variables, quiet=True):
+                return True
         print('uv could not; trying pip', file=sys.stderr)
     return _run(title, [*pip, 'install', *what])
 

@@ -13,6 +13,7 @@ from reference_pages.command_line import command_line_page
 from reference_pages.diagnostics import diagnostics_page
 from reference_pages.file_formats import file_formats_page
 from reference_pages.parameters import default_yaml, parameter_tables
+from reference_pages.python_api import python_page
 from reference_pages.topics import topics_page
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -23,6 +24,7 @@ FILES: Mapping[str, Callable[[], str]] = {
     'docs/reference/command-line.md': command_line_page,
     'docs/reference/diagnostics.md': diagnostics_page,
     'docs/reference/file-formats.md': file_formats_page,
+    'docs/reference/python.md': python_page,
 }
 
 

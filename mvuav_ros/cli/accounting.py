@@ -15,14 +15,16 @@ from typing import Any, get_type_hints
 
 import typer
 
-from mvuav_ros.cli.options import AsJson, Strict
+from mvuav_ros.cli.options import AsJson, MaxSize, Strict
 from mvuav_ros.cli.terminal import tell_account
 from mvuav_ros.recordings.account import Account, collecting
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.limits import allowing
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""
-_OPTIONS = {'strict': Strict, 'as_json': AsJson}
+_OPTIONS = {'strict': (Strict, False), 'max_size': (MaxSize, None), 'as_json': (AsJson, False)}
+"""What every such command takes, with the defaults."""
 
 
 def account_for_inputs(app: typer.Typer) -> None:
@@ -37,13 +39,14 @@ def account_for_inputs(app: typer.Typer) -> None:
 
 def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
     signature, hints = inspect.signature(work), get_type_hints(work, include_extras=True)
-    added = {name: kind for name, kind in _OPTIONS.items() if name not in signature.parameters}
+    added = {name: each for name, each in _OPTIONS.items() if name not in signature.parameters}
 
     def run(**given: Any) -> None:
         strict = given['strict']
+        max_size = allowing(given['max_size'])
         as_json = bool('as_json' in added and given['as_json'])
         given = {name: value for name, value in given.items() if name not in added}
-        with collecting() as accounts:
+        with collecting() as accounts, max_size:
             # Words and numbers for people would be in the way of the machine that reads it.
             with redirect_stdout(StringIO()) if as_json else nullcontext():
                 result, ending = _result(work, given)
@@ -58,11 +61,13 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
             raise RecordingError('--strict: something was lost or altered; see above')
 
     parameters = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-        for name, kind in added.items()
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+        )
+        for name, (annotation, default) in added.items()
     ]
     run.__name__, run.__doc__ = work.__name__, work.__doc__
-    run.__annotations__ = {**hints, **added}
+    run.__annotations__ = {**hints, **{name: annotation for name, (annotation, _) in added.items()}}
     run.__signature__ = signature.replace(  # type: ignore[attr-defined]
         parameters=[*signature.parameters.values(), *parameters]
     )

@@ -61,7 +61,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f'mvuav_ros {mvuav_ros.__version__}')
+        say(f'mvuav_ros {mvuav_ros.__version__}')
         raise typer.Exit
 
 

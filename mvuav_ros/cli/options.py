@@ -57,6 +57,16 @@ SplitMb = Annotated[
 Strict = Annotated[
     bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
 ]
+MaxSize = Annotated[
+    int | None,
+    typer.Option(
+        help='MB that each file may become when it is unpacked; default: 200 times its size, and '
+        'at least 537.',
+        metavar='MB',
+        min=1,
+        show_default=False,
+    ),
+]
 AsJson = Annotated[
     bool, typer.Option('--json', help='Print JSON, with the account of what was lost.')
 ]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from contextlib import AbstractContextManager
-from pathlib import Path
-from typing import IO
 
 from mvuav_ros.recordings.sources.frame import SourceError
 
@@ -20,23 +18,20 @@ _LOOK = 0.02
 _ENDING_TIME = 10.0
 
 
-def claim_domain() -> tuple[int, IO[str]]:
-    """A ROS domain that nothing else of ours uses on this machine, until the file is closed.
+def claim_domain() -> tuple[int, socket.socket]:
+    """A ROS domain that nothing else of ours uses on this machine, until the socket is closed.
 
-    Two that played images in one domain would answer each other's.
+    Two that played images in one domain would answer each other's. The claim is a name that the
+    kernel keeps: there is no file that somebody could have put there.
 
     Raises:
         SourceError: all hundred are in use.
     """
     for number in random.SystemRandom().sample(range(1, 101), 100):
-        path = Path(tempfile.gettempdir()) / f'mvuav_ros_domain_{number}'
+        # Closed by whoever uses the domain.
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            # Closed by whoever uses the domain; another user's file cannot be opened.
-            claim = path.open('w')
-        except OSError:
-            continue
-        try:
-            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            claim.bind(f'\0mvuav_ros_domain_{number}')
         except OSError:
             claim.close()
         else:

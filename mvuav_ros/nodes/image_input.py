@@ -1,30 +1,298 @@
-"""The fast way from DDS to a callback: raw images, taken by a thread of their own.
-
-rclpy's executor collects all of a node's entities again for every single callback, and makes a
-Python object of every image. This thread waits for the images alone and hands their bytes on:
-at 640x480 mono8 that takes half of the time and a third of the CPU. It uses the wait set in the
-way of rclpy's own `wait_for_message`.
-"""
+"""How images come to a node, raw and fast, with the CameraInfo and Imu that belong to them."""
 
 from __future__ import annotations
 
+import copy
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import import_module
 from threading import Event, Thread
+from typing import Any, NamedTuple
 
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import (
+    QoSSubscriptionEventType,
+    SubscriptionEventCallbacks,
+    UnsupportedEventTypeError,
+)
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, qos_policy_name_from_kind
+from rclpy.qos import (
+    HistoryPolicy,
+    QoSCompatibility,
+    ReliabilityPolicy,
+    qos_check_compatible,
+    qos_profile_sensor_data,
+)
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
-from mvuav_ros.nodes.companions import Companion
-from mvuav_ros.nodes.image_transport import ImageTopic
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState, ReceivedImage
-from mvuav_ros.nodes.subscriptions import status_of, subscribe
+from mvuav_ros.nodes.live_parameters import OVERRIDABLE
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of, type_name
+from mvuav_ros.recordings.serialization.serialized_image import stamp_ns_in
+from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
+from mvuav_ros.vision.approach.attitude import Attitude
+from mvuav_ros.vision.image import ImageError
+
+_CALM = 5
+"""Wakes with a single image after which a node that was too slow counts as fast enough again."""
+_PATIENCE = 3
+"""Backlogs in a row, none smaller than the one before it, after which the node is too slow."""
+
+
+class ReceivedImage(NamedTuple):
+    """An image, and when it came.
+
+    Attributes:
+        data: a message in CDR, or the frame itself where source and node share a process.
+        transport: seconds since it was sent, by the system clocks; NaN if unknown.
+        taken: `time.perf_counter` when it was taken.
+        info: the CameraInfo that holds for it, if there is one (see `StampPairing`).
+        attitude: of the body at its stamp, if that is known (see `AttitudePairing`).
+        is_skipped: newer ones lay waiting; only what comes after it may need it to be decoded.
+    """
+
+    data: bytes | Frame
+    transport: float
+    taken: float
+    info: Any = None
+    attitude: Attitude | None = None
+    is_skipped: bool = False
+
+    @property
+    def stamp_ns(self) -> int:
+        """The image's own; 0 of a message that whoever decodes it will refuse, and count."""
+        if isinstance(self.data, Frame):
+            return self.data.stamp_ns
+        try:
+            return stamp_ns_in(self.data)
+        except ImageError:
+            return 0
+
+
+@dataclass
+class InputEvents:
+    """What became of images before the callback; counts since the start.
+
+    Lost ones never arrived, as the middleware says; missing ones are left out in the publisher's
+    own count, for whatever reason; skipped ones were taken, and left out as newer ones lay waiting.
+    The size is the newest image's, in bytes.
+    Incompatible are publishers whose QoS did not fit ours.
+    """
+
+    lost: int = 0
+    missing: int = 0
+    skipped: int = 0
+    size: int = 0
+    incompatible: int = 0
+    errors: int = 0
+    last_error: str = ''
+
+
+class InputState(NamedTuple):
+    """The image topic at this moment.
+
+    Attributes:
+        topic: its resolved name.
+        publishers: the nodes that publish it.
+        events: what became of images.
+        obstacle: why none of them can be received, in words.
+        others: where nobody publishes it, the topics that carry images.
+    """
+
+    topic: str
+    publishers: list[str]
+    events: InputEvents
+    obstacle: str = ''
+    others: Sequence[tuple[str, str]] = ()
+
+
+class Backlog:
+    """Tells a hiccup, after which every image is still answered, from being too slow."""
+
+    def __init__(self) -> None:
+        self._previous = 0
+        self._not_smaller = 0
+        self._too_slow = False
+        self._calm = 0
+
+    def skips(self, waiting: int) -> bool:
+        """Whether all but the newest of the images that lie waiting are to be left out."""
+        if waiting == 1:
+            self._calm += 1
+            self._not_smaller = 0
+            if self._calm >= _CALM:
+                self._too_slow = False
+        elif waiting >= self._previous:
+            self._not_smaller += 1
+            if self._not_smaller >= _PATIENCE:
+                self._too_slow, self._calm = True, 0
+        self._previous = waiting
+        return waiting > 1 and self._too_slow
+
+
+_VIDEO = {
+    'ffmpeg': ('ffmpeg_image_transport_msgs', 'FFMPEGPacket'),
+    'foxglove': ('foxglove_msgs', 'CompressedVideo'),
+}
+"""Packages that a robot may have; nothing of ours needs them."""
+
+
+class ImageTopic(NamedTuple):
+    """A topic of images: a name still to be resolved and remapped, and the messages' class."""
+
+    name: str
+    kind: Any
+    transport: str
+
+    @property
+    def may_be_video(self) -> bool:
+        """Whether an image may need those before it to be decoded."""
+        return self.transport != 'raw'
+
+
+def image_topic(transport: str, resolved: str) -> ImageTopic:
+    """The topic of a transport beside the image topic as remapped, so that it moves along.
+
+    Raises:
+        ParameterError: the messages' package is not installed.
+    """
+    if transport == 'raw':
+        return ImageTopic('image_raw', Image, transport)
+    if transport in _VIDEO:
+        package, name = _VIDEO[transport]
+        try:
+            kind = getattr(import_module(f'{package}.msg'), name)
+        except ImportError as error:
+            raise ParameterError(
+                'image_transport',
+                f'{transport} needs the messages of {package}: '
+                f'apt install ros-jazzy-{package.replace("_", "-")} ({error})',
+            ) from error
+    else:
+        kind = CompressedImage
+    return ImageTopic(f'{resolved}/{transport}', kind, transport)
+
+
+class _OwnThread(CallbackGroup):
+    """Keeps the executor away."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+def subscribe(
+    node: Node, kind: type, topic: str, *, raw: bool = False, reliable: bool = False
+) -> Any:
+    """A subscription with the QoS of sensor data and ``qos_overrides``; ``raw`` gives bytes.
+
+    ``reliable``: whatever the topic's ``qos_overrides`` said when it was subscribed to first.
+    """
+    # A copy: rclpy writes the user's overrides into it.
+    qos = copy.copy(qos_profile_sensor_data)
+    if reliable:
+        qos.reliability = ReliabilityPolicy.RELIABLE
+    return node.create_subscription(
+        kind,
+        topic,
+        _not_called,
+        qos,
+        callback_group=_OwnThread(),
+        # An executor that waits for a subscription's events wakes up for its data as well, on
+        # Fast DDS, and again and again until this thread has taken them.
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        qos_overriding_options=None if reliable else OVERRIDABLE,
+        raw=raw,
+    )
+
+
+def _override(topic: str) -> str:
+    return f'qos_overrides.{topic}.subscription.reliability'
+
+
+def status_of(subscription: Any, name: str) -> Any:
+    """A status of a subscription that can be asked for; None if not supported."""
+    kind = getattr(QoSSubscriptionEventType, f'RCL_SUBSCRIPTION_{name}')
+    try:
+        with subscription.handle:
+            return rclpy_implementation.EventHandle(subscription.handle, kind)
+    except UnsupportedEventTypeError:
+        return None
+
+
+def _not_called(_message: Any) -> None:
+    raise AssertionError('the executor does not take images')
+
+
+LONGEST_HOLD = 0.1
+"""Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
+
+
+class Companion:
+    """A topic that images may wait for; used in the images' thread alone."""
+
+    def __init__(
+        self, node: Node, kind: type[CameraInfo | Imu], topic: str, is_awaited: Callable[[], bool]
+    ) -> None:
+        """Subscribe; ``is_awaited`` says whether images are to wait, now."""
+        self.subscription = subscribe(node, kind, topic)
+        self.kind, self._is_awaited = kind, is_awaited
+        self._pairing: StampPairing[Any, ReceivedImage] | AttitudePairing[ReceivedImage]
+        if kind is CameraInfo:
+            self._pairing, self._field = StampPairing(), 'info'
+        else:
+            self._pairing, self._field = AttitudePairing(), 'attitude'
+
+    @property
+    def holds(self) -> bool:
+        """Whether an image waits."""
+        return self._pairing.held is not None
+
+    def take(self, ready: Sequence[int]) -> None:
+        """Take in what has come, where this is one of the pointers of what is ready."""
+        if self.subscription.handle.pointer not in ready:
+            return
+        while (taken := self.subscription.handle.take_message(self.kind, False)) is not None:
+            message: Any = taken[0]
+            info = decode_imu(message) if self.kind is Imu else message
+            self._pairing.add_info(stamp_ns_of(message.header), info)
+
+    def completed(self, images: Iterable[ReceivedImage]) -> Iterator[ReceivedImage]:
+        """The images, in their order, that need not wait any more, with what belongs to them."""
+        if self._pairing.is_idle:
+            yield from images
+            return
+        for image in images:
+            self._pairing.add_image(image.stamp_ns, image)
+        while (found := self._pairing.take(wait=self._may_come())) is not None:
+            given: dict[str, Any] = {self._field: found[0]}
+            yield found[1]._replace(**given)
+
+    def _may_come(self) -> bool:
+        """Whether what the longest-held image waits for may yet come."""
+        held = self._pairing.held
+        if held is None or not self._is_awaited():
+            return False
+        is_published = self.subscription.get_publisher_count() > 0
+        return is_published and time.perf_counter() < held.taken + LONGEST_HOLD
+
 
 _LONGEST_WAIT_NS = 500_000_000
+_REMEDY_OF_TYPE = (
+    'set image_transport (docs/ros.md), with image_raw remapped to the name without /compressed'
+)
 _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
 _MOST_AT_ONCE = 5
@@ -33,8 +301,17 @@ _MOST_AT_ONCE = 5
 class ImageInput:
     """Subscribes to images and hands over each as bytes, from its own thread.
 
+    rclpy's executor collects all of a node's entities again for every single callback, and makes a
+    Python object of every image. This thread waits for the images alone and hands their bytes on:
+    at 640x480 mono8 that takes half of the time and a third of the CPU. It uses the wait set in the
+    way of rclpy's own `wait_for_message`.
+
     When the callback is slower than the camera, the newest image wins: images that lie waiting
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.
+
+    Attributes:
+        companions: what images may wait for.
+        gains_by_reliability: whether images got lost that all publishers would send again.
     """
 
     def __init__(
@@ -48,16 +325,24 @@ class ImageInput:
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
-        self._companions = companions
+        self.companions = companions
         self._passes_skipped = topic.may_be_video
-        self._subscription = subscribe(node, topic.kind, topic.name, raw=True)
-        self._subscriptions = [self._subscription, *(each.subscription for each in companions)]
-        self._lost = status_of(self._subscription, 'MESSAGE_LOST')
-        self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
+        self._topic = topic
+        self._lost_before = 0
+        self.gains_by_reliability = False
         self._backlog = Backlog()
-        self._last_sequence = 0
         self._stopping = Event()
         self._wake = GuardCondition(None, None, context=node.context)
+        self._subscribe()
+
+    def _subscribe(self, reliable: bool = False) -> None:
+        kind, name = self._topic.kind, self._topic.name
+        self._subscription = subscribe(self._node, kind, name, raw=True, reliable=reliable)
+        self._subscriptions = [self._subscription, *(c.subscription for c in self.companions)]
+        self._lost = status_of(self._subscription, 'MESSAGE_LOST')
+        self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
+        self._last_sequence = 0
+        self._stopping.clear()
         self._thread = Thread(target=self._run, name='images', daemon=True)
 
     @property
@@ -69,8 +354,19 @@ class ImageInput:
         """Begin to take images."""
         self._thread.start()
 
+    def ask_reliably(self) -> None:
+        """Subscribe anew, so that publishers send again what was lost."""
+        self._lost_before, self.gains_by_reliability = self._events.lost, False
+        self._leave([self._subscription])
+        self._subscribe(reliable=True)
+        self._thread.start()
+
     def close(self) -> None:
         """End the thread, then the subscriptions; images that come later are left."""
+        self._leave(self._subscriptions)
+        self._wake.destroy()
+
+    def _leave(self, subscriptions: Sequence[Any]) -> None:
         self._stopping.set()
         self._wake.trigger()
         if self._thread.is_alive():
@@ -79,21 +375,54 @@ class ImageInput:
             if event is not None:
                 event.destroy_when_not_in_use()
         self._lost = self._incompatible = None
-        for each in self._subscriptions:
+        for each in subscriptions:
             self._node.destroy_subscription(each)
-        self._wake.destroy()
 
     def poll(self) -> InputState:
         """What became of images so far; to be called now and then, from one thread."""
         if self._lost is not None:
-            self._events.lost = int(self._lost.take_event().total_count)
+            self._events.lost = self._lost_before + int(self._lost.take_event().total_count)
         if self._incompatible is not None:
-            event = self._incompatible.take_event()
-            self._events.incompatible = int(event.total_count)
-            self._events.incompatible_policy = qos_policy_name_from_kind(event.last_policy_kind)
+            self._events.incompatible = int(self._incompatible.take_event().total_count)
         infos = self._node.get_publishers_info_by_topic(self.topic)
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos]
-        return InputState(self.topic, names, self._events)
+        others = [] if infos else self._image_topics()
+        ours = self._subscription.qos_profile.reliability
+        self.gains_by_reliability = (
+            self._events.lost > self._lost_before
+            and ours != ReliabilityPolicy.RELIABLE
+            and all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
+            and _override(self.topic) not in self._node._parameter_overrides
+        )
+        return InputState(self.topic, names, self._events, self._obstacle(infos), others)
+
+    def _obstacle(self, infos: Sequence[TopicEndpointInfo]) -> str:
+        """Why no image of these publishers can come; empty where one's can."""
+        wanted = type_name(self._subscription.msg_type)
+        profile, why = self._subscription.qos_profile, ''
+        for info in infos:
+            level, reason = qos_check_compatible(info.qos_profile, profile)
+            if info.topic_type != wanted:
+                name = wanted.rsplit('/', 1)[1]
+                why = f'as {info.topic_type.rsplit("/", 1)[1]}, not {name}; {_REMEDY_OF_TYPE}'
+            elif level == QoSCompatibility.ERROR:
+                reason = reason.removeprefix('ERROR: ').strip(' ;').lower()
+                why = f'with an incompatible QoS ({reason}); '
+                why += f'set {_override(self.topic)} to best_effort'
+            else:
+                return ''
+        return why
+
+    def _image_topics(self) -> list[tuple[str, str]]:
+        """Topics with images that somebody publishes, and their types, ours left out."""
+        known = {type_name(kind): kind.__name__ for kind in (Image, CompressedImage)}
+        return [
+            (topic, known[types[0]])
+            for topic, types in self._node.get_topic_names_and_types()
+            if types[0] in known
+            and '/debug' not in topic
+            and self._node.count_publishers(topic) > 0
+        ]
 
     def _run(self) -> None:
         while not self._stopping.is_set() and self._node.context.ok():
@@ -119,16 +448,16 @@ class ImageInput:
                 for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
-                holds = any(companion.holds for companion in self._companions)
+                holds = any(companion.holds for companion in self.companions)
                 wait_set.wait(_HELD_WAIT_NS if holds else _LONGEST_WAIT_NS)
                 if not self._node.context.ok():
                     return
                 ready = wait_set.get_ready_entities('subscription')
                 is_there = self._subscription.handle.pointer in ready
-                for companion in self._companions:
+                for companion in self.companions:
                     companion.take(ready)
                 images: Iterable[ReceivedImage] = self._take_images() if is_there else []
-                for companion in self._companions:
+                for companion in self.companions:
                     images = companion.completed(images)
                 for image in images:
                     self._on_image(image)
@@ -142,6 +471,7 @@ class ImageInput:
             if taken is None:
                 break
             data, info = taken
+            self._events.size = len(data)
             self._follow(info.get('publication_sequence_number') or 0)
             sent_ns = info.get('source_timestamp') or 0
             transport = (time.time_ns() - sent_ns) * 1e-9 if sent_ns else math.nan

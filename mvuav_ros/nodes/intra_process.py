@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from threading import Condition, Thread
 
-from mvuav_ros.nodes.received_image import InputEvents, InputState, ReceivedImage
+from mvuav_ros.nodes.image_input import InputEvents, InputState, ReceivedImage
 from mvuav_ros.recordings.sources.frame import Frame
 
 _DEPTH = 5

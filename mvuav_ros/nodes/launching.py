@@ -5,11 +5,14 @@ Every launch file takes the same arguments and differs in their defaults.
 
 from __future__ import annotations
 
+import shlex
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -22,10 +25,12 @@ _ARGUMENTS = {
     'detectors': ('markers,runway', 'markers, runway, or both, separated by a comma'),
     'one_process': (
         'false',
-        'Source and both detectors in one process, without copies (docs/transport.md)',
+        'The nodes in one process, without copies from source to detectors (docs/transport.md)',
     ),
     'image_topic': ('image_raw', 'Topic of the images; camera_info is expected beside it'),
     'transport': ('raw', 'Image transport of the detectors (parameter image_transport)'),
+    'frame_id': ('', "Parameter frame_id of video_source; empty: the source's own"),
+    'camera_info_url': ('', 'Parameter camera_info_url of video_source: a calibration file'),
     'namespace': ('', 'Namespace of the nodes'),
     'params_file': ('', "The nodes' parameters; thesis.yaml has the values of the thesis"),
     'use_sim_time': ('false', 'Take the time from /clock'),
@@ -43,6 +48,22 @@ def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
     ``config`` lies beside the launch file's folder; ``defaults`` are of arguments, where they
     differ from those of ``vision.launch.py``.
     """
+    arguments = _declared(launch_file, defaults)
+    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
+
+
+def launch_bag(launch_file: str) -> LaunchDescription:
+    """``ros2 bag play``, which waits for the detectors; for ``launch_file`` see `launch_vision`."""
+    words = ('Recording, as ros2 bag play takes it', 'More arguments of ros2 bag play')
+    own = [
+        DeclareLaunchArgument('bag', description=words[0]),
+        DeclareLaunchArgument('play', default_value='', description=words[1]),
+    ]
+    arguments = _declared(launch_file, {'source': 'none'})
+    return LaunchDescription([*own, *arguments, OpaqueFunction(function=_bag)])
+
+
+def _declared(launch_file: str, defaults: Mapping[str, str]) -> list[DeclareLaunchArgument]:
     config = Path(launch_file).resolve().parent.parent / 'config'
     defaults = {'params_file': str(config / 'default.yaml'), **defaults}
     arguments = []
@@ -55,10 +76,30 @@ def launch_vision(launch_file: str, **defaults: str) -> LaunchDescription:
         arguments.append(
             DeclareLaunchArgument(name, default_value=value, description=words, **more)
         )
-    return LaunchDescription([*arguments, OpaqueFunction(function=_nodes)])
+    return arguments
 
 
-def _nodes(context: LaunchContext) -> list[Node]:
+def _bag(context: LaunchContext) -> list[Any]:
+    given = {name: LaunchConfiguration(name).perform(context) for name in ('bag', 'play')}
+    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
+    topic = LaunchConfiguration('image_topic').perform(context)
+    if not topic.startswith('/'):
+        topic = '/'.join(['', *filter(None, [namespace]), topic])
+    transport = LaunchConfiguration('transport').perform(context)
+    topic += '' if transport == 'raw' else f'/{transport}'
+    detectors = _nodes(context, {f'qos_overrides.{topic}.subscription.reliability': 'reliable'})
+    count = len(LaunchConfiguration('detectors').perform(context).split(','))
+    play = ['ros2', 'bag', 'play', '--start-paused', given['bag'], *shlex.split(given['play'])]
+    resume = [sys.executable, '-m', 'mvuav_ros', 'resume_bag', str(count)]
+    return [
+        *detectors,
+        ExecuteProcess(cmd=play, output='screen'),
+        ExecuteProcess(cmd=resume, output='screen'),
+    ]
+
+
+def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> list[Node]:
+    """The nodes; ``more`` are parameters of the detectors."""
     given = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     switches = {name for name, value in given.items() if value.lower() == 'true'}
     params_file = Path(given['params_file']).expanduser()
@@ -69,15 +110,16 @@ def _nodes(context: LaunchContext) -> list[Node]:
         if name not in DETECTORS:
             raise RuntimeError(f'detectors: {name!r} is not one of {", ".join(DETECTORS)}')
     shared = {name: name in switches for name in ('use_sim_time', 'autostart')}
-    seeing = {**shared, 'image_transport': given['transport']}
+    seeing = {**shared, 'image_transport': given['transport'], **(more or {})}
     playing = {
         **shared,
         'source': given['source'],
         'loop': 'loop' in switches,
-        'wait_for_subscribers': len(DETECTORS if 'one_process' in switches else names),
+        'wait_for_subscribers': len(names),
+        **{name: given[name] for name in ('frame_id', 'camera_info_url') if given[name]},
     }
 
-    def node(executable: str, settings: dict[str, Any]) -> Node:
+    def node(executable: str, settings: dict[str, Any], *arguments: str) -> Node:
         return Node(
             package='mvuav_ros',
             executable=executable,
@@ -87,16 +129,19 @@ def _nodes(context: LaunchContext) -> list[Node]:
             respawn='respawn' in switches,
             respawn_delay=1.0,
             output='screen',
+            arguments=list(arguments),
             ros_arguments=['--log-level', given['log_level']],
         )
 
     # ros2 launch does not take an empty value: '' reaches it as two quotes, or not at all.
-    none = given['source'].strip('\'"') in ('', 'none')
+    has_source = given['source'].strip('\'"') not in ('', 'none')
     if 'one_process' in switches:
-        if none or set(names) != set(DETECTORS) or given['transport'] != 'raw':
-            raise RuntimeError('one_process: takes a source, both detectors and transport:=raw')
-        return [node('vision_process', playing)]
-    source = [] if none else [node('video_source', playing)]
+        if has_source and given['transport'] != 'raw':
+            raise RuntimeError('one_process: a source and its detectors take transport:=raw')
+        chosen = [DETECTORS[name] for name in names] + ['video_source'] * has_source
+        settings = {**(playing if has_source else {}), **seeing}
+        return [node('vision_process', settings, '--nodes', ','.join(chosen))]
+    source = [node('video_source', playing)] if has_source else []
     return [*source, *(node(DETECTORS[name], seeing) for name in names)]
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -16,11 +19,27 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
+from rclpy.qos import QoSPolicyKind
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec, Value
 from mvuav_ros.parameters.descriptor_text import write_description
+from mvuav_ros.parameters.nodes import NODE_PARAMETERS
+from mvuav_ros.parameters.parameter_file import fits, read_node_keys
 
 P = TypeVar('P', bound=ParameterSet)
+OVERRIDABLE = QoSOverridingOptions(
+    [
+        QoSPolicyKind.HISTORY,
+        QoSPolicyKind.DEPTH,
+        QoSPolicyKind.RELIABILITY,
+        QoSPolicyKind.DURABILITY,
+    ]
+)
+"""What users may set of a topic: ``qos_overrides.TOPIC.subscription.reliability``."""
+_READ_ONLY = 'Trying to set a read-only parameter:'
+"""What rclpy says."""
+_WHEN = 'can be set at the start, and while the node is unconfigured (ros2 lifecycle set … cleanup)'
 
 
 class _SetInAnyOrder(ParameterService):
@@ -54,6 +73,9 @@ class _SetInAnyOrder(ParameterService):
             if rejected == waiting:
                 break
             waiting = rejected
+        for result in results:
+            if result.reason.startswith(_READ_ONLY):
+                result.reason = f'{result.reason.removeprefix(_READ_ONLY).strip(" .")}: {_WHEN}'
         response.results = results
         return response
 
@@ -91,18 +113,25 @@ class LiveParameters(Generic[P]):
                 _descriptor(spec),
                 ignore_override=True,
             )
+        self._node = node
+        self.freeze(False)
         self._service = _SetInAnyOrder(node)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
+    def freeze(self, frozen: bool) -> None:
+        """Make what is `read_only` so, from `configure` to `cleanup`; ``autostart`` always is."""
+        for name, spec in self._specs.items():
+            if spec.read_only and name != 'autostart':
+                self._node.describe_parameter(name).read_only = frozen
+
     def _ours(self, parameters: Sequence[Parameter]) -> dict[str, object]:
         return {p.name: p.value for p in parameters if p.name in self._specs}
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Turn whole numbers into floats before rclpy checks the type."""
-        types = {name: spec.type for name, spec in self._specs.items()}
-        return [_with_floats(parameter, types.get(parameter.name)) for parameter in parameters]
+        """Turn whole numbers into floats, say, before rclpy checks the type."""
+        return [_converted(parameter, self._specs.get(parameter.name)) for parameter in parameters]
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -131,10 +160,13 @@ def _given_value(node: Node, spec: ParameterSpec) -> object:
     return value
 
 
-def _with_floats(given: Parameter, wanted: type | None) -> Parameter:
-    if wanted is float and given.type_ is Parameter.Type.INTEGER:
+def _converted(given: Parameter, wanted: ParameterSpec | None) -> Parameter:
+    if wanted is not None and isinstance(given.value, bool) and wanted.booleans is not None:
+        return Parameter(given.name, Parameter.Type.STRING, wanted.booleans[given.value])
+    kind = None if wanted is None else wanted.type
+    if kind is float and given.type_ is Parameter.Type.INTEGER:
         return Parameter(given.name, Parameter.Type.DOUBLE, float(given.value))
-    if wanted is tuple and given.type_ is Parameter.Type.INTEGER_ARRAY:
+    if kind is tuple and given.type_ is Parameter.Type.INTEGER_ARRAY:
         return Parameter(given.name, Parameter.Type.DOUBLE_ARRAY, [*map(float, given.value)])
     return given
 
@@ -158,3 +190,47 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
             ends = IntegerRange(from_value=int(low), to_value=int(high))
             descriptor.integer_range = [ends]
     return descriptor
+
+
+def unused_overrides(node: Node, siblings: Sequence[Node] = ()) -> list[str]:
+    """Parameters that were given at the start and are no one's, each with the nearest right name.
+
+    ``siblings`` are all nodes of the process, to which the same command line was given. Overrides
+    of QoS count only where a node is active, as it declares them with its topics.
+    """
+    nodes = {node, *siblings}
+    known = {name for each in nodes for name in each._parameters}
+    states = {getattr(each, 'lifecycle_state', '') for each in nodes}
+    has_topics = states <= {'active', 'activating'}
+    said = []
+    for name in sorted(set(node._parameter_overrides) - known):
+        if name.startswith('qos_overrides.') and not has_topics:
+            continue
+        owners = [other for other, kind in NODE_PARAMETERS.items() if name in kind.names()]
+        near = get_close_matches(name, known, 1)
+        if owners:
+            hint = f' (it is one of {" and ".join(owners)})'
+        else:
+            hint = f' (did you mean {near[0]}?)' if near else ''
+        said.append(name + hint)
+    return said
+
+
+def parameter_files(node: Node, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The ``--params-file`` arguments of a command line, and what is wrong with some.
+
+    Of a file without values for the node the first say so; the second say it of one whose values
+    are for a node of the same name in another namespace.
+    """
+    files, mistaken = [], []
+    name = node.get_fully_qualified_name()
+    for option, file in pairwise(arguments):
+        if option == '--params-file':
+            keys = read_node_keys(Path(file))
+            is_ours = any(fits(key, name) for key in keys)
+            files.append(file if is_ours else f'{file} (nothing in it for {name})')
+            meant = [key for key in keys if key.rsplit('/', 1)[-1] == node.get_name()]
+            if meant and not is_ours:
+                right = f'write /**/{node.get_name()} for {name}'
+                mistaken.append(f'those of {meant[0]} in {file} ({right})')
+    return files, mistaken

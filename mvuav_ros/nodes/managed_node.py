@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files, unused_overrides
+
 
 class ManagedNode(LifecycleNode):
     """A node with ROS 2's managed states, which configures and activates itself by default.
 
-    Subclasses declare the parameter ``autostart`` and say what the transitions do: `open` for
-    configure, `begin` for activate, `end` for deactivate, `close` for cleanup and shutdown. `open`
-    and `begin` may raise: the state stays what it was, and the reason is logged. `end` and `close`
-    must not, and do nothing the second time.
+    Subclasses declare their parameters, ``autostart`` among them, as ``_live`` and say what the
+    transitions do: `open` for configure, `begin` for activate, `end` for deactivate, `close` for
+    cleanup and shutdown. `open` and `begin` may raise: the state stays what it was, and the reason
+    is logged. `end` and `close` must not, and do nothing the second time.
+
+    Attributes:
+        siblings: the nodes of the process, this one included.
+        overrides_problem: the parameters given at the start that have no effect, in words.
     """
+
+    siblings: Sequence[ManagedNode] = ()
+    overrides_problem = ''
+    _live: LiveParameters[Any]
 
     def __init__(self, name: str) -> None:
         """Make the node, unconfigured."""
@@ -48,6 +59,14 @@ class ManagedNode(LifecycleNode):
         """``unconfigured``, ``inactive``, ``active``, ``finalized`` or a transition."""
         return str(self._state_machine.current_state[1])
 
+    def tell_parameters(self) -> None:
+        """Log what was given at the start and has no effect."""
+        unused = unused_overrides(self, self.siblings) + parameter_files(self, sys.argv)[1]
+        problem = f'parameters without effect: {", ".join(unused)}' if unused else ''
+        if problem not in ('', self.overrides_problem):
+            self.get_logger().warning(problem)
+        self.overrides_problem = problem
+
     @property
     def failed(self) -> bool:
         """Whether it broke in a way that ends the process with an error."""
@@ -72,11 +91,16 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """See `open`."""
-        return self._attempt('configure', self.open, undo=self.close)
+        done = self._attempt('configure', self.open, undo=self.close)
+        self._live.freeze(done == TransitionCallbackReturn.SUCCESS)
+        return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """See `begin`."""
-        return self._attempt('activate', self.begin, undo=self.end)
+        done = self._attempt('activate', self.begin, undo=self.end)
+        if not self._starting:
+            self.tell_parameters()
+        return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """See `end`."""
@@ -86,12 +110,14 @@ class ManagedNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """See `close`."""
         self.close()
+        self._live.freeze(False)
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """See `end` and `close`."""
         self.end()
         self.close()
+        self._live.freeze(False)
         return TransitionCallbackReturn.SUCCESS
 
     # After a defect of ours: back to unconfigured, from where it can be tried again.

@@ -80,6 +80,9 @@ def run_nodes(
         nodes = make_nodes()
         for node in nodes:
             node.autostart()
+        for node in nodes:
+            node.siblings = nodes
+            node.tell_parameters()
         freeze_garbage()
         install_signal_handlers()
         if not stop.made:

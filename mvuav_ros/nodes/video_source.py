@@ -2,26 +2,212 @@
 
 from __future__ import annotations
 
-import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from threading import Event, Thread
 from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.nodes.diagnostics import SourceStatus, publish_status
-from mvuav_ros.nodes.frame_publishing import FramePublisher, Listener
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.running import run_nodes
-from mvuav_ros.nodes.source_player import SourcePlayer
+from mvuav_ros.nodes.publishing import FramePublisher, Listener
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.sources.calibration import load_calibration
 from mvuav_ros.recordings.sources.camera import CameraSettings
-from mvuav_ros.recordings.sources.frame import Frame, FrameSource
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
 from mvuav_ros.recordings.sources.opening import open_source
-from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.image import Image, ImageError
+
+RETRY_INTERVAL = 1.0
+"""Seconds between two attempts to open a camera."""
+LOG_INTERVAL = 5.0
+SETTLING_TIME = 0.3
+"""Seconds from the moment that we see a subscriber until it surely sees us."""
+_LONGEST_GAP = 5.0
+"""Seconds; a recording that pauses longer goes on after this."""
+
+
+class _Pace:
+    """Waits until a frame is due, by its stamp or at a fixed rate."""
+
+    def __init__(self) -> None:
+        self._last_stamp_ns: int | None = None
+        self._due = 0.0
+
+    def wait(self, stamp_ns: int, rate: float, stop: Event) -> None:
+        """Sleep until the frame is due or ``stop`` is set; a ``rate`` of 0: by the stamps, ns."""
+        now = time.monotonic()
+        if self._last_stamp_ns is None:
+            self._due = now
+        elif rate > 0:
+            self._due += 1.0 / rate
+        else:
+            gap = (stamp_ns - self._last_stamp_ns) * 1e-9
+            self._due += min(max(gap, 0.0), _LONGEST_GAP)
+        self._last_stamp_ns = stamp_ns
+        if self._due > now:
+            stop.wait(self._due - now)
+        elif now - self._due > 1.0:
+            # Too slow for the pace: go on from here instead of racing to catch up.
+            self._due = now
+
+
+class SourcePlayer:
+    """Reads a source and publishes its frames when they are due.
+
+    Attributes:
+        failed: whether the source broke in a way that nothing here is made for.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        source: FrameSource,
+        status: SourceStatus,
+        current: Callable[[], VideoSourceParameters],
+        publish: Callable[[Frame], Image],
+        subscribers: Callable[[], int],
+    ) -> None:
+        """Prepare; `start` plays, `stop` closes the source.
+
+        ``current`` gives the parameters at this moment, ``publish`` sends a frame, and
+        ``subscribers`` says how many get it.
+        """
+        self.failed = False
+        self._node = node
+        self._source = source
+        self._status = status
+        self._current = current
+        self._publish = publish
+        self._subscribers = subscribers
+        self._stop, self._interrupt, self._running = Event(), Event(), Event()
+        self._running.set()
+        self._rewind = False
+        self._thread = Thread(target=self._run, name='source', daemon=True)
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+        return not self._running.is_set()
+
+    def start(self) -> None:
+        """Play, from the start of the source."""
+        self._thread.start()
+
+    def pause(self) -> None:
+        """Hold after the present frame."""
+        self._running.clear()
+
+    def resume(self) -> None:
+        """Go on after `pause`."""
+        self._running.set()
+
+    def restart(self) -> None:
+        """Play from the start again."""
+        self._rewind = True
+        self._interrupt.set()
+        self._running.set()
+
+    def stop(self) -> None:
+        """End the thread and let go of the device or file."""
+        self._stop.set()
+        self._interrupt.set()
+        self._running.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+        self._source.close()
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_subscribers()
+            while not self._stop.is_set():
+                self._interrupt.clear()
+                self._rewind = False
+                self._status.state = 'playing'
+                self._play()
+        except ExternalShutdownException:
+            pass
+        except Exception as error:
+            if self._stop.is_set() or not self._node.context.ok():
+                return
+            self.failed = True
+            words = f'{self._source.name}: {type(error).__name__}: {error}'
+            self._node.get_logger().fatal(words)
+            self._node.context.try_shutdown()
+
+    def _wait_for_subscribers(self) -> None:
+        wanted = self._current().wait_for_subscribers
+        if self._source.live or wanted == 0:
+            return
+        if self._subscribers() < wanted:
+            self._node.get_logger().info(
+                f'{self._source.name}: waiting for {wanted} subscriber(s) of image_raw '
+                '(wait_for_subscribers:=0 starts at once)'
+            )
+        while not self._stop.is_set() and self._subscribers() < wanted:
+            self._stop.wait(0.05)
+        self._stop.wait(SETTLING_TIME)
+
+    def _play(self) -> None:
+        """The source once from the start, then wait for a restart unless it loops."""
+        pace, count, bad = _Pace(), 0, 0
+        try:
+            for frame in self._source.frames():
+                if not self._due(frame, pace):
+                    return
+                sent = self._send(frame)
+                count, bad = count + sent, bad + (not sent)
+        except SourceError as error:
+            self._warn(f'{error}; trying again')
+            self._status.state = 'retrying'
+            self._stop.wait(RETRY_INTERVAL)
+            return
+        self._at_end(count, bad)
+
+    def _due(self, frame: Frame | BadFrame, pace: _Pace) -> bool:
+        """Wait until a frame is due; False where it is not wanted any more."""
+        self._running.wait()
+        unwanted = self._stop.is_set() or self._rewind
+        if unwanted or self._source.live or isinstance(frame, BadFrame):
+            return not unwanted
+        pace.wait(frame.stamp_ns, self._current().rate, self._interrupt)
+        return not self._rewind
+
+    def _send(self, frame: Frame | BadFrame) -> bool:
+        if isinstance(frame, BadFrame):
+            self._warn(f'frame skipped: {frame.reason}')
+            return False
+        try:
+            self._status.published(self._publish(frame))
+        except ImageError as error:
+            self._warn(f'frame skipped: {error}')
+            return False
+        return True
+
+    def _at_end(self, count: int, bad: int) -> None:
+        for error in self._source.account.errors:
+            self._warn(error)
+        if self._current().loop and count:
+            return
+        self._status.state = 'ended'
+        skipped = f', {bad} unusable' if bad else ''
+        self._node.get_logger().info(
+            f'end of {self._source.name} after {count} frames{skipped}; call ~/restart to play it '
+            'again, or set loop'
+        )
+        while not (self._stop.is_set() or self._rewind or self._current().loop):
+            self._interrupt.wait(0.2)
+
+    def _warn(self, text: str) -> None:
+        self._status.trouble(text)
+        self._node.get_logger().warning(text, throttle_duration_sec=LOG_INTERVAL)
+
 
 ResponseT = TypeVar('ResponseT', SetBool.Response, Trigger.Response)
 
@@ -135,8 +321,3 @@ class VideoSource(ManagedNode):
             self._status.state = self.lifecycle_state
         paused = player is not None and player.paused
         return self._status.report(self.get_fully_qualified_name(), paused, self._subscribers)
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_nodes(lambda: [VideoSource()], camera_images=True))

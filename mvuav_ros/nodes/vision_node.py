@@ -4,31 +4,96 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import SetBool, Trigger
 
-from mvuav_ros.nodes.companions import Companion
-from mvuav_ros.nodes.detector_status import DetectorStatus
-from mvuav_ros.nodes.diagnostics import every_second, publish_status, status
+from mvuav_ros.nodes.diagnostics import (
+    WINDOW,
+    InputMonitor,
+    every_second,
+    explain_no_images,
+    publish_status,
+    status,
+)
 from mvuav_ros.nodes.frame_answering import FrameAnswerer
-from mvuav_ros.nodes.frame_statistics import WINDOW
-from mvuav_ros.nodes.image_input import ImageInput
-from mvuav_ros.nodes.image_transport import image_topic
-from mvuav_ros.nodes.input_monitor import explain_no_images
+from mvuav_ros.nodes.image_input import Companion, ImageInput, InputState, image_topic
 from mvuav_ros.nodes.intra_process import IntraProcessInput
-from mvuav_ros.nodes.live_parameters import LiveParameters
+from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.received_image import InputState
-from mvuav_ros.nodes.result_publishers import ResultPublishers
+from mvuav_ros.nodes.publishing import ResultPublishers
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.processing.messages.transforms import TF_TOPIC
+from mvuav_ros.parameters.descriptor_text import condition_text
+from mvuav_ros.processing.messages.transforms import TF_TOPIC, TF_TYPE
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.sources.frame import Frame
+
+
+class DetectorStatus:
+    """Turns counts into a diagnostic status, once a second while the node is active."""
+
+    def __init__(self, answerer: FrameAnswerer, processor: Processor) -> None:
+        self._answerer = answerer
+        self._processor = processor
+        self._monitor = InputMonitor()
+
+    @property
+    def state(self) -> str:
+        """``running`` or ``disabled``."""
+        return 'running' if self._answerer.enabled else 'disabled'
+
+    def report(self, name: str, images: InputState, notes: Sequence[str]) -> DiagnosticStatus:
+        """The status of the last seconds; `FrameAnswerer.lock` is held by the caller.
+
+        ``notes`` are said beside it, and are no reason for a warning.
+        """
+        problems = self._monitor.problems(images.events, self._answerer.stamps)
+        level = DiagnosticStatus.OK
+        statistics = self._answerer.statistics
+        if self._answerer.enabled and statistics.silent:
+            never = statistics.received == 0
+            level = DiagnosticStatus.STALE if never else DiagnosticStatus.WARN
+            since = '' if never else f' for {WINDOW:.0f} s'
+            problems = [f'no images{since}: {explain_no_images(images)}']
+        elif self._answerer.enabled:
+            problems += self._active_problems(images)
+        if problems and level == DiagnosticStatus.OK:
+            level = DiagnosticStatus.WARN
+        words = '; '.join([*(problems or [self.state]), *notes])
+        return status(level, name, words, self._values(images))
+
+    def _active_problems(self, images: InputState) -> list[str]:
+        count = len(images.publishers)
+        mixed = f'{count} publishers on {images.topic}: their images are mixed' if count > 1 else ''
+        processor = self._processor
+        said = [*self._answerer.statistics.problems(), mixed, processor.status]
+        said.append(processor.frames_problem)
+        return [words for words in said if words]
+
+    def _values(self, images: InputState) -> dict[str, str]:
+        events, stamps = images.events, self._answerer.stamps
+        spacing = stamps.spacing_ns
+        return {
+            'state': self.state,
+            **self._answerer.statistics.values(),
+            'frames_skipped': str(events.skipped),
+            'frames_lost_in_transport': str(events.lost),
+            'frames_missing': str(events.missing),
+            'frames_left_out_by_stamps': str(stamps.frames_left_out),
+            'stamp_rate_hz': f'{1e9 / spacing:.1f}' if spacing else 'nan',
+            'stamp_jumps_back': str(self._processor.resets),
+            'stamp_jumps_forward': str(stamps.jumps_forward),
+            'image': self._answerer.image_format,
+            'image_topic': images.topic,
+            'calibration': self._processor.calibration,
+            'image_publishers': ' '.join(images.publishers),
+            'incompatible_publishers': str(events.incompatible),
+        }
 
 
 class VisionNode(ManagedNode):
@@ -48,6 +113,7 @@ class VisionNode(ManagedNode):
         self._handed_over = handed_over
         self._results: ResultPublishers | None = None
         self._input: ImageInput | IntraProcessInput | None = None
+        self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
         self._status = DetectorStatus(self._answerer, processor)
         self._told_silence = False
@@ -61,8 +127,11 @@ class VisionNode(ManagedNode):
 
     def open(self) -> None:
         """Open the rig's file and the topics."""
-        self._apply(self._live.current)
+        with self._answerer.lock:
+            self._processor.configure(self._live.current)
         self._results = ResultPublishers(self, self._processor)
+        self._static = self._follow_static_transforms()
+        self._apply(self._live.current)
 
     def begin(self) -> None:
         """Subscribe; images before this moment are not answered."""
@@ -77,8 +146,7 @@ class VisionNode(ManagedNode):
         else:
             topic = image_topic(transport, images)
             # Before the images, so that a source that sees that one subscription has seen these.
-            companions = self._companions(images)
-            self._input = ImageInput(self, topic, answer, companions)
+            self._input = ImageInput(self, topic, answer, self._companions(images))
         self._input.start()
         self._announce(self._input.topic)
 
@@ -93,6 +161,9 @@ class VisionNode(ManagedNode):
         if self._results is not None:
             self._results.destroy()
             self._results = None
+        if self._static is not None:
+            self.destroy_subscription(self._static)
+            self._static = None
 
     def take(self, frame: Frame) -> None:
         """Give a frame to a node that was made with ``handed_over``; returns at once."""
@@ -107,22 +178,40 @@ class VisionNode(ManagedNode):
     def _companions(self, images: str) -> list[Companion]:
         processor, made = self._processor, []
         if processor.uses_camera_info:
-            # In the namespace of the images, as camera drivers and image_transport do.
-            topic = images.rsplit('/', 1)[0] + '/camera_info'
+            # In the namespace of the images, as camera drivers and image_transport do, unless it
+            # is remapped itself.
+            topic = self.resolve_topic_name('camera_info')
+            if topic == self.resolve_topic_name('camera_info', only_expand=True):
+                topic = images.rsplit('/', 1)[0] + '/camera_info'
             made.append(Companion(self, CameraInfo, topic, lambda: processor.awaits_camera_info))
         if processor.uses_attitude:
             made.append(Companion(self, Imu, 'imu', lambda: processor.awaits_attitude))
         return made
 
+    def _follow_static_transforms(self) -> Any:
+        """Subscribe to /tf_static, for whose frames must not get a second parent."""
+        if TF_TYPE is None:
+            return None
+
+        def take(message: Any) -> None:
+            with self._answerer.lock:
+                self._processor.static_transforms.add(message)
+
+        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        return self.create_subscription(TF_TYPE, '/tf_static', take, qos)
+
     def _announce(self, topic: str) -> None:
         values = self._live.current.as_dict()
-        files = ', '.join(parameter_files(sys.argv)) or 'none'
+        files = ', '.join(parameter_files(self, sys.argv)[0]) or 'none'
         words = f'mode {values["mode"]}, images from {topic}, parameter files: {files}'
-        if values['publish_tf'] and TF_TOPIC not in self._processor.topics:
+        if values['publish_tf'] != 'off' and TF_TOPIC not in self._processor.topics:
             words += '; no /tf, as tf2_msgs is not installed'
         self.get_logger().info(words)
 
     def _apply(self, parameters: ParameterSet) -> None:
+        if self._results is None:
+            # `open` does it, and names what it cannot use.
+            return
         with self._answerer.lock:
             self._processor.configure(parameters)
         threads = int(getattr(parameters, 'opencv_threads'))  # noqa: B009 - both detectors' have it
@@ -152,10 +241,36 @@ class VisionNode(ManagedNode):
             state = self.lifecycle_state
             return status(DiagnosticStatus.OK, name, state, {'state': state})
         images = self._input.poll()
+        if isinstance(self._input, ImageInput) and self._input.gains_by_reliability:
+            self.get_logger().info(f'images are lost: {images.topic} is asked for reliably now')
+            self._input.ask_reliably()
         with self._answerer.lock:
-            said = self._status.report(name, images)
+            said = self._status.report(name, images, self._notes())
+        if said.level == DiagnosticStatus.OK and self.overrides_problem:
+            said.level = DiagnosticStatus.WARN
         self._tell_silence(images)
         return said
+
+    def _notes(self) -> list[str]:
+        """What a user may have meant otherwise."""
+        notes = [self.overrides_problem] if self.overrides_problem else []
+        infos = self._camera_infos
+        has_images = self._answerer.statistics.received > 0
+        if has_images and self._processor.lacks_camera_info and infos is not None:
+            topic, count = infos.topic_name, infos.get_publisher_count()
+            why = f'no camera_info has come on {topic}' if count else f'nothing publishes {topic}'
+            notes.append(f'no pose: {why}')
+        for name, conditions in self._live.current.without_effect().items():
+            when = '; or '.join(map(condition_text, conditions))
+            notes.append(f'{name} has no effect: it counts with {when}')
+        return notes
+
+    @property
+    def _camera_infos(self) -> Any:
+        """The subscription to camera_info, if there is one."""
+        companions = self._input.companions if isinstance(self._input, ImageInput) else ()
+        found = [each.subscription for each in companions if each.kind is CameraInfo]
+        return found[0] if found else None
 
     def _publish_periodic(self) -> None:
         if self._input is not None and self._results is not None:
@@ -170,8 +285,3 @@ class VisionNode(ManagedNode):
         if quiet and not self._told_silence:
             self.get_logger().warning(f'no images for {WINDOW:.0f} s: {explain_no_images(images)}')
         self._told_silence = quiet
-
-
-def parameter_files(arguments: Sequence[str]) -> list[str]:
-    """The ``--params-file`` arguments of a command line."""
-    return [value for option, value in pairwise(arguments) if option == '--params-file']

@@ -143,7 +143,10 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
     parts: dict[str, Part] = {}
     wanted: dict[str, tuple[Part, str]] = {}
     sizes = {topic.name: topic.message_count for topic in recording.topics}
-    for kind, others in (('markers', ('rpy', 'pose')), ('line_params', ('pose',))):
+    for kind, others in (
+        ('markers', ('rpy', 'pose', 'integrity')),
+        ('line_params', ('pose', 'integrity')),
+    ):
         for topic in rows.kinds:
             node = topic.removesuffix(f'/{kind}')
             if node == topic or node.endswith('/truth'):
@@ -181,6 +184,11 @@ def _take(part: Part, topic: str, seconds: float, points: list[dict[str, Any]]) 
         _take_markers(part, seconds, points)
     elif topic == 'rpy':
         curves.add(seconds, [points[0][name] for name in _ANGLES] + [math.nan] * 3)
+    elif topic == 'integrity':
+        axes = ('offset', 'height') if part.is_runway else ('along', 'across', 'up')
+        names = [*axes, *(f'alert_limit_{axis}' for axis in axes)]
+        values = [points[0][name] for name in names]
+        curves.add(seconds, values + [math.nan] * (6 - len(values)))
     elif topic == 'pose':
         of = points[0]
         part.poses += math.isfinite(of['z'])
@@ -254,11 +262,25 @@ def _panels(part: Part) -> list[tuple[float, Any]]:
         if np.isfinite(values[0][:, [column for _, column, _ in lines]]).any():
             panels.append((height, lambda axis: _draw(axis, title, values, lines)))
 
+    def add_levels(*axes: str) -> None:
+        if 'integrity' in given:
+            lines = [(name, 1 + i, None) for i, name in enumerate(axes)]
+            limits = [(f'limit {name}', 1 + len(axes) + i, None) for i, name in enumerate(axes)]
+            known = np.isfinite(given['integrity'][0]).any(axis=0)
+            add(
+                1.5,
+                'protection level [m]',
+                given['integrity'],
+                *lines,
+                *(limit for limit in limits if known[limit[1]]),
+            )
+
     if part.is_runway:
         pose = given.get('pose', np.full((3, 0, 7), np.nan))
         add(1.7, 'lateral offset [m]', pose, ('left of the centreline', 1, 4))
         add(1.7, 'height [m]', pose, ('above the runway', 2, 5))
         add(1.7, 'heading [°]', pose, ('nose left of the runway', 3, 6))
+        add_levels('offset', 'height')
         lines = given['line_params']
         if not part.poses:
             angles = [(f'line {number}', 2 + number, None) for number in range(1, 5)]
@@ -276,6 +298,7 @@ def _panels(part: Part) -> list[tuple[float, Any]]:
         bounds[:, :, 4:] *= _SIGMAS
         names = ('z', 5, None), ('x', 6, None), ('y', 4, None)
         add(1.3, '95 % [± m]', bounds, *names)
+    add_levels('along', 'across', 'up')
     if part.states:
         panels.append((0.5 + 0.22 * len(part.names), lambda axis: _draw_states(axis, part)))
     else:

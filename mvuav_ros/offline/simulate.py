@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.messages.markers import POINT
 from mvuav_ros.processing.messages.points import PointLayout
 from mvuav_ros.processing.messages.runway import LINE
@@ -24,7 +25,7 @@ from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.runway_truth import RunwayTruth
 from mvuav_ros.simulation.tanker_truth import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import quaternion
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.markers.results import MarkerState
 
 Message = tuple[str, str, bytes]
@@ -53,7 +54,7 @@ def simulated_messages(
 def truth_messages(frame: SimulatedFrame[Any], frame_id: str) -> Iterator[Message]:
     """What is true of one frame, in the form of the nodes' own results."""
     header, truth = cdr_header(frame.stamp_ns, frame_id), frame.truth
-    yield '/truth/pose', type_name(PoseStamped), _encode_pose(truth, header)
+    yield '/truth/pose', type_name(PoseStamped), _encode_pose(truth, frame.stamp_ns, frame_id)
     if isinstance(truth, TankerTruth):
         yield '/truth/markers', type_name(PointCloud2), _encode_markers(truth, header)
         yield '/truth/rpy', type_name(Vector3Stamped), _encode_rpy(truth, header)
@@ -91,13 +92,17 @@ def _encode_lines(truth: RunwayTruth, header: bytes) -> bytes:
     return _LINES.encode(lines.tolist(), header)
 
 
-def _encode_pose(truth: TankerTruth | RunwayTruth, header: bytes) -> bytes:
-    """A PoseStamped (m): the tanker in the camera's frame, or the camera in the runway's."""
+def _encode_pose(truth: TankerTruth | RunwayTruth, stamp_ns: int, frame_id: str) -> bytes:
+    """A PoseStamped (m), as the nodes' ``~/pose``.
+
+    The tanker in the camera's optical frame, or the camera's body axes in the runway's frame.
+    """
     if isinstance(truth, TankerTruth):
         position, rotation = truth.translation, truth.rotation
     else:
-        position, rotation = truth.pose.position, truth.pose.rotation
-    writer = CdrWriter(header)
+        position, rotation = truth.pose.position, truth.pose.rotation @ OPTICAL_FROM_BODY
+        frame_id = RunwayDetectorParameters().runway_frame
+    writer = CdrWriter(cdr_header(stamp_ns, frame_id))
     writer.numbers('7d', *position, *quaternion(rotation))
     return writer.message()
 

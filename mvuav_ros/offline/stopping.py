@@ -7,6 +7,7 @@ nothing; what is to end in good order looks at the flag, or waits for the descri
 
 from __future__ import annotations
 
+import contextvars
 import os
 import signal
 import threading
@@ -79,7 +80,9 @@ class Stop:
                 errors.append(error)
             done.set()
 
-        threading.Thread(target=run, name='opening', daemon=True).start()
+        # What is opened there is accounted for here.
+        here = contextvars.copy_context()
+        threading.Thread(target=here.run, args=(run,), name='opening', daemon=True).start()
         while not done.wait(_LOOK):
             if self:
                 return None

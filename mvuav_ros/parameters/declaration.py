@@ -36,7 +36,8 @@ class ParameterSpec:
 
     ``usual`` is the range that makes sense on most footage, ``stage`` the step of the processing
     that the parameter belongs to; where ``counts`` has conditions, the parameter has an effect
-    only while one of them holds.
+    only while one of them holds. ``booleans`` are the choices that false and true stand for, where
+    the parameter takes those as well.
     """
 
     name: str
@@ -52,6 +53,7 @@ class ParameterSpec:
     usual: tuple[float, float] | None = None
     stage: str = ''
     counts: tuple[Condition, ...] = ()
+    booleans: tuple[str, str] | None = None
 
     @property
     def type(self) -> type[bool | int | float | str | tuple[float, ...]]:
@@ -82,6 +84,8 @@ class ParameterSpec:
             return self._convert_tuple(value, len(self.default))
         if type(value) is int and (self.type is float or (self.type is str and not self.choices)):
             value = self.type(value)
+        if self.booleans is not None and isinstance(value, bool):
+            value = self.booleans[value]
         if type(value) is not self.type:
             given = _TYPE_NAMES.get(type(value), type(value).__name__)
             wanted = _TYPE_NAMES[self.type]
@@ -98,7 +102,9 @@ class ParameterSpec:
         is_list = isinstance(value, Sequence | array) and not isinstance(value, str)
         given: list[Any] = list(value) if is_list else []  # type: ignore[call-overload]
         if len(given) != length or any(type(number) not in (int, float) for number in given):
-            raise ParameterError(self.name, f'takes {length} numbers, not {value!r}')
+            raise ParameterError(
+                self.name, f'takes {length} numbers, not {given if is_list else value!r}'
+            )
         numbers = tuple(map(float, given))
         for number in numbers:
             self._check(number)
@@ -186,6 +192,19 @@ class ParameterSet:
         """
         converted = {name: self.spec(name).convert(value) for name, value in values.items()}
         return dataclasses.replace(self, **converted)
+
+    def without_effect(self) -> dict[str, tuple[Condition, ...]]:
+        """The names that are not at their defaults and have no effect now, and when they have."""
+        return {
+            spec.name: spec.counts
+            for spec in self.specs()
+            if spec.counts
+            and getattr(self, spec.name) != spec.default
+            and not any(
+                all(getattr(self, name) in values for name, values in condition.items())
+                for condition in spec.counts
+            )
+        }
 
     def as_dict(self) -> dict[str, Value]:
         """Name to value, in order of declaration."""

@@ -37,7 +37,7 @@ def write_description(spec: ParameterSpec) -> str:
         'Default': default_text(spec.default),
         'Usual': f'{spec.usual[0]:g} to {spec.usual[1]:g}' if spec.usual else '',
         'Stage': spec.stage,
-        'Counts with': '; or '.join(map(_condition_text, spec.counts)),
+        'Counts with': '; or '.join(map(condition_text, spec.counts)),
         'Thesis': spec.thesis,
     }
     return ' '.join([spec.description, *(f'{key}: {said[key]}.' for key in _KEYS if said[key])])
@@ -72,7 +72,8 @@ def default_text(value: Value) -> str:
     return str(value) or '(empty)'
 
 
-def _condition_text(condition: Condition) -> str:
+def condition_text(condition: Condition) -> str:
+    """The values that other parameters must have, in words."""
     return ', '.join(f'{name} {" | ".join(values)}' for name, values in condition.items())
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from mvuav_ros.parameters.declaration import parameter
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 
 
 def image_transport() -> Any:
@@ -51,3 +52,68 @@ def autostart(stage: str = '') -> Any:
         read_only=True,
         stage=stage,
     )
+
+
+def publish_tf(make: Callable[..., Any], target: str) -> Any:
+    """Whether and which way a pose goes out on /tf; ``make`` declares, ``target`` is its name."""
+    return make(
+        'camera_to_body',
+        f'The pose on /tf, where all of it is known; needs tf2_msgs. camera_to_body: {target} as '
+        'child of the camera, for a camera that hangs in a tree of its own. body_to_camera: '
+        f'base_frame, or without one the camera, as child of {target}. off: nothing.',
+        choices=('camera_to_body', 'body_to_camera', 'off'),
+        booleans=('off', 'camera_to_body'),
+        read_only=True,
+    )
+
+
+def camera_frame(make: Callable[..., Any]) -> Any:
+    """The camera's name on /tf."""
+    return make(
+        '',
+        "Name of the camera's optical frame on /tf; empty: the image's own frame_id.",
+        read_only=True,
+    )
+
+
+def base_frame(make: Callable[..., Any]) -> Any:
+    """Whose pose ``~/vision_pose`` is."""
+    return make(
+        '',
+        "Frame of the vehicle, such as base_link: ~/vision_pose is then the vehicle's pose, by the "
+        "camera's mount: camera_mount_xyz and camera_mount_rpy_deg, or where both are 0 the "
+        "transforms on /tf_static. Empty: ~/vision_pose is the pose of the camera's body axes.",
+        read_only=True,
+    )
+
+
+def camera_mount_xyz(make: Callable[..., Any]) -> Any:
+    """Where the camera is on the vehicle."""
+    return make(
+        (0.0, 0.0, 0.0),
+        'Position of the camera on the vehicle (REP 103: x forward, y left, z up), for base_frame.',
+        limits=(-1_000.0, 1_000.0),
+        unit='m',
+    )
+
+
+def camera_mount_rpy_deg(make: Callable[..., Any], uses: str) -> Any:
+    """How the camera is turned on the vehicle."""
+    return make(
+        (0.0, 0.0, 0.0),
+        'Roll, pitch and yaw of the camera on the vehicle (REP 103, fixed axes; all 0: it looks '
+        f"along the vehicle's x; pitch 20: 20 degrees down), for {uses}.",
+        limits=(-180.0, 180.0),
+        unit='°',
+    )
+
+
+def check_frames(parameters: ParameterSet, *names: str) -> None:
+    """Make sure that tf2 takes the names of frames.
+
+    Raises:
+        ParameterError: one begins with a slash.
+    """
+    for name in names:
+        if str(getattr(parameters, name)).startswith('/'):
+            raise ParameterError(name, 'must not begin with a slash: tf2 takes no such frame')

@@ -8,9 +8,15 @@ from functools import partial
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
     autostart,
+    base_frame,
+    camera_frame,
+    camera_mount_rpy_deg,
+    camera_mount_xyz,
+    check_frames,
     image_is_rectified,
     image_transport,
     opencv_threads,
+    publish_tf,
 )
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
@@ -124,12 +130,17 @@ class MarkerTrackerParameters(ParameterSet):
         'Estimate ~/pose if camera_info holds a calibration and at least three markers are named.',
         thesis='left to others',
     )
-    publish_tf: bool = _pose(
-        True,
-        "Whether the pose is also broadcast on /tf, from the image's frame to the body's name; "
-        'needs tf2_msgs.',
+    body_frame: str = _pose(
+        '',
+        "Name of the body's frame, in ~/vision_pose and on /tf; empty: the rig's name. Two cameras "
+        'that see the same body need a name for each.',
         read_only=True,
     )
+    publish_tf: str = publish_tf(_pose, 'body_frame')
+    camera_frame: str = camera_frame(_pose)
+    base_frame: str = base_frame(_pose)
+    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_pose)
+    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(_pose, 'base_frame')
     integrity_risk: float = _integrity(
         1e-7,
         'Probability per frame with which an error of the pose may exceed its protection level on '
@@ -212,6 +223,7 @@ class MarkerTrackerParameters(ParameterSet):
         return self.mode == 'track_any' or (self.mode == 'track' and self.prediction == 'kalman')
 
     def _check_together(self) -> None:
+        check_frames(self, 'body_frame', 'camera_frame', 'base_frame')
         if self.max_area and self.max_area < self.min_area:
             raise ParameterError(
                 'max_area',

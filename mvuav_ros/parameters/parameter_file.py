@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -45,6 +46,13 @@ def read_node_keys(path: Path) -> list[str]:
         ParameterError: the file cannot be read or is not a parameter file.
     """
     return [key for key, _ in _sections(_text(path), str(path))]
+
+
+def fits(key: str, node: str) -> bool:
+    """Whether rcl takes values under a key for a node of that full name."""
+    pattern = re.escape(key if key.startswith('/') else f'/{key}')
+    pattern = pattern.replace(r'/\*\*', r'(/[^/]+)*').replace(r'\*', '[^/]+')
+    return re.fullmatch(pattern, node) is not None
 
 
 def _text(path: Path) -> str:

@@ -8,9 +8,15 @@ from functools import partial
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 from mvuav_ros.parameters.image_input import (
     autostart,
+    base_frame,
+    camera_frame,
+    camera_mount_rpy_deg,
+    camera_mount_xyz,
+    check_frames,
     image_is_rectified,
     image_transport,
     opencv_threads,
+    publish_tf,
 )
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
@@ -58,12 +64,9 @@ class RunwayDetectorParameters(ParameterSet):
         'the far end, y left, z up.',
         read_only=True,
     )
-    publish_tf: bool = _approach(
-        True,
-        "Whether the pose is also broadcast on /tf, from the image's frame to runway_frame, where "
-        'all of it is known; needs tf2_msgs.',
-        read_only=True,
-    )
+    publish_tf: str = publish_tf(_approach, 'runway_frame')
+    camera_frame: str = camera_frame(_approach)
+    base_frame: str = base_frame(_approach)
     min_confidence: float = _approach(
         0.5,
         'Below this probability mode approach reports no runway; its rows are then NaN.',
@@ -76,12 +79,9 @@ class RunwayDetectorParameters(ParameterSet):
         'imu: the same, with a warning on /diagnostics while imu is missing; image: never imu.',
         choices=('auto', 'imu', 'image'),
     )
-    camera_mount_rpy_deg: tuple[float, float, float] = _approach(
-        (0.0, 0.0, 0.0),
-        'Roll, pitch and yaw of the camera on the body (REP 103, fixed axes; all 0: it looks along '
-        "the body's x), for the horizon from imu.",
-        limits=(-180.0, 180.0),
-        unit='°',
+    camera_mount_xyz: tuple[float, float, float] = camera_mount_xyz(_approach)
+    camera_mount_rpy_deg: tuple[float, float, float] = camera_mount_rpy_deg(
+        _approach, 'the horizon from imu and for base_frame'
     )
     integrity_risk: float = _integrity(
         0.05,
@@ -259,6 +259,7 @@ class RunwayDetectorParameters(ParameterSet):
     def _check_together(self) -> None:
         if not self.runway_frame:
             raise ParameterError('runway_frame', 'must not be empty')
+        check_frames(self, 'runway_frame', 'camera_frame', 'base_frame')
         if self.opening_shape in ('disk', 'diamond') and self.opening_length > MOST_ROUND:
             raise ParameterError(
                 'opening_length',

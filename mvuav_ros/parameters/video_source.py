@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import autostart
+from mvuav_ros.parameters.image_input import autostart, check_frames
 
 _at_start = partial(parameter, read_only=True)
 
@@ -88,6 +88,7 @@ class VideoSourceParameters(ParameterSet):
     autostart: bool = autostart()
 
     def _check_together(self) -> None:
+        check_frames(self, 'frame_id')
         if len(self.pixel_format) not in (0, 4) or not self.pixel_format.isascii():
             raise ParameterError(
                 'pixel_format', f'must be four letters, as in YUYV, not {self.pixel_format!r}'

@@ -14,10 +14,11 @@ from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.messages import transforms
+from mvuav_ros.processing.messages import detections, transforms
 from mvuav_ros.processing.messages.markers import encode_marker, encode_markers, encode_rpy
 from mvuav_ros.processing.messages.statuses import encode_integrity
 from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.processing.tracking import named_places
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -25,12 +26,11 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
 from mvuav_ros.vision.markers.drawing import draw_markers
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.markers.tracker import MarkerTracker, rig_of
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.reprojection import FEWEST
-from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
-from mvuav_ros.vision.rig_examination import examine
+from mvuav_ros.vision.rig import MarkerRig
 
 _TOPICS = {
     'markers': PointCloud2,
@@ -70,16 +70,13 @@ class MarkerTrackerProcessor(Processor):
         self._set_rig(self._parameters)
 
     def _set_rig(self, parameters: MarkerTrackerParameters) -> None:
-        self._rig = _open_rig(parameters.layout)
-        self._doubts = [f'rig: {doubt}' for doubt in examine(self._rig)]
-        if self._doubts and not parameters.allow_ambiguous:
-            raise ParameterError(
-                'layout', f'{parameters.layout}: {self._doubts[0]} (see allow_ambiguous)'
-            )
+        self._rig = _rig_of_topics(parameters)
+        self._tracker = MarkerTracker(parameters, self._rig)
+        self._doubts = [f'rig: {doubt}' for doubt in self._tracker.doubts]
         self._marker_topics = [f'marker/{name}' for name in self._rig.names]
         markers = dict.fromkeys(self._marker_topics, PointStamped)
-        self._set_topics({**_TOPICS, **markers}, parameters.publish_tf)
-        self._tracker = MarkerTracker(parameters, self._rig)
+        topics = {**_TOPICS, **detections.TYPES, **markers}
+        self._set_topics(topics, parameters.publish_tf)
         self._poses = PoseEstimator(self._rig)
 
     def configure(self, parameters: MarkerTrackerParameters) -> None:
@@ -88,17 +85,22 @@ class MarkerTrackerProcessor(Processor):
         Raises:
             ParameterError: the rig's file cannot be used.
         """
-        before, self._parameters = self._parameters, parameters
-        if _setup(parameters) != _setup(before):
+        if _setup(parameters) != _setup(self._parameters):
             self._set_rig(parameters)
         else:
             self._tracker.configure(parameters)
+        self._parameters = parameters
         self._share_camera()
 
     @property
     def awaits_camera_info(self) -> bool:
         """See `Processor.awaits_camera_info`."""
         return self._parameters.pose
+
+    @property
+    def lacks_camera_info(self) -> bool:
+        """See `Processor.lacks_camera_info`."""
+        return self._parameters.pose and self._camera is None
 
     def set_camera(self, camera: CameraModel) -> None:
         """See `Processor.set_camera`."""
@@ -129,6 +131,11 @@ class MarkerTrackerProcessor(Processor):
             Output('pose', partial(transforms.encode_pose, pose, header)),
             Output('integrity', partial(self._encode_integrity, pose, header)),
         ]
+        if detections.TYPES:
+            make = partial(detections.encode_markers, result, self._rig.names, header)
+            outputs.append(Output('detections', make))
+            make = partial(detections.encode_body, self._rig, pose, header)
+            outputs.append(Output('detections_3d', make))
         outputs += [
             Output(self._marker_topics[marker.label], partial(encode_marker, marker, header))
             for marker in result.markers
@@ -136,7 +143,8 @@ class MarkerTrackerProcessor(Processor):
         ]
         if pose is not None:
             camera, body = transforms.camera_in_body(pose), transforms.body_in_camera(pose)
-            outputs += self._placements(camera, body, self._rig.name, frame, header)
+            name = self._parameters.body_frame or self._rig.name
+            outputs += self._placements(camera, body, name, frame, self._parameters)
         self._newest = (frame.image, result, pose, header)
         return outputs
 
@@ -161,16 +169,9 @@ class MarkerTrackerProcessor(Processor):
         if result.camera_doubt:
             self._warnings.append(f'no pose: {result.camera_doubt}')
             return None
-        seen = [
-            marker
-            for marker in result.markers
-            if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
-        ]
-        lights = [int(marker.label) for marker in seen]
-        pixels = np.array([(marker.x, marker.y) for marker in seen])
-        self._seen = lights, pixels
-        pose = self._poses.estimate(self._camera, lights, pixels, frame.stamp_ns * 1e-9)
-        if pose is None and len(seen) >= FEWEST:
+        self._seen = named_places(result)
+        pose = self._poses.estimate(self._camera, *self._seen, frame.stamp_ns)
+        if pose is None and len(self._seen[0]) >= FEWEST:
             self._warnings.append(f'no pose: {self._poses.reason}')
         return pose
 
@@ -216,20 +217,14 @@ def _budget(given: MarkerTrackerParameters) -> IntegrityBudget:
     )
 
 
-def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, bool]:
+def _setup(parameters: MarkerTrackerParameters) -> tuple[str, bool, str]:
     return parameters.layout, parameters.allow_ambiguous, parameters.publish_tf
 
 
-def _open_rig(path: str) -> MarkerRig:
-    if not path:
-        return TANKER_747
-    try:
-        rig = load_rig(path)
-    except RigError as error:
-        raise ParameterError('layout', str(error)) from error
+def _rig_of_topics(parameters: MarkerTrackerParameters) -> MarkerRig:
+    rig = rig_of(parameters)
     for name in rig.names:
         if not _TOPIC_WORD.fullmatch(name):
-            raise ParameterError('layout', f'{path}: {name!r} cannot be part of a topic')
-    if not 2 <= len(rig.names) <= Label.UNLABELLED:
-        raise ParameterError('layout', f'{path}: tracking needs 2 to 255 markers')
+            reason = f'{parameters.layout}: {name!r} cannot be part of a topic'
+            raise ParameterError('layout', reason)
     return rig

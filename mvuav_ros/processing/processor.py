@@ -56,6 +56,8 @@ class Processor(ABC):
         uses_attitude: whether frames should come with the body's attitude.
         triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
+        frames_problem: the same of the frames that a pose needs.
+        static_transforms: those of ``/tf_static``, as far as they are known.
         resets: how often a stamp jumped back.
     """
 
@@ -69,7 +71,8 @@ class Processor(ABC):
     triggers: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self) -> None:
-        self.status = ''
+        self.status = self.frames_problem = ''
+        self.static_transforms = transforms.TransformTree()
         self.resets = 0
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
@@ -84,9 +87,14 @@ class Processor(ABC):
         """Whether the next frame's results depend on the attitude, so that it is worth a wait."""
         return self.uses_attitude
 
-    def _set_topics(self, topics: Mapping[str, type], publish_tf: bool) -> None:
+    @property
+    def lacks_camera_info(self) -> bool:
+        """Whether a pose is wanted and no calibration has come yet."""
+        return False
+
+    def _set_topics(self, topics: Mapping[str, type], publish_tf: str) -> None:
         """Say what the node publishes; its parameters are known from the start on."""
-        known = publish_tf and transforms.TF_TYPE is not None
+        known = publish_tf != 'off' and transforms.TF_TYPE is not None
         tf = {transforms.TF_TOPIC: transforms.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
 
@@ -96,16 +104,57 @@ class Processor(ABC):
         target: transforms.Placement,
         name: str,
         frame: Frame,
-        header: bytes,
+        given: Any,
     ) -> list[Output]:
-        """A frame's pose as others take it: the camera in the target's frame, and vice versa."""
-        make = partial(transforms.encode_placement, camera, cdr_header(frame.stamp_ns, name))
+        """A frame's pose as others take it.
+
+        Args:
+            camera: the camera's body axes in the target's frame.
+            target: the target in the camera's optical frame.
+            name: of the target's frame.
+            frame: the image.
+            given: the node's parameters.
+        """
+        self.frames_problem, vehicle = '', camera
+        # tf2 takes neither a frame without a name nor one that begins with a slash.
+        own = given.camera_frame or frame.frame_id.lstrip('/')
+        if given.base_frame:
+            vehicle = transforms.vehicle_of(camera, self._mount(own, given))
+        make = partial(transforms.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
         outputs = [Output('vision_pose', make)]
-        # tf2 takes no frame without a name.
-        if transforms.TF_TOPIC in self.topics and frame.frame_id:
-            make = partial(transforms.encode_transform, target, header, name)
+        if transforms.TF_TOPIC not in self.topics:
+            return outputs
+        parent, child, placed = own, name, target
+        if given.publish_tf == 'body_to_camera':
+            parent, child, placed = name, own, target.inverse
+            if given.base_frame:
+                child, placed = given.base_frame, vehicle
+        others = self.static_transforms.parent(child)
+        if others not in ('', parent):
+            self.frames_problem = (
+                f'no /tf: {child} is a child of {others} on /tf_static, and a frame has one '
+                'parent; set publish_tf to off, or name the frames otherwise'
+            )
+        elif parent and child:
+            header = cdr_header(frame.stamp_ns, parent)
+            make = partial(transforms.encode_transform, placed, header, child)
             outputs.append(Output(transforms.TF_TOPIC, make))
         return outputs
+
+    def _mount(self, camera_frame: str, given: Any) -> transforms.Placement:
+        """The camera's body axes on what ``~/vision_pose`` is the pose of."""
+        xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
+        if any(xyz) or any(rpy_deg):
+            return transforms.mount_of(xyz, rpy_deg)
+        found = self.static_transforms.find(camera_frame, given.base_frame)
+        if found is None:
+            self.frames_problem = (
+                f'{given.base_frame} is taken for the camera: camera_mount_xyz and '
+                f'camera_mount_rpy_deg are 0, and /tf_static does not lead from '
+                f'{given.base_frame} to {camera_frame or "a camera without frame_id"}'
+            )
+            return transforms.NO_MOUNT
+        return transforms.body_axes(found)
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:
@@ -151,7 +200,7 @@ class Processor(ABC):
     def reset(self) -> None:
         """Start afresh: the next frame is the first."""
         self._last_stamp_ns = None
-        self.status = ''
+        self.status = self.frames_problem = ''
         self._forget()
 
     def process(self, frame: Frame, debug: Collection[str] = ()) -> list[Output]:

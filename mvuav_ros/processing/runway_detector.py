@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.processing.messages import transforms
+from mvuav_ros.processing.messages import detections, transforms
 from mvuav_ros.processing.messages.runway import (
     encode_corrections,
     encode_line_params,
@@ -47,6 +48,8 @@ _THESIS_IMAGES: _Drawings = {
 }
 _APPROACH_IMAGES: _Drawings = {'debug/overlay': (draw_approach, 'bgr8')}
 
+_DETECTIONS = {name: kind for name, kind in detections.TYPES.items() if name == 'detections'}
+
 
 class RunwayDetectorProcessor(Processor):
     """Frames to lines with their correction flags, and to guidance in mode ``approach``."""
@@ -71,10 +74,10 @@ class RunwayDetectorProcessor(Processor):
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
         super().__init__()
         self._parameters = parameters or RunwayDetectorParameters()
-        self._thesis = RunwayDetector(parameters)
+        self._thesis = RunwayDetector(replace(self._parameters, mode='thesis'))
         self._approach = ApproachDetector(parameters)
         self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
-        self._set_topics(type(self).topics, self._parameters.publish_tf)
+        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
 
     @property
     def awaits_attitude(self) -> bool:
@@ -87,11 +90,17 @@ class RunwayDetectorProcessor(Processor):
         """See `Processor.awaits_camera_info`; lines are drawn with the last one known."""
         return self._parameters.mode == 'approach' or self._camera is None
 
+    @property
+    def lacks_camera_info(self) -> bool:
+        """See `Processor.lacks_camera_info`."""
+        given = self._parameters
+        return given.mode == 'approach' and given.runway_width > 0 and self._camera is None
+
     def configure(self, parameters: RunwayDetectorParameters) -> None:
         """See `Processor.configure`; another mode starts afresh, statistics included."""
         before, self._parameters = self._parameters, parameters
-        self._set_topics(type(self).topics, self._parameters.publish_tf)
-        self._thesis.configure(parameters)
+        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
+        self._thesis.configure(replace(parameters, mode='thesis'))
         self._approach.configure(parameters)
         if parameters.mode != before.mode:
             self._forget()
@@ -120,13 +129,12 @@ class RunwayDetectorProcessor(Processor):
         self._approach.reset()
 
     def _process(self, frame: Frame, header: bytes) -> list[Output]:
-        pixels = _pixels(frame.image)
         result: RunwayResult | ApproachResult
         if self._parameters.mode == 'approach':
-            result = self._approach.process(pixels, frame.stamp_ns, frame.attitude)
+            result = self._approach.process(frame.image, frame.stamp_ns, frame.attitude)
             self.status = '; '.join(filter(None, (result.status, self._approach.attitude_problem)))
         else:
-            result = self._thesis.process(pixels, frame.stamp_ns)
+            result = self._thesis.process(frame.image, frame.stamp_ns)
             self.status = result.status
         camera = self._usable_camera(frame.image)
         outputs = [
@@ -136,8 +144,11 @@ class RunwayDetectorProcessor(Processor):
             Output('vanishing_point', partial(encode_vanishing_point, result, header)),
             Output('integrity', partial(self._encode_integrity, result, header)),
         ]
+        if detections.TYPES:
+            make = partial(detections.encode_runway, result, self._parameters.target, header)
+            outputs.append(Output('detections', make))
         if isinstance(result, ApproachResult) and result.guidance is not None:
-            outputs += self._poses(result.guidance, frame, header)
+            outputs += self._poses(result.guidance, frame)
         self._newest = (result, header)
         return outputs
 
@@ -156,7 +167,7 @@ class RunwayDetectorProcessor(Processor):
             levels = runway_levels(covariance, result.confidence, given.integrity_risk)
         return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
 
-    def _poses(self, guidance: Guidance, frame: Frame, header: bytes) -> list[Output]:
+    def _poses(self, guidance: Guidance, frame: Frame) -> list[Output]:
         """The camera in the runway's frame; as others take it only where all of it is known."""
         name = self._parameters.runway_frame
         runway_header = cdr_header(frame.stamp_ns, name)
@@ -165,7 +176,7 @@ class RunwayDetectorProcessor(Processor):
         if not camera.known:
             return outputs
         runway = transforms.runway_in_camera(guidance)
-        return outputs + self._placements(camera, runway, name, frame, header)
+        return outputs + self._placements(camera, runway, name, frame, self._parameters)
 
     def _usable_camera(self, image: Image) -> CameraModel | None:
         if self._camera is None:
@@ -188,8 +199,3 @@ class RunwayDetectorProcessor(Processor):
                 image = Image(drawn, encoding)
                 outputs.append(Output(topic, partial(serialize_image, image, header)))
         return outputs
-
-
-def _pixels(image: Image) -> Any:
-    """Colour as blue, green, red; grey as it is."""
-    return image.pixels if image.is_gray else image.bgr()

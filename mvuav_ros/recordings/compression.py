@@ -1,7 +1,7 @@
 """Undoing the compressions found in recordings, also of data that is cut off, corrupt or hostile.
 
-A few hundred bytes can claim, or even hold, gigabytes: nothing is allocated because a header says
-so, and no decoder gets to make more than its caller allows.
+Nothing is allocated because a header says so, and no decoder gets to make more than its caller
+allows.
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ import zstandard
 
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.errors import RecordingError
-
-SIZE_LIMIT = 1 << 30
-"""Bytes; a larger chunk or message is refused."""
+from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
 
 _AT_ONCE = 1 << 26
 _TOO_LARGE = 'it is larger than it says'
@@ -73,7 +71,7 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
     return Unpacked(output.getbuffer()[:limit], problem)
 
 
-def decompress_message(data: bytes | memoryview) -> memoryview:
+def decompress_message(data: bytes | memoryview, left: Limit) -> memoryview:
     """Decompress one message of a bag recorded with rosbag2's compression mode MESSAGE.
 
     Raises:
@@ -85,28 +83,33 @@ def decompress_message(data: bytes | memoryview) -> memoryview:
         raise CompressionError('it cannot be decompressed') from None
     if size > SIZE_LIMIT:
         raise CompressionError('it is larger than 1 GB')
+    if left.left <= 0:
+        raise CompressionError(left.reason)
     limit = size if size >= 0 else SIZE_LIMIT
     raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, limit)
+    left.spend(len(raw))
     if problem:
         raise CompressionError(problem)
     return raw
 
 
-def decompress_file(source: Path, target: Path, account: Account) -> None:
+def decompress_file(source: Path, target: Path, account: Account, limit: Limit) -> None:
     """Decompress a zstd file as far as it goes; what is missing is noted as an error.
 
     Raises:
         RecordingError: ``source`` cannot be read, or ``target`` not be written.
     """
-    reason = 'corrupt'
+    reason = 'zstd data corrupt'
     try:
         with source.open('rb') as packed, target.open('wb') as unpacked:
             pieces = _decoded(packed, source.stat().st_size, _DECODERS['zstd'])
             try:
-                while True:
-                    unpacked.write(next(pieces))
+                left = limit.allowed
+                while left > 0:
+                    left -= unpacked.write(next(pieces))
+                reason = limit.reason
             except StopIteration as end:
-                reason = 'cut off' if end.value else ''
+                reason = 'zstd data cut off' if end.value else ''
             except zstandard.ZstdError:
                 pass
     except OSError as error:
@@ -115,9 +118,7 @@ def decompress_file(source: Path, target: Path, account: Account) -> None:
             '(set TMPDIR to a folder with more space)'
         ) from None
     if reason:
-        account.lose(
-            target.name, 'zstd', f'{source.name}: zstd data {reason}, read as far as it goes'
-        )
+        account.lose(target.name, 'zstd', f'{source.name}: {reason}; read as far as it goes')
 
 
 def _at_once(block: bytes, size: int) -> bytes | None:

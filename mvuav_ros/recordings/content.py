@@ -12,9 +12,11 @@ BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
 """After `plain_name`."""
 
 _BAG_STARTS = (MCAP_START, SQLITE_START, ROS1_START, ZSTD_START)
-# PNG, JPEG, TIFF, BMP; AVI and WebP; Matroska; Ogg; Flash; MPEG.
+# PNG, JPEG, TIFF, BMP, grey and colour PNM.
+_IMAGE_STARTS = (b'\x89PNG', b'\xff\xd8\xff', b'II*\0', b'MM\0*', b'BM', b'P5\n', b'P6\n')
+# AVI and WebP; Matroska; Ogg; Flash; MPEG.
 _MEDIA_STARTS = (
-    *(b'\x89PNG', b'\xff\xd8\xff', b'II*\0', b'MM\0*', b'BM'),
+    *_IMAGE_STARTS,
     *(b'RIFF', b'\x1a\x45\xdf\xa3', b'OggS', b'FLV', b'\0\0\1\xba', b'\0\0\1\xb3'),
 )
 _ISO_MEDIA = slice(4, 8), b'ftyp'
@@ -39,6 +41,11 @@ def start_of(path: Path) -> bytes:
         return b''
     with path.open('rb') as stream:
         return stream.read(16)
+
+
+def is_image_start(start: bytes) -> bool:
+    """Whether a file that begins so is an image."""
+    return start.startswith(_IMAGE_STARTS) or (start[:4] == b'RIFF' and start[8:12] == b'WEBP')
 
 
 def is_bag_file(path: Path) -> bool:

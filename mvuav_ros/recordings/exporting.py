@@ -14,7 +14,7 @@ from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.recording import counted
 from mvuav_ros.recordings.remote import write_text
-from mvuav_ros.recordings.result_rows import TABLE_TYPES, Columns, ResultRows
+from mvuav_ros.recordings.result_rows import Columns, ResultRows, is_table
 from mvuav_ros.recordings.tables import TABLES, Table
 
 ACCOUNT = 'account.json'
@@ -113,7 +113,7 @@ class _Files:
         """Whether the form can hold a topic's messages."""
         if self._form == 'mot':
             return kind.endswith('PointCloud2') and topic.endswith('/markers')
-        return kind in TABLE_TYPES and (self._form != 'tum' or 'Pose' in kind)
+        return is_table(topic, kind) and (self._form != 'tum' or 'Pose' in kind)
 
     def refuse_to_overwrite(self, topic: str, flight: str) -> None:
         """Look before anything is written.

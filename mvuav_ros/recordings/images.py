@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from rosbags.serde import SerdeError
@@ -26,6 +27,7 @@ COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 _VIDEO = {FFMPEG_PACKET: view_ffmpeg_packet, COMPRESSED_VIDEO: view_compressed_video}
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 IMU = 'sensor_msgs/msg/Imu'
+_MOST_NAMES = 20
 
 
 def is_image_type(type_name: str) -> bool:
@@ -84,12 +86,12 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
         RecordingError: none fits, or several do and none is named; says which there are.
     """
     images = [topic for topic in recording.topics if is_image_type(topic.type)]
-    choices = ', '.join(f'{topic.name} ({_described(topic)})' for topic in images)
+    choices = _listed(f'{topic.name} ({_described(topic)})' for topic in images)
     if not images:
         if not recording.topics and not recording.skipped:
             raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
-        names = ', '.join(topic.name for topic in recording.topics) or 'nothing readable'
-        skipped = ', '.join(f'{name} ({encoding})' for name, encoding in recording.skipped)
+        names = _listed(topic.name for topic in recording.topics) or 'nothing readable'
+        skipped = _listed(f'{name} ({encoding})' for name, encoding in recording.skipped)
         raise RecordingError(
             f'{recording.path} has no image topic; it holds {names}'
             + (f'; skipped, as not CDR: {skipped}' if skipped else '')
@@ -105,6 +107,12 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
         if topic.name.lstrip('/') == wanted.lstrip('/'):
             return topic
     raise RecordingError(f'{recording.path} has no image topic {wanted}; choose one of: {choices}')
+
+
+def _listed(names: Iterable[str]) -> str:
+    shown = list(names)
+    more = f' and {len(shown) - _MOST_NAMES} more' if len(shown) > _MOST_NAMES else ''
+    return ', '.join(shown[:_MOST_NAMES]) + more
 
 
 def _described(topic: TopicInfo) -> str:

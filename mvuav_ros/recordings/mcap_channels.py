@@ -19,7 +19,7 @@ from mvuav_ros.recordings.mcap_records import HEADER, MAGIC, is_intact, summary_
 from mvuav_ros.recordings.recording import Schema, TopicInfo, normalised_type
 from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
 
-_PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
+PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
 _IN_SUMMARY = (
     *_DEFINING,
@@ -98,7 +98,7 @@ class Channels:
                     self._schemas[record.id] = normalised_type(record.name), schema
                 return ''
             channel = Channel.read(stream)
-        except _PARSE_ERRORS:
+        except PARSE_ERRORS:
             raise DefinitionError('a channel or schema record is damaged') from None
         if in_summary and channel.id in self.topics:
             return ''
@@ -169,7 +169,7 @@ def statistics_of(body: bytes) -> Statistics | None:
     """The statistics record; None if it is damaged."""
     try:
         statistics: Statistics = Statistics.read(ReadDataStream(BytesIO(body)))
-    except _PARSE_ERRORS:
+    except PARSE_ERRORS:
         return None
     return statistics
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     ChunkIndex,
     DataEnd,
@@ -137,6 +138,7 @@ class Summary:
         self._channels = bytearray()
         self._chunks = bytearray()
         self._metadata = bytearray()
+        self._attachments = bytearray()
         self._statistics = Statistics(
             attachment_count=0,
             channel_count=0,
@@ -173,12 +175,19 @@ class Summary:
             statistics.message_count += count
             counts[key] = counts.get(key, 0) + count
 
-    def add_metadata(self, name: str, values: Mapping[str, str], offset: int) -> bytes:
-        """The record of metadata to be written at ``offset``."""
-        record = record_bytes(Metadata(name=name, metadata=dict(values)))
-        self._metadata += record_bytes(MetadataIndex(offset=offset, length=len(record), name=name))
-        self._statistics.metadata_count += 1
-        return record
+    def add_extra(self, record: Attachment | Metadata, offset: int) -> bytes:
+        """An attachment or metadata as it is to be written at ``offset``."""
+        data = record_bytes(record)
+        if isinstance(record, Metadata):
+            index = MetadataIndex(offset=offset, length=len(data), name=record.name)
+            self._metadata += record_bytes(index)
+            self._statistics.metadata_count += 1
+            return data
+        about = record.log_time, record.create_time, len(record.data), record.name
+        attached = AttachmentIndex(offset, len(data), *about, record.media_type)
+        self._attachments += record_bytes(attached)
+        self._statistics.attachment_count += 1
+        return data
 
     def encode(self, offset: int) -> bytes:
         """Everything from the data's end to the file's end, to be written at ``offset``."""
@@ -189,6 +198,7 @@ class Summary:
             (Opcode.CHANNEL, bytes(self._channels)),
             (Opcode.STATISTICS, record_bytes(self._statistics)),
             (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
             (Opcode.METADATA_INDEX, bytes(self._metadata)),
         )
         summary = b''.join(group for _, group in groups)

@@ -5,16 +5,21 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from collections.abc import Container, Hashable, Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.records import Attachment, Metadata
 from rosbags.serde import SerdeError
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT, unpack
+from mvuav_ros.recordings.compression import unpack
+from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
 from mvuav_ros.recordings.mcap_channels import (
     MOST_SCHEMA_BYTES,
+    PARSE_ERRORS,
     Channels,
     DefinitionError,
     statistics_of,
@@ -38,6 +43,7 @@ from mvuav_ros.recordings.recording import (
 _INDEX_ENTRY_SIZE = 16
 _FIRST_BODY = len(MAGIC) + HEADER.size
 _BLOCK = 1 << 20
+_LARGEST_EXTRA = 1 << 28
 # Of a chunk that is out of the range: enough to see its first message's time.
 _PEEK = 1 << 16
 # A chunk whose size is wrong is still good where its checksum holds, up to this size in bytes.
@@ -54,8 +60,9 @@ class McapFile:
     skipped = 0
     _is_contradicted = False
 
-    def __init__(self, path: Path, account: Account) -> None:
+    def __init__(self, path: Path, account: Account, limit: Limit) -> None:
         self._path = path
+        self._limit = limit
         self._name = path.name
         self._account = account
         self._channels = Channels()
@@ -112,6 +119,23 @@ class McapFile:
             what = what if name else f'{counted(count, "message")} of unknown channels'
             self._lose(('messages', name), f'{what} skipped', count)
 
+    def extras(self) -> Iterator[Attachment | Metadata]:
+        """The attachments and metadata."""
+        with self._path.open('rb') as stream:
+            walk = RecordWalk(stream, self._name, self._account)
+            for span in walk.spans():
+                if span.opcode not in _EXTRAS:
+                    continue
+                kind = _EXTRAS[span.opcode]
+                try:
+                    if span.length > _LARGEST_EXTRA:
+                        raise ValueError('too large')
+                    body = walk.read(span.body, span.length)
+                    yield kind.read(ReadDataStream(BytesIO(body)))
+                except (*PARSE_ERRORS, MemoryError) as error:
+                    said = f'{kind.__name__.lower()} at byte {span.body} not read: {error}'
+                    self._lose(('extra', span.body), said, 0)
+
     def _as_cdr(self, channel: int, data: memoryview) -> bytes | memoryview:
         if channel in self._channels.ros1:
             return self._channels.ros1[channel].to_cdr(data)
@@ -122,6 +146,7 @@ class McapFile:
     ) -> Iterator[tuple[int, memoryview]]:
         """Message records with their channels, whose definitions are taken in on the way."""
         walk = RecordWalk(stream, self._name, self._account)
+        self._limit.begin()
         chunk = ChunkTally(self._name)
         promised: int | None = None
         totals: list[int | None] = []
@@ -182,6 +207,10 @@ class McapFile:
                 return
             said = f'{self._name}: times of chunks are wrong; all are read'
             self._account.note((self._name, 'times'), said)
+        if self._limit.left <= 0:
+            chunk.offset = -1
+            self._lose('limit', self._limit.reason)
+            return
         size = header.uncompressed_size
         raw, problem = unpack(
             walk.stream_at(header.data_offset),
@@ -190,6 +219,7 @@ class McapFile:
             size,
             max(size if size <= SIZE_LIMIT else 0, _CREDIBLE_SIZE),
         )
+        self._limit.spend(len(raw))
         if span.available < span.length:
             yield from self._records(raw)
             return
@@ -273,4 +303,5 @@ def _contradiction(header: ChunkHeader, raw: memoryview) -> str:
 
 
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_EXTRAS: dict[int, Any] = {Opcode.ATTACHMENT: Attachment, Opcode.METADATA: Metadata}
 _CONTENT = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}

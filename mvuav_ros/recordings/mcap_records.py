@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Footer
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT
+from mvuav_ros.recordings.limits import SIZE_LIMIT
 
 MAGIC = b'\x89MCAP0\r\n'
 HEADER = struct.Struct('<BQ')

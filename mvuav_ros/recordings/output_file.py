@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from contextlib import suppress
@@ -60,13 +61,28 @@ class OutputFile:
             raise
         self.size += len(data)
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the file is still the one of that name."""
+        ours = os.fstat(self._file)
+        try:
+            there = self.path.lstat()
+        except OSError:
+            return False
+        return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
+
     def close(self) -> None:
         """Let go of the file.
 
         Raises:
-            OSError: the operating system says only now that it could not write.
+            OSError: the operating system says only now that it could not write, or the file is not
+                there any more: another program has put its own in its place.
         """
-        os.close(self._file)
+        try:
+            if not self.is_there:
+                raise OSError(errno.ESTALE, 'another program has replaced it meanwhile')
+        finally:
+            os.close(self._file)
 
     def failure(self, error: Exception) -> RecordingError:
         """What to tell the user."""
@@ -76,22 +92,23 @@ class OutputFile:
         )
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file, and its folder; a file of that name is replaced as a whole or not at all.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, and its folder; a file of that name is replaced as a whole or not at all.
 
     Raises:
-        RecordingError: it cannot be written.
+        RecordingError: it cannot be written; what was there stays.
     """
+    data = content.encode('utf-8', 'replace') if isinstance(content, str) else content
     new = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise RecordingError(f'{path} is a folder; give the name of a file')
         with tempfile.NamedTemporaryFile(
-            'w', encoding='utf-8', dir=path.parent, prefix=f'.{path.name}.', delete=False
+            dir=path.parent, prefix=f'.{path.name}.', delete=False
         ) as file:
             new = Path(file.name)
-            file.write(text)
+            file.write(data)
         # What a file opened in the usual way may be read by.
         mask = os.umask(0)
         os.umask(mask)

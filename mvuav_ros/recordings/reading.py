@@ -8,6 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 
+from mcap.records import Attachment, Metadata
+
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import (
     CompressionError,
@@ -24,6 +26,7 @@ from mvuav_ros.recordings.content import (
 )
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.layout import recording_files
+from mvuav_ros.recordings.limits import Limit
 from mvuav_ros.recordings.mcap_file import McapFile
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
@@ -36,7 +39,7 @@ from mvuav_ros.recordings.recording import (
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
 
-_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Account], RecordingFile]], ...] = (
+_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Account, Limit], RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),
     (SQLITE_START, '.db3', SqliteFile),
     (ROS1_START, '.bag', Ros1File),
@@ -78,6 +81,7 @@ class Recording:
         try:
             self._files = self._readable_files(recording_files(path, self.account))
         except BaseException:
+            self.account.is_told = True  # by the error
             self.close()
             raise
 
@@ -123,6 +127,7 @@ class Recording:
         for path in self._files:
             unreadable: dict[str, int] = {}
             try:
+                limit = Limit(path.stat().st_size)
                 file = self._file(path)
                 for message in file.messages(topics, start_ns, end_ns):
                     if message.data[:4] != ZSTD_START:
@@ -130,7 +135,7 @@ class Recording:
                         yield message
                         continue
                     try:
-                        data = decompress_message(message.data)
+                        data = decompress_message(message.data, limit)
                     except CompressionError:
                         unreadable[message.topic] = unreadable.get(message.topic, 0) + 1
                         continue
@@ -148,6 +153,13 @@ class Recording:
             if is_whole:
                 sound = file.sound - sum(unreadable.values())
                 account.settle(_plain(path), file.written, sound)
+
+    def extras(self) -> Iterator[Attachment | Metadata]:
+        """The attachments and metadata of mcap files."""
+        for path in self._files:
+            file = self._file(path)
+            if isinstance(file, McapFile):
+                yield from file.extras()
 
     def close(self) -> None:
         """Remove what was unpacked; no message can be read any more."""
@@ -197,16 +209,17 @@ class Recording:
         if self._unpacked is not None and self._unpacked[0] == path:
             return self._unpacked[1]
         start = start_of(path)
+        limit = Limit(path.stat().st_size)
         if not start.startswith(ZSTD_START):
-            self._opened[path] = _opened(path, start, self.account)
+            self._opened[path] = _opened(path, start, self.account, limit)
             return self._opened[path]
         # One unpacked file at a time, as all of a long recording might fill the disk.
         if self._folder is not None:
             self._folder.cleanup()
         self._folder = TemporaryDirectory(prefix='mvuav_')
         target = Path(self._folder.name) / _plain(path)
-        decompress_file(path, target, self.account)
-        self._unpacked = (path, _opened(target, start_of(target), self.account))
+        decompress_file(path, target, self.account, limit)
+        self._unpacked = (path, _opened(target, start_of(target), self.account, limit))
         return self._unpacked[1]
 
 
@@ -215,19 +228,19 @@ def _plain(path: Path) -> str:
     return path.name.removesuffix('.zstd')
 
 
-def _opened(path: Path, start: bytes, account: Account) -> RecordingFile:
+def _opened(path: Path, start: bytes, account: Account, limit: Limit) -> RecordingFile:
     if not path.is_file():
         raise RecordingError(f'{path} is neither a file nor a folder')
     if not start:
         raise RecordingError(f'{path} is empty')
     for magic, _, kind in _FORMATS:
         if start.startswith(magic):
-            return kind(path, account)
+            return kind(path, account, limit)
     for magic, suffix, kind in _FORMATS:
         if plain_name(path.name).endswith(suffix) and len(start) == 16 and kind is not SqliteFile:
             said = f'{path.name}: its first {len(magic)} bytes are damaged'
             account.lose(path.name, 'start', said, 0)
-            return kind(path, account)
+            return kind(path, account, limit)
     if any(magic.startswith(start) for magic, _, _ in _FORMATS):
         raise RecordingError(f'{path} was cut off within its first bytes; nothing can be recovered')
     raise RecordingError(

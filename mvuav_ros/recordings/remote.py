@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.output_file import write_whole
 
 _MARKS = ('ETag', 'LastModified', 'created', 'mtime')
 _URL = re.compile(r'[a-z][a-z0-9+.-]+://', re.IGNORECASE)
@@ -135,10 +135,7 @@ def write_text(text: str, content: str) -> None:
         with _reached(text, 'written') as (system, path):
             system.pipe_file(path, content.encode())
         return
-    target = Path(text)
-    beside = target.with_name(f'.{target.name}.{os.getpid()}')
-    beside.write_text(content, encoding='utf-8')
-    beside.replace(target)
+    write_whole(Path(text), content)
 
 
 def remote_state(url: str) -> tuple[int, str]:

@@ -63,6 +63,7 @@ def repair(
                 messages[message.topic] += 1
                 if number % _PROGRESS_STEP == 0:
                     progress(number, total)
+            writer.extras = recording.extras()
         for name, encoding in recording.skipped:
             said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR'
             account.lose('', name, f'skipped: {said}', 0)

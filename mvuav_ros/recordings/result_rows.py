@@ -29,6 +29,7 @@ _STRAIGHT: Matrix = np.eye(3)
 KEYS = ('flight', 'stamp_ns', 'stamp', 'row')
 """The columns that every table begins with."""
 _CLOUD, _POINT = 'sensor_msgs/msg/PointCloud2', 'geometry_msgs/msg/PointStamped'
+_STATUSES = 'diagnostic_msgs/msg/DiagnosticArray'
 
 Columns = tuple[str, ...]
 Reader = Callable[[Any], tuple[Columns, Iterable[Row]]]
@@ -49,7 +50,7 @@ class ResultRows:
             flight: what the first column says.
         """
         self._flight = flight
-        self.kinds = {topic.name: topic.type for topic in recording.topics if topic.type in _PLAIN}
+        self.kinds = {t.name: t.type for t in recording.topics if is_table(t.name, t.type)}
         trackers = [
             name.removesuffix('/markers')
             for name, kind in self.kinds.items()
@@ -86,7 +87,24 @@ class ResultRows:
             return ANGLE_COLUMNS, [_angles(turn.x, turn.y, turn.z)]
         if topic in self._optical:
             return _pose(message, OPTICAL_FROM_BODY.T)
-        return _PLAIN[kind](message)
+        return _integrity(message) if kind == _STATUSES else _PLAIN[kind](message)
+
+
+def is_table(topic: str, kind: str) -> bool:
+    """Whether the messages of a topic of that type have rows."""
+    return kind in _PLAIN or (kind == _STATUSES and topic.endswith('/integrity'))
+
+
+def _integrity(message: Any) -> tuple[Columns, Iterable[Row]]:
+    """Protection levels: numbers, NaN where there are none or no limit, and the state in words."""
+    (status,) = message.status
+    state, _, reason = status.message.partition(': ')
+    numbers = {each.key: _number(each.value) for each in status.values}
+    return ('state', 'reason', *numbers), [(state, reason, *numbers.values())]
+
+
+def _number(text: str) -> float:
+    return math.nan if text == 'none' else float(text)
 
 
 def _marker_names(recording: Recording, tracker: str) -> dict[int, str]:
@@ -199,5 +217,3 @@ _PLAIN: dict[str, Reader] = {
     'geometry_msgs/msg/PoseStamped': _pose,
     'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
 }
-TABLE_TYPES = frozenset(_PLAIN)
-"""The types of messages that have rows."""

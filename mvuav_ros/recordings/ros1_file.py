@@ -18,9 +18,10 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from rosbags.serde import SerdeError
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, unpack
+from mvuav_ros.recordings.compression import CompressionError, unpack
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.foreign import words
+from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
 from mvuav_ros.recordings.recording import (
     ChunkTally,
     RecordedMessage,
@@ -42,6 +43,8 @@ from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_typ
 _LARGEST_CONNECTION = 1 << 24
 _INDEX_ENTRY_SIZE = 12
 _MOST_CONNECTIONS = 1 << 16
+# Each costs some milliseconds; Autoware has hundreds.
+_MOST_DEFINITIONS = 2000
 _SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
 
@@ -64,13 +67,15 @@ class Ros1File:
     sound = 0
     skipped = 0
 
-    def __init__(self, path: Path, account: Account) -> None:
+    def __init__(self, path: Path, account: Account, limit: Limit) -> None:
         self._path = path
+        self._limit = limit
         self._account = account
         self._connections: dict[int, _Connection] = {}
         self._first: dict[int, _Connection] = {}
         self._found: dict[tuple[int, str, str], TopicInfo] = {}
         self._counts: Counter[tuple[int, str, str]] = Counter()
+        self._definitions: set[tuple[str, str]] = set()
         self._is_contradicted = False
         self._scanned = False
 
@@ -89,7 +94,8 @@ class Ros1File:
                     next(self._contents(stream), None)
                 if not is_indexed or self._is_contradicted:
                     self.written = None
-                    self._counts.clear()
+                    for known in (self._counts, self._connections, self._first, self._found):
+                        known.clear()
                     for message in self._contents(stream):
                         self._counts[self._key(message.key)] += 1
             self._scanned = True
@@ -134,6 +140,7 @@ class Ros1File:
     def _contents(self, stream: BinaryIO) -> Iterator[_Message]:
         """The message records; connections met on the way are taken in."""
         size = stream.seek(0, 2)
+        self._limit.begin()
         chunk = ChunkTally(self._path.name)
         position = len(VERSION_LINE)
         while position < size:
@@ -156,6 +163,11 @@ class Ros1File:
                 chunk.end(self._account)
                 chunk = ChunkTally(self._path.name, position)
                 stream.seek(record.data)
+                if self._limit.left <= 0:
+                    chunk.offset = -1
+                    self._lose('limit', self._limit.reason)
+                    position = record.data + record.size
+                    continue
                 try:
                     raw = self._chunk(record, stream, cut=available < record.size)
                 except CompressionError as error:
@@ -183,6 +195,7 @@ class Ros1File:
         if size > SIZE_LIMIT:
             raise CompressionError(f'it is larger than 1 GB ({size} bytes)')
         raw, problem = unpack(stream, record.size, compression, size, size)
+        self._limit.spend(len(raw))
         if not problem and len(raw) != size:
             problem = 'its size is wrong'
         if problem and not cut:
@@ -231,7 +244,10 @@ class Ros1File:
         except PARSE_ERRORS:
             self._lose('connections', 'a connection record is damaged', 0)
             return
+        self._definitions.add((kind, definition))
         try:
+            if len(self._definitions) > _MOST_DEFINITIONS:
+                raise UnknownTypeError(kind)
             converter = ros1_type(kind, definition)
             topic = TopicInfo(name, kind, None, 'ros1', converter.schema)
         except UnknownTypeError:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
 
 import yaml
+from mcap.records import Attachment, Metadata
 
 from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.layout import METADATA
@@ -92,6 +93,15 @@ class Rosbag2Writer:
         self._parts[-1].writer.write(topic, type, stamp_ns, cdr, schema, qos, publish_ns, sequence)
         self._parts[-1].count(stamp_ns)
         self._topics.setdefault((topic, type), _Topic(qos)).messages += 1
+
+    @property
+    def extras(self) -> Iterable[Attachment | Metadata]:
+        """Attachments and metadata that are written at the end of the last part."""
+        return self._parts[-1].writer.extras
+
+    @extras.setter
+    def extras(self, records: Iterable[Attachment | Metadata]) -> None:
+        self._parts[-1].writer.extras = records
 
     @property
     def moved(self) -> int:

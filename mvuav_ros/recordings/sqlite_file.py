@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import quote
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT
+from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
 from mvuav_ros.recordings.recording import (
     RecordedMessage,
     Schema,
@@ -47,7 +47,7 @@ class SqliteFile:
     sound = 0
     skipped = 0
 
-    def __init__(self, path: Path, account: Account) -> None:
+    def __init__(self, path: Path, account: Account, _limit: Limit) -> None:
         self._path = path
         self._account = account
         self._topics: dict[int, TopicInfo] | None = None

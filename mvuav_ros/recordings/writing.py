@@ -6,12 +6,12 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 
-from mcap.records import Channel, Header
+from mcap.records import Attachment, Channel, Header, Metadata
 from mcap.records import Schema as SchemaRecord
 
 from mvuav_ros.recordings.errors import RecordingError
@@ -58,6 +58,7 @@ class RecordingWriter:
     Attributes:
         path: of the file.
         moved: messages from before 1970, which were given the time 0.
+        extras: attachments and metadata that are written at the end.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class RecordingWriter:
         """
         self.path = Path(path)
         self.moved = 0
+        self.extras: Iterable[Attachment | Metadata] = ()
         self._file = OutputFile(self.path, overwrite)
         self._summary = Summary()
         self._schemas: dict[tuple[str, Schema | None], int] = {}
@@ -91,7 +93,7 @@ class RecordingWriter:
         self._error: Exception | None = None
         start = MAGIC + record_bytes(Header('ros2', LIBRARY))
         for name, values in metadata.items():
-            start += self._summary.add_metadata(name, values, len(start))
+            start += self._summary.add_extra(Metadata(name, dict(values)), len(start))
         try:
             self._file.append(start)
         except OSError as error:
@@ -110,9 +112,11 @@ class RecordingWriter:
         traceback: TracebackType | None,
     ) -> None:
         if kind is not None and issubclass(kind, Exception):
+            is_ours = not self._closed and self._file.is_there
             with suppress(RecordingError):
                 self._finish(complete=False)
-            if not self._channels:  # nothing to be kept, and in the way of the next attempt
+            # Nothing to be kept, and in the way of the next attempt.
+            if is_ours and not self._channels:
                 with suppress(OSError):
                     self.path.unlink()
             return
@@ -198,6 +202,8 @@ class RecordingWriter:
         self._thread.join()
         try:
             if complete and self._error is None:
+                for record in self.extras:
+                    self._file.append(self._summary.add_extra(record, self._file.size))
                 self._file.append(self._summary.encode(self._file.size))
         except OSError as error:
             self._error = error

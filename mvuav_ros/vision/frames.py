@@ -18,6 +18,10 @@ Array = TypeVar('Array', bound=NDArray[Any])
 OPTICAL_FROM_BODY: Matrix = np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)])
 """The one matrix from a body's axes to the optical axes of a camera that looks along its x."""
 
+NED_FROM_ENU: Matrix = np.array([(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
+FLU_FROM_FRD: Matrix = np.diag([1.0, -1.0, -1.0])
+"""An aircraft's axes (x forward, y right, z down) as REP-103 has them."""
+
 
 def about_x(angle: float) -> Matrix:
     """Rotation by ``angle`` (rad) about x."""
@@ -68,6 +72,58 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
     w = (m[k][j] - m[j][k]) / s
     sign = -1.0 if w < 0.0 else 1.0
     return sign * q[0], sign * q[1], sign * q[2], sign * w
+
+
+def from_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
+    """The inverse of `quaternion`, of any length but 0."""
+    x, y, z, w = np.array((x, y, z, w)) / math.hypot(x, y, z, w)
+    return np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        ]
+    )
+
+
+def east_north_up(
+    position: Vector, rotation: Matrix, covariance: Matrix, heading_deg: float
+) -> tuple[Vector, Matrix, Matrix]:
+    """A vehicle's pose from a runway's axes (x along it, y left, z up) in east, north and up.
+
+    Args:
+        position: (3,), m.
+        rotation: (3, 3), from the vehicle's axes.
+        covariance: (6, 6), of the position and of small turns about the axes.
+        heading_deg: the direction of landing, from true north, clockwise.
+
+    Examples:
+        >>> import numpy as np
+        >>> east_north_up(np.array([-100.0, 0.0, 5.0]), np.eye(3), np.eye(6), 90.0)[0].round()
+        array([-100.,    0.,    5.])
+    """
+    turn = about_z(math.radians(90.0 - heading_deg))
+    both = np.kron(np.eye(2), turn)
+    return turn @ position, turn @ rotation, both @ covariance @ both.T
+
+
+def north_east_down(
+    position: Vector, rotation: Matrix, covariance: Matrix
+) -> tuple[Vector, Matrix, Vector, Vector]:
+    """A pose in east, north and up as PX4 takes it (VehicleOdometry).
+
+    Returns:
+        Position in north, east and down, m; these axes from the forward-right-down body; the
+        variances of the position (m²) and of turns about the body's axes (rad²), (3,) each.
+    """
+    turned = NED_FROM_ENU @ rotation @ FLU_FROM_FRD
+    about_body = rotation @ FLU_FROM_FRD
+    return (
+        NED_FROM_ENU @ position,
+        turned,
+        np.diag(NED_FROM_ENU @ covariance[:3, :3] @ NED_FROM_ENU.T),
+        np.diag(about_body.T @ covariance[3:, 3:] @ about_body),
+    )
 
 
 def read_only(array: Array) -> Array:

@@ -221,6 +221,45 @@ class Image:
             ) from error
 
 
+def as_image(given: Image | Pixels) -> Image:
+    """An image of what a caller has: an `Image`, or an array as OpenCV has it.
+
+    Args:
+        given: an `Image`; or (height, width) grey or (height, width, 3) colour, blue first, uint8
+            or uint16.
+
+    Raises:
+        ImageError: it is something else, or has no pixels.
+    """
+    if isinstance(given, Image):
+        return given
+    pixels = as_pixels(given)
+    bits = 8 if pixels.dtype == np.uint8 else 16
+    return Image(pixels, f'mono{bits}' if pixels.ndim == 2 else f'bgr{bits}')
+
+
+def as_pixels(given: Image | Pixels) -> Pixels:
+    """As `as_image`, but the pixels, grey or blue first; there may be none.
+
+    Raises:
+        ImageError: it is something else.
+    """
+    if isinstance(given, Image):
+        return given.pixels if given.is_gray else given.bgr()
+    if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
+        if given.ndim == 3 and given.shape[2] == 1:
+            return given[:, :, 0]
+        if given.ndim == 2 or (given.ndim == 3 and given.shape[2] == 3):
+            return given
+    got = type(given).__name__
+    if isinstance(given, np.ndarray):
+        got = f'{given.shape} of {given.dtype}'
+    raise ImageError(
+        'the image must be an Image, or (height, width) or (height, width, 3) of uint8 or uint16, '
+        f'not {got}'
+    )
+
+
 def _channel(pixels: Pixels, colors: tuple[int, int, int], channel: str) -> Pixels:
     """One colour of (height, width, 3 or 4) pixels, or the strongest of the three."""
     if channel == 'brightest':

@@ -47,7 +47,7 @@ MAX_TURN_SIGMA = 0.05
 the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
 MAX_DISTANCE_SIGMA = 0.03
 """Of the distance: likewise for the place, where the projection is no longer linear."""
-MAX_TURN_LEVEL = 0.1
+MAX_TURN_LEVEL = 0.15
 """rad. A turn has no level beyond this: the error of three lights seen face on is not Gaussian
 there, as flights with two faulty lights show."""
 MAX_DISTANCE_LEVEL = 0.1
@@ -285,8 +285,10 @@ def protection_levels(
     if factors is None:
         return ProtectionLevels(reason=_unmonitored_reason(monitored, used, rig))
     sigmas = np.sqrt(np.abs(variances))
-    bounds = (np.abs(shifts[:, :, 3]) + factors * sigmas)[monitored]
-    levels = bounds.max(axis=0)
+    bounds = np.abs(shifts[:, :, 3]) + factors * sigmas
+    levels = bounds[monitored].max(axis=0)
+    # A turn is bounded under every hypothesis, or not at all.
+    levels[3:] = bounds[:, 3:].max(axis=0)
     if not levels[:3].max() <= MAX_DISTANCE_LEVEL * distance:
         return ProtectionLevels(reason='the lights contradict each other or the pose')
     levels[3:][~(levels[3:] <= MAX_TURN_LEVEL)] = math.nan

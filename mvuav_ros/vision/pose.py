@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,12 +88,12 @@ class Pose:
 class PoseEstimator:
     """Poses of one rig, frame after frame; none where it cannot be vouched for.
 
-    OpenCV's perspective-n-point solvers give the first pose, its Levenberg-Marquardt refinement
-    of the reprojection error every pose; the last pose is where it starts, and decides where two
+    OpenCV's perspective-n-point solvers give the first pose, Levenberg-Marquardt steps on the
+    reprojection error every pose; the last pose is where it starts, and decides where two
     solutions fit. A marker that the others contradict is left out where it is clear which one
-    that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative and the noise
-    from the residuals of this and earlier frames (one frame of five markers leaves four degrees
-    of freedom, far too few to tell) and a small steady error.
+    that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise
+    comes from the residuals of this and earlier frames, as one frame of five markers leaves only
+    four degrees of freedom, and from a small steady error.
 
     GLSDC and LHM, which the thesis names, minimise the same image error by Gauss-Newton steps and
     the error in object space by orthogonal iteration; at the solution they agree with this one
@@ -106,7 +107,7 @@ class PoseEstimator:
         >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])
         >>> pixels = cv2.projectPoints(TANKER_747.positions, *ahead, camera.matrix, None)[0]
         >>> estimator = PoseEstimator(TANKER_747)
-        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), time=0.0)
+        >>> pose = estimator.estimate(camera, range(5), pixels.reshape(-1, 2), stamp_ns=0)
         >>> [round(float(metres), 3) for metres in pose.translation]
         [2.0, -1.0, 120.0]
 
@@ -132,7 +133,7 @@ class PoseEstimator:
         return self._residuals.noise
 
     def estimate(
-        self, camera: CameraModel, labels: Sequence[int], pixels: Array, time: float
+        self, camera: CameraModel, labels: Sequence[int], pixels: Array, stamp_ns: int
     ) -> Pose | None:
         """The pose in one frame.
 
@@ -140,12 +141,14 @@ class PoseEstimator:
             camera: calibrated (see `CameraModel.check`).
             labels: of the markers seen, by their place in the rig.
             pixels: (n, 2), where, px.
-            time: s, later than the last frame's.
+            stamp_ns: the frame's time, ns, later than the last one's.
 
         Returns:
             The pose, or None where the markers are too few, do not fit or do not tell it well
             enough; `reason` says which.
         """
+        # A float would be seconds, of which a caller would never hear.
+        time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)
         if len(labels) < FEWEST:
             self.reason = f'{len(labels)} markers; a pose needs {FEWEST}'
@@ -155,13 +158,12 @@ class PoseEstimator:
             return None
         markers = np.array(labels, np.intp)
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        chosen, solution = self._solve(camera, markers, image, time)
+        chosen, view, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
-        view = Reprojection(camera, self._points[markers[chosen]], image[chosen])
         if not self._vouched_for(markers[chosen], time):
             return None
-        pose = self._pose(camera, view, solution)
+        pose = self._pose(camera, view, markers[chosen].tolist(), solution)
         if pose is not None:
             self._last, self._last_time = solution[:2], time
         elif len(chosen) == FEWEST:
@@ -185,7 +187,7 @@ class PoseEstimator:
 
     def _solve(
         self, camera: CameraModel, markers: NDArray[np.intp], image: Array, time: float
-    ) -> tuple[NDArray[np.intp], Solution | None]:
+    ) -> tuple[NDArray[np.intp], Reprojection, Solution | None]:
         """The pose's solution, and which of the markers it is from."""
         self.reason = ''
         everything = np.arange(len(markers))
@@ -199,7 +201,7 @@ class PoseEstimator:
                 return rest
         if solution is not None:
             self._residuals.learn(solution[2], 2 * len(markers) - 6)
-        return everything, solution
+        return everything, view, solution
 
     def _without_one(
         self,
@@ -208,7 +210,7 @@ class PoseEstimator:
         image: Array,
         time: float,
         usual: float,
-    ) -> tuple[NDArray[np.intp], Solution | None] | None:
+    ) -> tuple[NDArray[np.intp], Reprojection, Solution] | None:
         """The solution without the one marker that the others contradict; None if unclear."""
         if len(markers) < FEWEST + 2:
             return None
@@ -219,10 +221,12 @@ class PoseEstimator:
             view = Reprojection(camera, self._points[markers[rest]], image[rest])
             solution = self._follow(view, time) or self._find(view, time)
             if solution is not None and solution[2] <= 2 * len(rest) * usual:
-                fitting.append((rest, solution))
+                fitting.append((rest, view, solution))
         return fitting[0] if len(fitting) == 1 else None
 
-    def _pose(self, camera: CameraModel, view: Reprojection, solution: Solution) -> Pose | None:
+    def _pose(
+        self, camera: CameraModel, view: Reprojection, labels: list[int], solution: Solution
+    ) -> Pose | None:
         """What is told of a solution, if it is known well enough."""
         rvec, tvec, squares = solution
         count = 2 * len(view.image)
@@ -236,7 +240,8 @@ class PoseEstimator:
         if spread is None or not _is_known(covariance, tvec, share):
             self.reason = 'the pose is too uncertain'
             return None
-        seen = camera.project(self._points, rvec, tvec)
+        everything = labels == list(range(len(self._points)))
+        seen = view.places(rvec, tvec) if everything else camera.project(self._points, rvec, tvec)
         return Pose(
             rotation_of(rvec),
             tvec.reshape(3),

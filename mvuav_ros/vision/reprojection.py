@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 
 FEWEST = 3  # Markers for a pose: with three there may be four solutions, all of which fit
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
-_REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 1e-10)
+_MOST_STEPS = 20
+_FIRST_DAMPING = 1e-3  # part of the normal matrix's diagonal
+_SMALL_STEP = 1e-6  # of the pose, after which the next step is lost in rounding
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 """Of the axes, for a cross product."""
 
@@ -32,6 +34,8 @@ class Reprojection:
         self.image = image
         self._points = points
         self._camera = camera
+        # The newest solution's rotation vector, and the derivatives and places there.
+        self._newest: tuple[Array, Array, Array] | None = None
         # OpenCV's solvers know pinhole cameras alone.
         self._matrix, self._distortion = camera.matrix, camera.distortion
         self._flat = image
@@ -42,45 +46,41 @@ class Reprojection:
     def refine(self, rvec: Array, tvec: Array) -> Solution | None:
         """The nearest minimum of the reprojection error; None behind the camera."""
         try:
-            refined = self._refine_fisheye if self._camera.is_fisheye else self._refine_pinhole
-            rvec, tvec = refined(rvec, tvec)
+            rvec, tvec, squares = self._descend(rvec, tvec)
         except (cv2.error, np.linalg.LinAlgError):
             return None
-        if not (np.isfinite(rvec).all() and np.isfinite(tvec).all()):
+        if not (math.isfinite(squares) and np.isfinite(rvec).all() and np.isfinite(tvec).all()):
             return None
         in_front = (self._points @ rotation_of(rvec).T)[:, 2] + tvec[2] > 0.0
-        if not in_front.all():
-            return None
-        residual = self.image - self._camera.project(self._points, rvec, tvec)
-        return rvec, tvec, float((residual * residual).sum())
+        return (rvec, tvec, squares) if in_front.all() else None
 
-    def _refine_pinhole(self, rvec: Array, tvec: Array) -> tuple[Array, Array]:
-        image, model = self.image, (self._matrix, self._distortion)
-        refined = cv2.solvePnPRefineLM(
-            self._points, image, *model, rvec.copy(), tvec.copy(), _REFINEMENT
-        )
-        rvec, tvec = (np.asarray(vector, np.float64) for vector in refined)
-        return rvec, tvec
+    def _descend(self, rvec: Array, tvec: Array) -> Solution:
+        """Levenberg-Marquardt on the image error, for any camera model.
 
-    def _refine_fisheye(self, rvec: Array, tvec: Array) -> tuple[Array, Array]:
-        """Levenberg-Marquardt on the image error, as OpenCV's is for pinhole cameras alone."""
+        OpenCV's knows pinhole cameras alone, and goes on to differences that no light shows.
+        """
         at = np.concatenate((rvec.ravel(), tvec.ravel()))
         seen, jacobian = self._camera.project_with_jacobian(self._points, at[:3], at[3:])
-        residual, damping = (self.image - seen).ravel(), 1e-3
-        for _ in range(_REFINEMENT[1]):
-            normal = jacobian.T @ jacobian
-            damped = normal + damping * np.diag(np.diag(normal))
-            step = np.linalg.solve(damped, jacobian.T @ residual)
+        residual, damping = (self.image - seen).ravel(), _FIRST_DAMPING
+        squares = float(residual.dot(residual))
+        for _ in range(_MOST_STEPS):
+            normal = jacobian.T.dot(jacobian)
+            normal.flat[::7] *= 1.0 + damping
+            step = np.linalg.solve(normal, jacobian.T.dot(residual))
             tried = at + step
             seen, changed = self._camera.project_with_jacobian(self._points, tried[:3], tried[3:])
             left = (self.image - seen).ravel()
-            if left @ left <= residual @ residual:
-                at, jacobian, residual, damping = tried, changed, left, 0.1 * damping
-                if np.linalg.norm(step) <= 1e-10 * np.linalg.norm(at):
-                    break
+            less = float(left.dot(left))
+            small = step.dot(step) <= _SMALL_STEP**2 * at.dot(at)
+            if less <= squares:
+                at, jacobian, residual, squares, damping = tried, changed, left, less, 0.1 * damping
             else:
                 damping *= 10.0
-        return at[:3].reshape(3, 1), at[3:].reshape(3, 1)
+            if small:
+                break
+        rvec, tvec = at[:3].reshape(3, 1), at[3:].reshape(3, 1)
+        self._newest = rvec, jacobian, self.image - residual.reshape(-1, 2)
+        return rvec, tvec, squares
 
     def solve(self) -> list[Solution]:
         """All solutions that OpenCV's solvers and a few tilted starts lead to."""
@@ -121,9 +121,18 @@ class Reprojection:
             ]
         return found
 
+    def places(self, rvec: Array, tvec: Array) -> Array:
+        """Where the markers should be seen in a pose, (n, 2) px."""
+        if self._newest is not None and self._newest[0] is rvec:
+            return self._newest[2]
+        return self._camera.project(self._points, rvec, tvec)
+
     def jacobian(self, rvec: Array, tvec: Array) -> Array:
         """(2n, 6), of the pixels by translation (m) and small turns about the fixed axes (rad)."""
-        derivatives = self._camera.project_with_jacobian(self._points, rvec, tvec)[1]
+        if self._newest is not None and self._newest[0] is rvec:
+            derivatives = self._newest[1]
+        else:
+            derivatives = self._camera.project_with_jacobian(self._points, rvec, tvec)[1]
         by_place = derivatives[:, 3:6]
         # A small turn w moves a point p, as seen from the body's origin, by w x p.
         points = np.repeat(self._points @ rotation_of(rvec).T, 2, axis=0)

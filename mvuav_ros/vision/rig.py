@@ -16,12 +16,21 @@ import yaml
 from numpy.typing import NDArray
 
 Point = tuple[float, float, float]
+_NUMBERS = (int, float, np.integer)
 
 SAME_PLACE = 1e-3  # Part of a rig's size within which two markers are in one place
 
 
 class RigError(ValueError):
     """A rig file that cannot be used, with the reason."""
+
+
+def _point(name: str, value: object) -> Point:
+    if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 3:
+        numbers = [v for v in value if isinstance(v, _NUMBERS) and not isinstance(v, bool)]
+        if len(numbers) == 3 and all(map(math.isfinite, numbers)):
+            return float(numbers[0]), float(numbers[1]), float(numbers[2])
+    raise RigError(f'{name} must be [x, y, z] in metres, not {value!r}')
 
 
 @dataclass(frozen=True)
@@ -35,6 +44,9 @@ class MarkerRig:
         markers: name and position of every light, in the order of the results.
         dock: the point that a receiver steers for, from which the distance counts.
         boom: the pivot of the refuelling boom.
+
+    Raises:
+        RigError: a position is not three finite numbers, or two markers have one name.
 
     Examples:
         >>> from mvuav_ros import MarkerRig
@@ -52,6 +64,12 @@ class MarkerRig:
     markers: tuple[tuple[str, Point], ...]
     dock: Point
     boom: Point
+
+    def __post_init__(self) -> None:
+        for point, value in (*self.markers, ('dock', self.dock), ('boom', self.boom)):
+            _point(str(point), value)
+        if len(set(self.names)) < len(self.names) or not self.markers:
+            raise RigError('a rig needs at least one marker, and a name of its own for each')
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -104,8 +122,16 @@ class _Loader(yaml.SafeLoader):
 def load_rig(path: str | Path) -> MarkerRig:
     """Read a rig file (see ``config/tanker_747.yaml``).
 
+    Args:
+        path: a YAML file: ``markers`` maps names to [x, y, z] in m, x forward, y left, z up.
+
     Raises:
         RigError: there is no such file, or it says something else than a rig.
+
+    Examples:
+        >>> from mvuav_ros import load_rig
+        >>> load_rig('config/tanker_747.yaml').names[:2]
+        ('left_wing', 'left_stabilizer')
     """
     try:
         text = Path(path).expanduser().read_text(encoding='utf-8')
@@ -173,11 +199,3 @@ def _refuse_same_place(lights: Sequence[tuple[str, Point]]) -> None:
     for (name, first), (other, second) in combinations(lights, 2):
         if math.dist(first, second) <= SAME_PLACE * size:
             raise RigError(f'{name} and {other} are at the same position')
-
-
-def _point(name: str, value: object) -> Point:
-    if isinstance(value, (list, tuple)) and len(value) == 3:
-        numbers = [v for v in value if isinstance(v, (int, float)) and not isinstance(v, bool)]
-        if len(numbers) == 3 and all(map(math.isfinite, numbers)):
-            return float(numbers[0]), float(numbers[1]), float(numbers[2])
-    raise RigError(f'{name} must be [x, y, z] in metres, not {value!r}')

@@ -178,6 +178,23 @@ class SelfCalibration:
         self._estimate = None
         return True
 
+    def misfits(self, shift: float, offsets: Array) -> Array:
+        """Each frame's squared residuals over their variances per degree of freedom, (frames,).
+
+        For a focal length, as the logarithm of its ratio to the calibration's, and offsets of the
+        markers from the rig's file (n, 3), m.
+        """
+        model = self._model(np.concatenate(([shift], np.ravel(offsets))))
+        found = []
+        for frame, rvec, tvec in self._frames:
+            for _ in range(2):
+                residual, own, _ = self._linearize(frame, rvec, tvec, *model)
+                step = np.linalg.lstsq(own, residual, rcond=None)[0]
+                rvec, tvec = rvec + step[:3], tvec + step[3:]
+            residual = self._linearize(frame, rvec, tvec, *model)[0]
+            found.append(float(residual @ residual) / (len(residual) - 6))
+        return np.array(found)
+
     def _is_odd(self, frame: Keyframe, pose: tuple[Array, Array]) -> bool:
         told = self.estimate()
         if len(self._frames) < TUNING.known or told is None or not told.fits:

@@ -29,3 +29,12 @@ def test_an_interrupt_that_became_another_error_is_one_line(name, status):
         [sys.executable, '-c', LANDING, name], cwd=ROOT, capture_output=True, text=True
     )
     assert (run.returncode, run.stderr) == (status, 'mvuav: interrupted\n')
+
+
+def test_a_replay_that_fails_prints_no_success(capsys):
+    from mvuav_ros.cli.commands.replay_reports import _report
+    from mvuav_ros.offline.replay.job import ReplayOutcome
+
+    _report(ReplayOutcome('a.mcap', 's3://nobody/a.mcap', 5, 5, failure='there is no bucket'))
+    said = capsys.readouterr()
+    assert said.out == '' and said.err == 'mvuav: there is no bucket\n'

@@ -8,7 +8,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from geometry_msgs.msg import Vector3, Vector3Stamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
 from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
@@ -83,6 +83,88 @@ def test_print_live_results():
             assert listener.stdout.read() == 'roll 12.0 deg\n' * 3
     finally:
         graph.close()
+
+
+LEVEL = PoseWithCovarianceStamped()
+LEVEL.pose.pose.position.x, LEVEL.pose.pose.position.y = -100.0, 2.0
+LEVEL.pose.pose.position.z, LEVEL.pose.pose.orientation.w = 30.0, 1.0
+LEVEL.pose.covariance = np.diag([9.0, 4.0, 1.0, 0.1, 0.2, 0.3]).ravel().tolist()
+PX4_MSGS = """
+import sys, types
+import numpy as np
+from dataclasses import dataclass
+import rclpy.node
+@dataclass
+class VehicleOdometry:
+    timestamp: int
+    timestamp_sample: int
+    pose_frame: int
+sys.modules['px4_msgs'] = types.ModuleType('px4_msgs')
+sys.modules['px4_msgs.msg'] = types.SimpleNamespace(VehicleOdometry=VehicleOdometry)
+class Out:
+    def publish(self, said):
+        print({name: np.asarray(value).tolist() for name, value in vars(said).items()})
+        sys.exit()
+made = rclpy.node.Node.create_publisher
+def create(self, kind, topic, *more, **others):
+    if kind is not VehicleOdometry:
+        return made(self, kind, topic, *more, **others)
+    print(topic)
+    return Out()
+rclpy.node.Node.create_publisher = create
+sys.argv[:] = ['pose_for_px4.py', '90']
+exec(open('examples/pose_for_px4.py').read())
+"""
+
+
+def flown(command):
+    """Publish a level pose 100 m before the runway until the example has answered."""
+    graph = Graph()
+    try:
+        publisher = graph.probe.create_publisher(
+            PoseWithCovarianceStamped, '/runway_detector/vision_pose', 10
+        )
+        kept = []
+        graph.probe.create_subscription(
+            PoseWithCovarianceStamped, '/mavros/vision_pose/pose_cov', kept.append, 10
+        )
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain_id), 'PYTHONPATH': str(ROOT)}
+        with subprocess.Popen(
+            [sys.executable, *command], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
+        ) as example:
+            while not kept and example.poll() is None:
+                publisher.publish(LEVEL)
+                graph.spin(0.1)
+            example.terminate()
+            return kept, example.communicate()[0]
+    finally:
+        graph.close()
+
+
+def test_pose_for_mavros():
+    """South of a runway that is landed on northwards, 2 m to the west of its centreline."""
+    kept, _ = flown(['examples/pose_for_mavros.py', '0'])
+    pose = kept[0].pose.pose
+    assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((-2, -100, 30))
+    assert (pose.orientation.z, pose.orientation.w) == pytest.approx((0.5**0.5, 0.5**0.5))
+    assert np.reshape(kept[0].pose.covariance, (6, 6)).diagonal() == pytest.approx(
+        [4, 9, 1, 0.2, 0.1, 0.3]
+    )
+
+
+def test_pose_for_px4():
+    """West of a runway that is landed on eastwards, north of its centreline; nose to the east."""
+    _, out = flown(['-c', PX4_MSGS])
+    topic, said = out.splitlines()
+    assert topic == '/fmu/in/vehicle_visual_odometry'
+    said = eval(said, {'nan': math.nan})
+    assert said['pose_frame'] == 1
+    assert said['position'] == pytest.approx([2, -100, -30])
+    assert np.abs(said['q']) == pytest.approx([0.5**0.5, 0, 0, 0.5**0.5])
+    assert said['q'][0] * said['q'][3] > 0
+    assert said['position_variance'] == pytest.approx([4, 9, 1])
+    assert said['orientation_variance'] == pytest.approx([0.1, 0.2, 0.3])
+    assert all(map(math.isnan, said['velocity']))
 
 
 def test_plot_a_result_bag(tmp_path):

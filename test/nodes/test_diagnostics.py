@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.live_stream import KEEP_EVERYTHING, Stream
 
-from mvuav_ros.nodes.input_monitor import InputMonitor, StampMonitor, explain_no_images
+from mvuav_ros.nodes.diagnostics import InputMonitor, StampMonitor, explain_no_images
+from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState
 from mvuav_ros.nodes.intra_process import IntraProcessInput
-from mvuav_ros.nodes.received_image import Backlog, InputEvents, InputState
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
@@ -20,7 +20,8 @@ def test_where_the_time_goes(graph):
     assert graph.diagnostics('marker_tracker')['level'] == 3
     stream.play(2.0)
     values = graph.diagnostics('marker_tracker')
-    assert (values['message'], values['level']) == ('running', 0)
+    assert values['message'] == 'running; no pose: nothing publishes /camera_info'
+    assert values['level'] == 0
     stages = [float(values[f'{s}_p50_ms']) for s in ('decode', 'process', 'publish')]
     assert all(stage > 0 for stage in stages)
     assert float(values['latency_p50_ms']) >= max(stages)
@@ -139,11 +140,26 @@ def test_reasons_for_silence():
     published = InputState('/image_raw', ['/cam'], events)
     nothing = InputState('/image_raw', [], events)
     assert explain_no_images(nothing) == 'nothing publishes /image_raw'
-    assert 'no image arrives' in explain_no_images(published)
+    assert 'no image arrives: is it paused' in explain_no_images(published)
     events.lost = 3
-    assert 'every image is lost' in explain_no_images(published)
-    events.incompatible, events.incompatible_policy = 1, 'RELIABILITY'
-    assert 'RELIABILITY' in explain_no_images(published)
+    assert 'every image is lost: they may not fit the shared-' in explain_no_images(published)
+    events.size = 921_600
+    assert 'lost: 0.9 MB may not fit the shared-' in explain_no_images(published)
+    assert 'FASTRTPS_DEFAULT_PROFILES_FILE=/' in explain_no_images(published)
+    events.size = 307_200
+    assert 'the network drops' in explain_no_images(published)
+    # What was once does not count, what is now does.
+    events.incompatible = 1
+    assert 'QoS' not in explain_no_images(published)
+    now = published._replace(obstacle='with an incompatible QoS (best effort …)')
+    assert (
+        explain_no_images(now)
+        == '/cam publishes /image_raw with an incompatible QoS (best effort …)'
+    )
+    coded = nothing._replace(others=[('/image_raw/compressed', 'CompressedImage')])
+    assert 'set image_transport to compressed' in explain_no_images(coded)
+    elsewhere = nothing._replace(others=[('/nose/image', 'Image')])
+    assert explain_no_images(elsewhere).endswith('there is /nose/image: remap image_raw')
 
 
 def test_a_handover_never_holds_up_the_source():

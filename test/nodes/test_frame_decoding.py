@@ -11,8 +11,8 @@ from support.coded_videos import (
     packets,
 )
 
-from mvuav_ros.nodes.frame_decoding import FrameDecoder
-from mvuav_ros.nodes.received_image import ReceivedImage
+from mvuav_ros.nodes.frame_answering import FrameDecoder
+from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.approach.attitude import Attitude
 

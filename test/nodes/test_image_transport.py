@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
-from mvuav_ros.nodes.image_transport import image_topic
+from mvuav_ros.nodes.image_input import image_topic
 from mvuav_ros.parameters.declaration import ParameterError
 
 

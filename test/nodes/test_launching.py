@@ -35,7 +35,7 @@ def launch(monkeypatch):
     """Run a launch file with arguments; returns the nodes by executable."""
     names = {
         'launch': ('LaunchContext', 'LaunchDescription'),
-        'launch.actions': ('DeclareLaunchArgument', 'OpaqueFunction', 'LogInfo'),
+        'launch.actions': ('DeclareLaunchArgument', 'ExecuteProcess', 'OpaqueFunction', 'LogInfo'),
         'launch.conditions': ('IfCondition',),
         'launch.substitutions': (),
         'launch_ros': (),
@@ -57,7 +57,7 @@ def launch(monkeypatch):
             kind = type(action).__name__
             if kind == 'DeclareLaunchArgument':
                 (name,) = action.arguments
-                values[name] = given.pop(name, action.default_value)
+                values[name] = given.pop(name, getattr(action, 'default_value', None))
                 assert action.description
                 assert values[name] in getattr(action, 'choices', [values[name]])
             elif kind == 'OpaqueFunction':
@@ -90,10 +90,14 @@ def test_short_cuts(launch, file, executables):
     assert [node.executable for node in nodes] == executables
     wanted = 2 if 'process' in file else len(executables) - 1
     assert settings(nodes[0])['wait_for_subscribers'] == wanted
+    assert 'frame_id' not in settings(nodes[0])
     for node in nodes:
         assert node.parameters[0] == str(ROOT / 'config' / 'default.yaml')
         assert not node.respawn and node.remappings == []
         given = {name: v for name, v in settings(node).items() if name != 'use_sim_time'}
+        if 'process' in file:
+            assert node.arguments == ['--nodes', 'marker_tracker,runway_detector,video_source']
+            assert given.pop('image_transport') == 'raw'
         SETS[node.executable.replace('vision_process', 'video_source')].from_mapping(given)
 
 
@@ -136,14 +140,63 @@ def test_every_transport_of_the_nodes_can_be_chosen(launch, transport):
     [
         ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml does not exist'),
         ({'detectors': 'markers,lights'}, "'lights' is not one of markers, runway"),
-        ({'one_process': 'true', 'source': 'none'}, 'one_process: takes a source'),
-        ({'one_process': 'true', 'detectors': 'runway'}, 'both detectors'),
         ({'one_process': 'true', 'transport': 'compressed'}, 'transport:=raw'),
     ],
 )
 def test_mistakes_are_named(launch, given, words):
     with pytest.raises(RuntimeError, match=words):
         launch('vision.launch.py', **given)
+
+
+@pytest.mark.parametrize('detectors', ['markers', 'runway', 'markers,runway'])
+@pytest.mark.parametrize('source', ['none', '0'])
+def test_one_process_of_any_nodes(launch, source, detectors):
+    (node,) = launch('both.launch.py', one_process='true', source=source, detectors=detectors)
+    names = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
+    wanted = [names[name] for name in detectors.split(',')] + ['video_source'] * (source == '0')
+    assert node.executable == 'vision_process'
+    assert node.arguments == ['--nodes', ','.join(wanted)]
+    waited_for = len(wanted) - 1 if source == '0' else None
+    assert settings(node).get('wait_for_subscribers') == waited_for
+
+
+def test_a_cameras_frame_and_calibration(launch):
+    given = {'frame_id': 'nose', 'camera_info_url': 'nose.yaml'}
+    source, _ = launch('markers.launch.py', **given)
+    assert given.items() <= settings(source).items()
+
+
+def test_two_cameras_have_namespaces_and_frames_of_their_own(launch):
+    nodes = launch('two_cameras.launch.py', left='0')
+    mounts = [node for node in nodes if node.executable == 'static_transform_publisher']
+    frames = [f'{side}_camera_optical_frame' for side in ('left', 'right')]
+    assert [node.arguments[-3:] for node in mounts] == [
+        ['base_link', '--child-frame-id', frame] for frame in frames
+    ]
+    ours = {
+        (node.namespace, node.executable): settings(node) for node in nodes if node not in mounts
+    }
+    assert list(ours) == [
+        ('left', 'marker_tracker'), ('left', 'video_source'), ('right', 'marker_tracker')
+    ]  # fmt: skip
+    for (side, executable), given in ours.items():
+        SETS[executable].from_mapping(given)
+        if executable == 'marker_tracker':
+            assert given['camera_frame'] == f'{side}_camera_optical_frame'
+            assert given['body_frame'] == f'tanker_747_{side}'
+
+
+def test_a_bag_waits_for_the_detectors(launch):
+    *detectors, player, resumer = launch(
+        'bag.launch.py', bag='flight.mcap', play='--rate 2', namespace='nose', detectors='markers'
+    )
+    (node,) = detectors
+    name = 'qos_overrides./nose/image_raw.subscription.reliability'
+    assert settings(node)[name] == 'reliable'
+    assert player.cmd == [
+        'ros2', 'bag', 'play', '--start-paused', 'flight.mcap', '--rate', '2'
+    ]  # fmt: skip
+    assert resumer.cmd[1:] == ['-m', 'mvuav_ros', 'resume_bag', '1']
 
 
 def test_the_demo_plays_the_sample_bags(launch, monkeypatch):
@@ -154,8 +207,12 @@ def test_the_demo_plays_the_sample_bags(launch, monkeypatch):
         ('marker_tracker', 'tanker'),
         ('video_source', 'runway'),
         ('runway_detector', 'runway'),
+        ('static_transform_publisher', None),
         ('rviz2', None),
     ]
-    for node in nodes[:-1]:
+    assert [settings(node)['frame_id'] for node in nodes[:4:2]] == [
+        'tanker_camera_optical_frame', 'runway_camera_optical_frame'
+    ]  # fmt: skip
+    for node in nodes[:-2]:
         SETS[node.executable].from_mapping(settings(node))
     assert nodes[-1].arguments == ['-d', str(ROOT / 'config' / 'mvuav.rviz')]

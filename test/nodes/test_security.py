@@ -13,7 +13,7 @@ import pytest
 from sensor_msgs.msg import CompressedImage
 from support.graph import ROOT
 
-from mvuav_ros.processing.messages import transforms
+from mvuav_ros.processing.messages import detections, transforms
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.serialization.compressed_size import compressed_size
 from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image
@@ -81,8 +81,12 @@ def check_graph(graph, name):
         return {topic for topic, _ in ask(name, '/')}
 
     publishes = full(allowed(profile, 'topics', 'publish'))
+    optional = {'/clock', '/image_raw', '/image_raw/compressed', '/camera_info', '/imu'}
     if transforms.TF_TYPE is None:
         publishes -= {'/tf'}
+        optional.add('/tf_static')
+    if not detections.TYPES:
+        publishes -= {f'/{name}/detections', f'/{name}/detections_3d'}
     services = full(allowed(profile, 'services', 'reply'))
     graph.until(
         lambda: (
@@ -95,7 +99,6 @@ def check_graph(graph, name):
     assert seen(graph.probe.get_publisher_names_and_types_by_node) == publishes
     assert seen(graph.probe.get_service_names_and_types_by_node) == services
     # Images, calibration and attitude are handed over within the one process.
-    optional = {'/clock', '/image_raw', '/image_raw/compressed', '/camera_info', '/imu'}
     subscribes = seen(graph.probe.get_subscriber_names_and_types_by_node)
     written = full(allowed(profile, 'topics', 'subscribe'))
     assert subscribes <= written <= subscribes | optional

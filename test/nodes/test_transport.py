@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 import cv2
 import numpy as np
 import pytest
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Image, PointCloud2
 from support.live_stream import RESULTS
 
@@ -26,7 +26,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def start_source(graph, folder, rate, **environment):
+def start_source(graph, folder, rate, reliability='best_effort', **environment):
     graph.start(
         'video_source',
         source=folder,
@@ -34,7 +34,7 @@ def start_source(graph, folder, rate, **environment):
         loop=True,
         stamp='now',
         environment=environment,
-        **{'qos_overrides./image_raw.publisher.reliability': 'best_effort'},
+        **{'qos_overrides./image_raw.publisher.reliability': reliability},
     )
 
 
@@ -66,6 +66,33 @@ def test_lost_images_are_reported_with_the_remedy(graph, folder):
     assert words['level'] in (1, 3)
     assert 'lost' in words['message'] and 'docs/transport.md' in words['message']
     assert 'shared-memory segment' in words['message']
+
+
+@pytest.mark.parametrize('chosen', [None, 'best_effort'])
+def test_lost_images_of_a_reliable_publisher_are_asked_for_again(graph, folder, chosen):
+    """Unless the user has said how they are to come."""
+    name = 'qos_overrides./image_raw.subscription.reliability'
+    graph.start('marker_tracker', **({name: chosen} if chosen else {}))
+    start_source(graph, folder, 20.0, reliability='reliable', **DEFAULTS)
+
+    def lost() -> int:
+        return int(graph.diagnostics('marker_tracker')['frames_lost_in_transport'])
+
+    def is_reliable() -> bool:
+        (info,) = graph.probe.get_subscriptions_info_by_topic('/image_raw')
+        return info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+
+    if chosen:
+        graph.until(lambda: lost() > 3, 'images to be lost')
+        graph.diagnostics('marker_tracker')
+        assert not is_reliable()
+    else:
+        graph.until(is_reliable, 'the node to ask for reliable delivery')
+        before = int(graph.diagnostics('marker_tracker')['frames_received'])
+        more = before + 10
+        graph.until(
+            lambda: int(graph.diagnostics('marker_tracker')['frames_received']) > more, 'images'
+        )
 
 
 def test_a_publisher_whose_qos_does_not_fit_is_named(graph):

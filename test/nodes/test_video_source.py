@@ -173,17 +173,18 @@ def test_a_missing_camera_is_waited_for(graph):
     process.send_signal(2)
     output, _ = process.communicate(timeout=120)
     assert 'camera 77 cannot be opened' in output
+    assert 'VIDEOIO' not in output
     assert 'trying again' in output
     assert process.returncode == 0
 
 
 BREAKING = """
 import sys
-from mvuav_ros.nodes import video_source
+from mvuav_ros.nodes import executables, video_source
 def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
 video_source.VideoSource._publish = broken
 sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
-video_source.main()
+executables.video_source()
 """
 
 

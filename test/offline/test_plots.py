@@ -87,6 +87,20 @@ def test_poses_have_angles_and_covariances(tables: Path) -> None:
     assert float(edge['theta_deg']) == pytest.approx(math.degrees(float(edge['theta'])))
 
 
+def test_protection_levels_have_numbers_and_a_state(tables: Path) -> None:
+    rows = read(tables / 'marker_tracker_integrity.csv')
+    known = [row for row in rows if row['state'] == 'available']
+    assert len(known) >= 12
+    poses = {(r['flight'], r['stamp_ns']): r for r in read(tables / 'marker_tracker_pose.csv')}
+    for row in known:
+        variance = float(poses[row['flight'], row['stamp_ns']]['cov_z_z'])
+        assert float(row['along']) > 3 * math.sqrt(variance)
+        assert row['alert_limit_along'] == 'nan' and float(row['risk']) == 1e-7
+    runway = read(tables / 'runway_detector_integrity.csv')
+    assert {row['state'] for row in runway} <= {'available', 'not available'}
+    assert all(row['reason'] for row in runway if row['state'] == 'not available')
+
+
 def test_markers_have_names_and_states(tables: Path) -> None:
     rows = [r for r in read(tables / 'marker_tracker_markers.csv') if r['flight'] == 'flight_0'][:5]
     assert [row['name'] for row in rows] == [

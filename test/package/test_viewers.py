@@ -33,7 +33,7 @@ def test_rviz_shows_topics_of_the_types_that_its_displays_take():
     assert content.keys() == {'Panels', 'Visualization Manager', 'Window Geometry'}
     manager = content['Visualization Manager']
     assert {'Displays', 'Global Options', 'Tools', 'Views'} <= manager.keys()
-    assert manager['Global Options']['Fixed Frame'] == 'camera_optical_frame'
+    assert manager['Global Options']['Fixed Frame'] == 'runway_camera_optical_frame'
     names = {display['Name'] for display in manager['Displays']}
     assert len(names) == len(manager['Displays'])
     for display in [*manager['Displays'], *manager['Tools']]:

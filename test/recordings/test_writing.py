@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -30,6 +31,7 @@ from support.recording_samples import (
 )
 
 from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.output_file import write_whole
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.recording import Schema
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -276,3 +278,34 @@ def test_metadata_at_the_beginning(tmp_path: Path) -> None:
     with rosbag2.Reader(path) as reader:
         assert reader.message_count == len(SAMPLES)
     assert len(list(StreamReader(str(path), validate_crcs=True).records)) > len(SAMPLES)
+
+
+@pytest.mark.parametrize('late', [False, True])
+def test_of_two_writers_of_one_file_one_gets_an_error(tmp_path: Path, late: bool) -> None:
+    path = tmp_path / 'a.mcap'
+    first = RecordingWriter(path)
+    first.write('/a', IMAGE, 1, b'\0\1\0\0')
+    second = RecordingWriter(path, overwrite=True)
+    second.write('/b', IMAGE, 2, b'\0\1\0\0')
+    if late:
+        second.close()
+    with pytest.raises(RecordingError, match='another program has replaced it'):
+        first.close()
+    if not late:
+        second.close()
+    with open_recording(path) as recording:
+        assert [message.topic for message in recording.messages()] == ['/b']
+
+
+def test_a_file_that_cannot_be_written_whole_is_named_and_not_left(tmp_path: Path) -> None:
+    path = tmp_path / 'figure.png'
+    path.write_bytes(b'before')
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        with pytest.raises(RecordingError, match=r'figure\.png cannot be written'):
+            write_whole(path, bytes(20_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == b'before'
+    assert list(tmp_path.iterdir()) == [path]

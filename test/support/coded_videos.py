@@ -15,6 +15,11 @@ WIDTH, HEIGHT = 64, 48
 UPRIGHT = b'\0\1\0\0' + bytes(12) + b'\0\1\0\0'
 TURNED = bytes(4) + b'\0\1\0\0' + bytes(4) + b'\xff\xff\0\0' + bytes(4)
 
+MIRRORED = b'\xff\xff\0\0' + bytes(12) + b'\0\1\0\0'
+FLIPPED = b'\0\1\0\0' + bytes(12) + b'\xff\xff\0\0'
+HALF_TURNED = b'\xff\xff\0\0' + bytes(12) + b'\xff\xff\0\0'
+TRANSPOSED = bytes(4) + b'\0\1\0\0' + bytes(4) + b'\0\1\0\0' + bytes(4)
+
 
 def image(number: int) -> np.ndarray:
     """Its brightness tells its number; its left half is dark."""
@@ -43,11 +48,11 @@ def write_video(path: Path, times_ms: Sequence[int], codec: str = 'mpeg4') -> Pa
     return path
 
 
-def turn(path: Path) -> None:
-    """Have the video say that the camera was held upright."""
+def turn(path: Path, matrix: bytes = TURNED) -> None:
+    """Have the video say that the camera was held upright, or otherwise."""
     content = path.read_bytes()
     at = content.index(UPRIGHT, content.index(b'tkhd'))
-    path.write_bytes(content[:at] + TURNED + content[at + len(TURNED) :])
+    path.write_bytes(content[:at] + matrix + content[at + len(matrix) :])
 
 
 def packets(codec: str, count: int, b_frames: int = 0) -> list[bytes]:

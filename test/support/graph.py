@@ -102,9 +102,10 @@ class Graph:
         *,
         remap: tuple[str, ...] = (),
         environment: dict[str, str] | None = None,
+        arguments: tuple[str, ...] = (),
         **parameters: Any,
     ):
-        command = [sys.executable, '-m', 'mvuav_ros', executable, '--ros-args']
+        command = [sys.executable, '-m', 'mvuav_ros', executable, *arguments, '--ros-args']
         for name, value in parameters.items():
             command += ['-p', f'{name}:={value}']
         for rule in remap:

@@ -34,12 +34,25 @@ KEEP_EVERYTHING = {
 }
 
 
+def _topics_of(node: str, parameters: dict[str, Any], compressed: bool) -> dict[str, Any]:
+    """Without the overrides of topics that the node does not have, which it warns of."""
+    image = 'image_raw/compressed' if compressed else 'image_raw'
+    own = tuple(f'qos_overrides./{topic}.' for topic in (image, f'{node}/{RESULTS[node]}'))
+    return {
+        name: value
+        for name, value in parameters.items()
+        if name.startswith(own) or not name.startswith('qos_overrides.')
+    }
+
+
 class Stream:
     """A camera in the test's process in front of one or more nodes."""
 
     def __init__(self, graph: Graph, *nodes: str, compressed: bool = False, **parameters: Any):
         self.graph, self.index = graph, 0
-        self.processes = {name: graph.start(name, **parameters) for name in nodes}
+        self.processes = {
+            name: graph.start(name, **_topics_of(name, parameters, compressed)) for name in nodes
+        }
         self.answers = {
             name: graph.listen(f'/{name}/{RESULTS[name]}', PointCloud2) for name in nodes
         }

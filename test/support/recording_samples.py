@@ -62,6 +62,18 @@ def string_sample(number: int, topic: str = '/note') -> Sample:
     return Sample(topic, 'std_msgs/msg/String', START_NS + number * STEP_NS, cdr(message))
 
 
+def pose_sample(number: int, topic: str = '/pose') -> Sample:
+    types = STORE.types
+    stamp_ns = START_NS + number * STEP_NS
+    stamp = types['builtin_interfaces/msg/Time'](stamp_ns // 10**9, stamp_ns % 10**9)
+    header = types['std_msgs/msg/Header'](stamp, 'camera')
+    place = types['geometry_msgs/msg/Point'](float(number), 2.0, 3.0)
+    turn = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    kind = 'geometry_msgs/msg/PoseStamped'
+    pose = types[kind](header, types['geometry_msgs/msg/Pose'](place, turn))
+    return Sample(topic, kind, stamp_ns, cdr(pose))
+
+
 def write_mcap(
     path: Path,
     samples: Sequence[Sample],

@@ -47,3 +47,28 @@ def test_a_variable_wins_over_a_file(installer, tmp_path):
     told.chmod(0o755)
     settings = installer.pip_settings([str(told)])
     assert settings == {'index-url': 'https://env.example', 'find-links': '/wheels'}
+
+
+def test_the_first_index_counts_and_never_the_highest_version(installer, tmp_path):
+    told = tmp_path / 'uv'
+    told.write_text(
+        f'#!/bin/sh\necho "$@" >> {tmp_path}/asked\ncase "$*" in *unsafe*) ;; *) exit 1;; esac\n'
+    )
+    told.chmod(0o755)
+    python = tmp_path / 'python'
+    python.write_text('#!/bin/sh\n')
+    python.chmod(0o755)
+    assert installer.install(python, 'installing', ['numpy'])
+    asked = (tmp_path / 'asked').read_text().splitlines()
+    assert [line.split()[-1] for line in asked] == ['first-index', 'unsafe-first-match']
+
+
+def test_what_is_installed_is_pinned():
+    for name in ('tested.txt', 'robot.txt'):
+        lines = (ROOT / 'requirements' / name).read_text().splitlines()
+        wanted = [line for line in lines if line and not line.startswith('#')]
+        assert wanted and all('==' in line for line in wanted)
+    workflow = (ROOT / '.github' / 'workflows' / 'ci.yml').read_text()
+    assert 'permissions:\n  contents: read\n' in workflow
+    uses = [line.split('@')[1].split()[0] for line in workflow.splitlines() if 'uses:' in line]
+    assert uses and all(len(commit) == 40 for commit in uses)

@@ -101,7 +101,7 @@ def test_a_pose_is_found_through_every_lens(model):
         place = np.array((side * (index - 20) * 3.0, 5.0, 60.0))
         turn = rvec + rng.normal(0, 0.05, 3)
         pixels = camera.project(TANKER_747.positions, turn, place) + rng.normal(0, 0.05, (5, 2))
-        pose = estimator.estimate(camera, range(5), pixels, index / 30)
+        pose = estimator.estimate(camera, range(5), pixels, round(index / 30 * 1e9))
         assert pose is not None, estimator.reason
         errors.append((pose.translation - place) / np.sqrt(np.diag(pose.covariance)[:3]))
         assert pose.translation == pytest.approx(place, abs=0.02 * np.linalg.norm(place))

@@ -64,7 +64,7 @@ def test_as_computed_one_hypothesis_at_a_time() -> None:
     steps = 1e-6 * np.eye(9)
     design = np.stack([(project(s) - project(-s)) / 2e-6 for s in steps], axis=1)
     residual = pixels.ravel() - project(np.zeros(9))
-    bounds = []
+    bounds, turns = [], []
     hypotheses = [wrong for count in range(3) for wrong in combinations(range(5), count)]
     unmonitored = 0.0
     solutions = {}
@@ -76,18 +76,26 @@ def test_as_computed_one_hypothesis_at_a_time() -> None:
         sigma = np.sqrt(0.1**2 * (inverse**2).sum(axis=1) + (by_calibration**2).sum(axis=1))
         if sigma[3:].max() > 0.05:
             unmonitored += budget.light_prior ** len(wrong)
-            continue
         solutions[wrong] = np.abs(inverse @ residual[rows]), sigma
+    monitored = {wrong: each for wrong, each in solutions.items() if each[1][3:].max() <= 0.05}
+    assert 10 < len(monitored) < len(solutions) == 16
     triples = 10 * budget.light_prior**3
-    share = (budget.risk - unmonitored - triples) / (6 * len(solutions))
+    share = (budget.risk - unmonitored - triples) / (6 * len(monitored))
     for wrong, (shift, sigma) in solutions.items():
         tail = min(share / max(budget.light_prior ** len(wrong), share), 1e-3)
-        bounds.append(shift - ndtri(tail / 2) * sigma)
-    x, y, z, pitch, yaw, roll = np.max(bounds, axis=0)
+        bound = shift - ndtri(tail / 2) * sigma
+        turns.append(bound[3:])
+        if wrong in monitored:
+            bounds.append(bound[:3])
+    x, y, z = np.max(bounds, axis=0)
+    pitch, yaw, roll = np.where(np.max(turns, axis=0) <= 0.15, np.max(turns, axis=0), np.nan)
     found = levels(pixels)
     assert found.along == pytest.approx(z, rel=1e-4)
     assert (found.across, found.up) == pytest.approx((x, y), rel=1e-4)
-    assert (found.roll, found.pitch, found.yaw) == pytest.approx((roll, pitch, yaw), rel=1e-4)
+    assert (found.roll, found.pitch, found.yaw) == pytest.approx(
+        (roll, pitch, yaw), rel=1e-3, nan_ok=True
+    )
+    assert math.isfinite(found.roll)
 
 
 def test_a_pose_that_is_off_has_levels_that_cover_it() -> None:
@@ -138,7 +146,7 @@ def test_levels_grow_with_noise_priors_and_calibration_and_with_a_smaller_risk()
 
 
 def test_doubts_about_a_name_count_as_a_prior() -> None:
-    assert levels(doubts=[0.0] * 5) == levels()
+    assert levels(doubts=[0.0] * 5).along == levels().along
     assert levels(doubts=[0, 1e-3, 0, 0, 0]).along > levels().along
 
 

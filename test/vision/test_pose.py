@@ -14,6 +14,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
+from mvuav_ros.vision.reprojection import Reprojection
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -46,7 +47,7 @@ def docking(seed, frames=1000, noise=0.3, **settings):
         truth = flight.truth(index)
         pixels = np.array([(m.x, m.y) for m in truth.markers])
         pixels = pixels + rng.normal(0.0, noise, pixels.shape)
-        pose = estimator.estimate(camera, range(5), pixels, flight.time(index))
+        pose = estimator.estimate(camera, range(5), pixels, round(flight.time(index) * 1e9))
         assert pose is not None
         yield pose, truth
 
@@ -93,7 +94,7 @@ def test_poses_from_images():
     for index, frame in enumerate(flight):
         markers = pipeline.process(frame.image, frame.stamp_ns).markers
         pixels = np.array([(m.x, m.y) for m in markers])
-        pose = estimator.estimate(camera, range(5), pixels, flight.time(index))
+        pose = estimator.estimate(camera, range(5), pixels, round(flight.time(index) * 1e9))
         error = deviations(pose, frame.truth)
         assert np.linalg.norm(error[:3]) < 0.002 * frame.truth.distance
         assert np.linalg.norm(error[3:]) < math.radians(0.1)
@@ -113,7 +114,7 @@ def test_any_attitude_from_one_frame(roll, pitch, yaw):
     angles = np.radians((roll, pitch, yaw))
     rotation = OPTICAL_FROM_BODY @ from_rpy(*angles)
     translation = np.array((5.0, -3.0, 110.0))
-    pose = PoseEstimator(TANKER_747).estimate(CAMERA, range(5), seen(rotation, translation), 0.0)
+    pose = PoseEstimator(TANKER_747).estimate(CAMERA, range(5), seen(rotation, translation), 0)
     assert angle_between(pose.rotation, rotation) < 1e-4
     np.testing.assert_allclose(pose.translation, translation, atol=0.01)
     np.testing.assert_allclose(pose.rpy, angles, atol=1e-4)
@@ -127,6 +128,30 @@ def test_any_attitude_from_one_frame(roll, pitch, yaw):
     assert w >= 0.0
 
 
+@pytest.mark.parametrize('distortion', [(), (-0.15, 0.04, 0.001, -0.001, 0.0)])
+def test_the_refinement_ends_where_opencvs_does(distortion):
+    camera = CameraModel(640, 480, CAMERA.k, distortion)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        rotation = OPTICAL_FROM_BODY @ from_rpy(*rng.uniform(-0.4, 0.4, 3))
+        translation = rng.uniform((-10, -8, 80), (10, 8, 150))
+        image = seen(rotation, translation, camera=camera) + rng.normal(0, 0.3, (5, 2))
+        start = cv2.Rodrigues(rotation @ from_rpy(*rng.normal(0, 0.1, 3)))[0]
+        view = Reprojection(camera, TANKER_747.positions, image)
+        rvec, tvec, squares = view.refine(start, 1.1 * translation.reshape(3, 1))
+        model = camera.matrix, camera.distortion
+        strict = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
+        start = rvec.copy(), tvec.copy()
+        best = cv2.solvePnPRefineLM(TANKER_747.positions, image, *model, *start, strict)
+        np.testing.assert_allclose(rvec, best[0], atol=1e-6)
+        np.testing.assert_allclose(tvec, best[1], atol=1e-4)
+        assert squares == pytest.approx(((image - view.places(rvec, tvec)) ** 2).sum())
+        # What the steps left is what the solution has: derivatives and places are of one pose.
+        fresh = Reprojection(camera, TANKER_747.positions, image)
+        np.testing.assert_allclose(view.places(rvec, tvec), fresh.places(rvec, tvec), atol=1e-9)
+        np.testing.assert_allclose(view.jacobian(rvec, tvec), fresh.jacobian(rvec, tvec), atol=1e-9)
+
+
 def test_three_lights_have_several_solutions_and_the_last_pose_decides():
     """Drawn from all five for a while, then the rudder and a stabilizer are hidden."""
     estimator = PoseEstimator(TANKER_747)
@@ -137,7 +162,7 @@ def test_three_lights_have_several_solutions_and_the_last_pose_decides():
         translation = np.array((0.1 * index, 0.0, 100.0))
         lights = [0, 1, 2, 3, 4] if index < 20 else [0, 1, 4]
         pixels = seen(rotation, translation)[lights] + rng.normal(0, 0.05, (len(lights), 2))
-        pose = estimator.estimate(CAMERA, lights, pixels, index / 30)
+        pose = estimator.estimate(CAMERA, lights, pixels, round(index / 30 * 1e9))
         worst = max(worst, angle_between(pose.rotation, rotation))
     assert worst < math.radians(2.0)
 
@@ -154,7 +179,7 @@ def test_three_of_five_lights_only_continue_a_pose():
     estimator = PoseEstimator(TANKER_747)
 
     def told(lights, time):
-        return estimator.estimate(CAMERA, lights, pixels[lights], time) is not None
+        return estimator.estimate(CAMERA, lights, pixels[lights], round(time * 1e9)) is not None
 
     assert not told([0, 1, 4], 0.0)
     assert 'confirms' in estimator.reason
@@ -176,7 +201,7 @@ def test_a_flat_body_seen_from_afar_does_not_flip():
         translation = np.array((0.0, 0.0, 6.0 + 0.25 * index))
         pixels = seen(rotation, translation, FLAT) + rng.normal(0, 0.1, (4, 2))
         for estimated in (estimator, PoseEstimator(FLAT)):
-            pose = estimated.estimate(CAMERA, range(4), pixels, index / 30)
+            pose = estimated.estimate(CAMERA, range(4), pixels, round(index / 30 * 1e9))
             if pose is None:
                 kept_back += 1
                 assert estimated.reason
@@ -196,7 +221,7 @@ def test_a_marker_that_the_others_contradict_is_left_out():
         pixels = seen(rotation, translation) + rng.normal(0, 0.05, (5, 2))
         if 40 <= index < 50:
             pixels[2] += (12.0, -9.0)
-        pose = estimator.estimate(CAMERA, range(5), pixels, index / 30)
+        pose = estimator.estimate(CAMERA, range(5), pixels, round(index / 30 * 1e9))
         if pose is not None:
             assert angle_between(pose.rotation, rotation) < math.radians(1.0), index
         assert pose is not None or 40 <= index < 55
@@ -209,7 +234,7 @@ def test_the_covariance_is_back_to_normal_after_an_upset():
     for index in range(120):
         noise = 0.6 if 60 <= index < 70 else 0.05
         pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0))) + rng.normal(0, noise, (5, 2))
-        pose = estimator.estimate(CAMERA, range(5), pixels, index / 30)
+        pose = estimator.estimate(CAMERA, range(5), pixels, round(index / 30 * 1e9))
         deviations.append(math.nan if pose is None else math.sqrt(pose.covariance[2, 2]))
     usual = np.nanmean(deviations[40:60])
     assert np.nanmax(deviations[60:70]) > 3.0 * usual
@@ -219,12 +244,12 @@ def test_the_covariance_is_back_to_normal_after_an_upset():
 def test_what_cannot_be_a_pose():
     estimator = PoseEstimator(TANKER_747)
     pixels = seen(OPTICAL_FROM_BODY, np.array((0.0, 0.0, 100.0)))
-    assert estimator.estimate(CAMERA, [0, 4], pixels[[0, 4]], 0.0) is None
+    assert estimator.estimate(CAMERA, [0, 4], pixels[[0, 4]], 0) is None
     names_exchanged = pixels[[2, 1, 0, 3, 4]]
-    assert estimator.estimate(CAMERA, range(5), names_exchanged, 0.1) is None
-    assert estimator.estimate(CAMERA, range(5), pixels, 0.2) is not None
+    assert estimator.estimate(CAMERA, range(5), names_exchanged, 100_000_000) is None
+    assert estimator.estimate(CAMERA, range(5), pixels, 200_000_000) is not None
     in_one_place = np.full((5, 2), 300.0)
-    pose = estimator.estimate(CAMERA, range(5), in_one_place, 0.3)
+    pose = estimator.estimate(CAMERA, range(5), in_one_place, 300_000_000)
     assert pose is None or np.isfinite(pose.translation).all()
 
 
@@ -235,7 +260,7 @@ def test_the_noise_follows_the_residuals():
         estimator = PoseEstimator(TANKER_747)
         for index in range(300):
             noisy = pixels + rng.normal(0, noise, pixels.shape)
-            estimator.estimate(CAMERA, range(5), noisy, index / 30)
+            estimator.estimate(CAMERA, range(5), noisy, round(index / 30 * 1e9))
         assert estimator.noise == pytest.approx(noise, rel=0.1)
 
 
@@ -249,7 +274,7 @@ def test_three_lights_whose_solutions_meet_have_no_wrong_pose():
         # Five lights at first, so that it is known which of three lights' solutions it is.
         labels = [0, 2, 4] if len(told) >= 10 else range(5)
         pixels = truth.pixels[list(labels)] + rng.normal(0.0, 0.02, (len(labels), 2))
-        pose = estimator.estimate(flight.camera, labels, pixels, stamp_ns * 1e-9)
+        pose = estimator.estimate(flight.camera, labels, pixels, stamp_ns)
         told.append(pose is not None)
         if pose is not None:
             assert np.linalg.norm(deviations(pose, truth)[3:]) < math.radians(5.0)

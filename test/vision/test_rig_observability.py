@@ -23,7 +23,7 @@ def test_the_expected_error_is_the_one_that_is_found():
     errors, angles = [], []
     for _ in range(300):
         noisy = pixels + rng.normal(0.0, NOISE, pixels.shape)
-        pose = PoseEstimator(TANKER_747).estimate(CAMERA, range(5), noisy, 0.0)
+        pose = PoseEstimator(TANKER_747).estimate(CAMERA, range(5), noisy, 0)
         errors.append(pose.rotation @ middle + pose.translation - (0.0, 0.0, distance))
         angles.append(pose.rpy)
     expected = pose_error(TANKER_747, CAMERA, distance, NOISE)

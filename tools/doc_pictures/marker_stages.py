@@ -43,7 +43,7 @@ def marker_pipeline(path: Path) -> None:
     named = draw_markers(start, _without_windows(first))
     seen = [marker for marker in result.markers if marker.state.name == 'DETECTED']
     pixels = np.array([(marker.x, marker.y) for marker in seen])
-    pose = estimator.estimate(camera, [int(m.label) for m in seen], pixels, 0.0)
+    pose = estimator.estimate(camera, [int(m.label) for m in seen], pixels, 0)
     posed = draw_markers(image, _without_windows(result))
     if pose is not None:
         draw_pose(posed, pose, camera, tracker.rig)

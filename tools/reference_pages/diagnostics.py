@@ -6,11 +6,14 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from mvuav_ros.nodes.detector_status import DetectorStatus
-from mvuav_ros.nodes.diagnostics import SourceStatus
-from mvuav_ros.nodes.frame_statistics import WINDOW, FrameStatistics
-from mvuav_ros.nodes.input_monitor import StampMonitor
-from mvuav_ros.nodes.received_image import InputEvents, InputState
+from mvuav_ros.nodes.diagnostics import (
+    WINDOW,
+    FrameStatistics,
+    SourceStatus,
+    StampMonitor,
+)
+from mvuav_ros.nodes.image_input import InputEvents, InputState
+from mvuav_ros.nodes.vision_node import DetectorStatus
 
 REJECTIONS = ('bad image', 'duplicate stamp', 'internal error')
 
@@ -59,7 +62,7 @@ SOURCE = {
 MESSAGES = (
     ('no images: nothing publishes …', 'wrong topic name or remapping', '`image_publishers`'),
     (
-        'no images: … with an incompatible QoS (RELIABILITY)',
+        'no images: … with an incompatible QoS (…)',
         'publisher and subscriber do not match; set `qos_overrides`',
         '`incompatible_publishers`',
     ),
@@ -87,6 +90,27 @@ MESSAGES = (
         'n publishers on …: their images are mixed',
         'two cameras publish one topic',
         '`image_publishers`',
+    ),
+    (
+        'no pose: nothing publishes …/camera_info',
+        'said beside `running`: calibrate the camera, or set `pose` to false',
+        '',
+    ),
+    (
+        'parameters without effect: … (did you mean …?)',
+        'given at the start, and no parameter of the node, or in a file for another namespace',
+        '',
+    ),
+    ('… has no effect: it counts with mode …', 'said beside `running`: another mode is set', ''),
+    (
+        'no /tf: … is a child of … on /tf_static, …',
+        'two would be the parent of one frame; see [Frames](../ros.md#frames-and-units)',
+        '',
+    ),
+    (
+        '… is taken for the camera: camera_mount_xyz …',
+        '`base_frame` is set, and nobody tells where the camera is on it',
+        '',
     ),
     (
         'no pose: …',
@@ -134,7 +158,7 @@ def detector_keys() -> list[str]:
     )
     processor: Any = SimpleNamespace(status='', resets=0, calibration='')
     images = InputState('/image_raw', [], InputEvents())
-    status = DetectorStatus(answerer, processor).report('/node', images)
+    status = DetectorStatus(answerer, processor).report('/node', images, [])
     return [each.key for each in status.values]
 
 

@@ -6,15 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
 
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulate import simulated_messages
 from mvuav_ros.processing.messages.markers import POINT
 from mvuav_ros.processing.messages.runway import LINE
+from mvuav_ros.processing.messages.statuses import encode_integrity
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.result_rows import ANGLE_COLUMNS
+from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
 from mvuav_ros.recordings.tables import POSE_COLUMNS
+from mvuav_ros.vision.integrity import ProtectionLevels, RunwayLevels
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TRUTH = {
@@ -23,7 +28,7 @@ TRUTH = {
     '/imu': 'attitude with a constant error and noise, for mode `approach`',
     '/truth/lines': 'left edge, right edge, centreline, far end, near end, as `~/line_params`',
     '/truth/markers': 'as `~/markers`; state 2 where the light cannot be seen',
-    '/truth/pose': 'the body in the camera frame, or the camera in the runway frame (m)',
+    '/truth/pose': 'as `~/pose` (m)',
     '/truth/rpy': 'x: roll between the wings as projected (rad)',
 }
 ROWS: dict[tuple[str, str], np.dtype[np.void]] = {
@@ -167,7 +172,7 @@ Angles are in rad, and in degrees where the name ends in `_deg`. `roll`, `pitch`
 `marker_tracker` are those against a body that flies straight ahead; of other poses they are those of the quaternion.
 `cov_x_y` is the covariance of x and y (m²); `rx`, `ry`, `rz` are small turns about the axes of the pose's frame (rad).
 The rows of `markers` end with the marker's `name` and with `state` in words. Units are those of the
-[topics](topics.md).
+[topics](topics.md). The columns of `integrity` are those of [Protection levels](../integrity.md).
 
 | file | columns after these |
 |---|---|
@@ -187,6 +192,8 @@ def _exports() -> str:
         for topic, kind in processor.topics.items():
             if topic == 'rpy':
                 columns: Sequence[str] = ANGLE_COLUMNS
+            elif topic == 'integrity':
+                columns = _integrity_columns(node)
             elif kind.__name__ in COLUMNS:
                 columns = COLUMNS[kind.__name__]
             elif kind.__name__ == 'PointCloud2':
@@ -196,6 +203,14 @@ def _exports() -> str:
             file = f'{node}_{topic.replace("/", "_")}'
             lines.append(f'| `{file}` | {", ".join(columns)} |')
     return _EXPORTED + '\n'.join(lines) + '\n' + _TRAJECTORIES
+
+
+def _integrity_columns(node: str) -> list[str]:
+    levels = ProtectionLevels() if node == 'marker_tracker' else RunwayLevels()
+    limits = (0.0,) * (3 if node == 'marker_tracker' else 2)
+    message = encode_integrity(levels, limits, 0.0, cdr_header(0, ''))
+    (status,) = deserialize_message(message, DiagnosticArray).status
+    return ['state', 'reason', *(each.key for each in status.values)]
 
 
 def _corners() -> str:

@@ -28,12 +28,18 @@ TYPES = {
     'imu': 'sensor_msgs/Imu',
     'diagnostics': 'diagnostic_msgs/DiagnosticArray',
     'tf': 'tf2_msgs/TFMessage',
+    'tf_static': 'tf2_msgs/TFMessage',
+    '~/detections': 'vision_msgs/Detection2DArray',
+    '~/detections_3d': 'vision_msgs/Detection3DArray',
 }
 INPUTS = {
     'image_raw': 'Images. The node takes the newest image when it is slower than the camera.',
     'image_raw/compressed': 'The same as JPEG or PNG, with `image_transport: compressed`.',
     'camera_info': 'Calibration. Without one, results are in pixels only.',
     'imu': 'Attitude of the body (REP 145), used in mode `approach`.',
+    'tf_static': (
+        'Where the camera is mounted (`base_frame`), and whose frames are not to be published.'
+    ),
 }
 OUTPUTS: Mapping[str, Mapping[str, str]] = {
     'video_source': {
@@ -44,7 +50,7 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
     },
     'marker_tracker': {
         'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
-        'tf': 'Camera to body, while the pose is known (`publish_tf`).',
+        'tf': 'Camera to body or body to camera (`publish_tf`), while the pose is known.',
         '~/markers': 'All markers, a row for each; see the fields below.',
         '~/rpy': (
             'x: roll (rad), right wing down positive; NaN while a wing is lost. y, z: pitch and '
@@ -54,7 +60,15 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
             'The body in the optical frame of the camera (m), with covariance. NaN where there '
             'is no pose; /diagnostics says why.'
         ),
-        '~/vision_pose': 'The camera in the frame of the body, only while the pose is known.',
+        '~/vision_pose': (
+            'The camera, or the vehicle (`base_frame`), in the frame of the body, only while the pose '
+            'is known.'
+        ),
+        '~/detections': (
+            'Where vision_msgs is installed: the markers of this image, score 1, as names in doubt '
+            'are withheld.'
+        ),
+        '~/detections_3d': 'The same of the body, with its pose; empty while that is not known.',
         '~/integrity': (
             'One status: protection levels of the pose (m, degrees), OK available, WARN alert, '
             'ERROR not available with the reason; see [Protection levels](../integrity.md).'
@@ -64,7 +78,7 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
     },
     'runway_detector': {
         'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
-        'tf': 'Camera to runway, while all six numbers of the pose are known (`publish_tf`).',
+        'tf': 'The same, camera and runway, while all six numbers of the pose are known.',
         '~/line_params': 'Lines, a row for each; see the fields below.',
         '~/lines': (
             'The segments. On a plane 1 m ahead of the camera with a calibrated camera_info, '
@@ -77,7 +91,14 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
             'Mode `approach`: the camera in frame `runway` (m), with a calibrated camera_info '
             'and `runway_width`. What was not observed is NaN with variance 1e12.'
         ),
-        '~/vision_pose': 'The same for estimators, only while all six numbers are known.',
+        '~/vision_pose': (
+            'The same, or the vehicle (`base_frame`), for estimators, only while all six numbers are '
+            'known.'
+        ),
+        '~/detections': (
+            'Where vision_msgs is installed: in mode `approach` the target in its box, with its '
+            'confidence.'
+        ),
         '~/integrity': (
             'One status: protection levels of offset, height (m) and heading (degrees) in mode '
             '`approach`; see [Protection levels](../integrity.md).'

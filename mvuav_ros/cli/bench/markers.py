@@ -180,7 +180,7 @@ def _posed_frame() -> Action:
         stamp_ns = next(stamps)
         markers = tracker.process(next(endless), stamp_ns).markers
         pixels = np.array([(marker.x, marker.y) for marker in markers])
-        return poses.estimate(camera, range(len(markers)), pixels, stamp_ns * 1e-9)
+        return poses.estimate(camera, range(len(markers)), pixels, stamp_ns)
 
     for _ in range(4):
         assert run() is not None

@@ -104,12 +104,12 @@ def integrity(
         ]
     page = write_report(protection_report(budget, runs, seed), output)
     for often, counts in runs:
-        typer.echo(
+        say(
             f'faults {often:g} times as stated: {counts.misleading} of {counts.frames} frames '
             f'misleading (at most {counts.misleading_bound():.2g}, stated {often * budget.risk:g}),'
             f' {counts.silent} without levels, {counts.alerts} alerts'
         )
-    typer.echo(page)
+    say(page)
 
 
 @dataclass(frozen=True)

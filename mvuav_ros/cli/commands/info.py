@@ -48,7 +48,7 @@ def info(
     with local_copy(source) as path:
         if path.exists() and looks_like_bag(path):
             with frame_progress() as bar:
-                task = bar.add_task(path.name, total=None)
+                task = bar.add_task(visible(path.name), total=None)
                 summary = summarise(
                     path, lambda done, total: bar.update(task, completed=done, total=total)
                 )

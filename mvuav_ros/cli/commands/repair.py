@@ -8,6 +8,7 @@ import typer
 
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, say
+from mvuav_ros.recordings.foreign import visible
 from mvuav_ros.recordings.remote import local_copy, local_output
 
 _MOST_ROWS = 200
@@ -30,7 +31,7 @@ def repair(
 
     refuse_to_overwrite(output, force)
     with local_copy(source) as path, local_output(output) as target, frame_progress() as bar:
-        task = bar.add_task(path.name, total=None)
+        task = bar.add_task(visible(path.name), total=None)
         report = write(
             path,
             target,

@@ -16,6 +16,7 @@ from mvuav_ros.offline.replay.many import run_jobs
 from mvuav_ros.offline.replay.outputs import Plan
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.process_tuning import keep_freed_memory
+from mvuav_ros.recordings.foreign import visible
 
 _MOST_REASONS = 5
 
@@ -56,7 +57,7 @@ def replay_one(job: ReplayJob, processes: int, stop: Stop) -> ReplayOutcome:
     keep_freed_memory()
     cv2.setNumThreads(1)
     with frame_progress(thread=False) as progress:
-        task = progress.add_task(job.source, total=None)
+        task = progress.add_task(visible(job.source), total=None)
 
         def show(state: JobProgress) -> None:
             progress.update(

@@ -17,7 +17,7 @@ from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 from mvuav_ros.recordings.sources.frame import SourceError
 
-_STARTING_TIME = 60.0
+_STARTING_TIME = 180.0
 _PREFIX = 'tuning_panel: '
 _APPROACH = {'mode': 'approach', 'runway_width': '30.0'}
 """The bag has a calibration, and the width of its runway (m) makes guidance of the lines."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -97,7 +97,8 @@ def write_images(
 def _results(
     run: LabelledRun, parameters: RunwayDetectorParameters
 ) -> Iterator[tuple[LabelledFrame, RunwayResult | ApproachResult]]:
-    thesis, approach = RunwayDetector(parameters), ApproachDetector(parameters)
+    thesis = RunwayDetector(replace(parameters, mode='thesis'))
+    approach = ApproachDetector(parameters)
     flag = cv2.IMREAD_GRAYSCALE if run.gray else cv2.IMREAD_COLOR
     for index, frame in enumerate(run.frames):
         path = run.folder / frame.file

@@ -20,6 +20,7 @@ from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.errors import MalformedMessageError
+from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.serialization.messages import stamp_ns_of
@@ -93,7 +94,9 @@ class NamedPoints:
         """
         message = decode_message('geometry_msgs/msg/PointStamped', data)
         place = float(message.point.x), float(message.point.y)
-        self._points[topic.removeprefix(ONE_MARKER)][stamp_ns_of(message.header)] = place
+        # A dollar sign would begin a formula in a figure.
+        name = words(topic.removeprefix(ONE_MARKER)).replace('$', '')
+        self._points[name][stamp_ns_of(message.header)] = place
 
     def names(self, markers: Mapping[int, Rows]) -> dict[int, str]:
         """The names that are certain, by label, from rows of ``~/markers`` by stamp (ns)."""

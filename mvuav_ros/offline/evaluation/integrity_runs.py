@@ -137,7 +137,7 @@ def fly_integrity(task: IntegrityTask) -> IntegrityFlight:
         places = np.array([(marker.x, marker.y) for marker in seen])
         labels = [int(marker.label) for marker in seen]
         flown.add_names(result, truth)
-        pose = poses.estimate(flight.camera, labels, places, stamp_ns * 1e-9)
+        pose = poses.estimate(flight.camera, labels, places, stamp_ns)
         if pose is not None:
             flown.add_pose(pose, truth)
     flown.close()

@@ -63,7 +63,9 @@ def fly_poses(task: PoseTask) -> FlownPoses:
         truth = flight.truth(index)
         places = np.array([(marker.x, marker.y) for marker in truth.markers])
         pixels = places + rng.normal(0.0, task.noise, places.shape)
-        pose = estimator.estimate(camera, range(len(pixels)), pixels, flight.time(index))
+        pose = estimator.estimate(
+            camera, range(len(pixels)), pixels, round(flight.time(index) * 1e9)
+        )
         rows[index, 0] = truth.distance
         if pose is not None:
             error, square = pose_error(pose, truth.rotation, truth.translation)

@@ -177,7 +177,7 @@ def fly(task: ProtectionTask) -> ProtectionCounts:
         bad = faults.apply(pixels)
         counts.faulty += bool(bad)
         counts.at_distance += is_far and not bad
-        pose = estimator.estimate(camera, range(len(pixels)), pixels, time)
+        pose = estimator.estimate(camera, range(len(pixels)), pixels, round(time * 1e9))
         if pose is None:
             counts.silent += 1
             continue

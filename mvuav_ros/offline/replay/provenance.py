@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
 from collections.abc import Iterator
 from glob import glob
 from pathlib import Path
@@ -45,9 +46,10 @@ def fingerprint(source: str) -> dict[str, str]:
     for file in _files(path):
         status = file.stat()
         total += status.st_size
-        digest.update(f'{file.name}\0{status.st_size}\0{status.st_mtime_ns}\n'.encode())
+        name = os.fsencode(file.name)
+        digest.update(b'%s\0%d\0%d\n' % (name, status.st_size, status.st_mtime_ns))
     return {
-        'input': str(path.resolve()),
+        'input': os.fsencode(path.resolve()).decode('utf-8', 'replace'),
         'input_bytes': str(total),
         'input_files': digest.hexdigest(),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from html import escape
+import html
 
 from mvuav_ros.offline.report.comparison import (
     METHOD,
@@ -14,6 +14,9 @@ from mvuav_ros.offline.report.comparison import (
     worst_first,
 )
 from mvuav_ros.offline.report.model import Claim, Figure, Report, Section, Table, is_number
+from mvuav_ros.recordings.foreign import visible
+
+_LONGEST_TEXT = 100_000
 
 _CSS = """
 :root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #d5dbe3;
@@ -94,6 +97,11 @@ _WIDE = 9
 _SCROLL = '<div class="scroll" tabindex="0">'
 _WHOLE = 26
 """Texts of at most so many characters are not broken into lines."""
+
+
+def escape(text: object) -> str:
+    """A text as it stands in the page, whoever wrote it."""
+    return html.escape(visible(text, _LONGEST_TEXT))
 
 
 def render_page(report: Report) -> str:

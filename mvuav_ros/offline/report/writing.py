@@ -9,6 +9,8 @@ from pathlib import Path
 
 from mvuav_ros.offline.report.model import Report, Table
 from mvuav_ros.offline.report.page import render_page
+from mvuav_ros.recordings.foreign import visible
+from mvuav_ros.recordings.output_file import write_whole
 
 PAGE = 'index.html'
 DATA = 'report.json'
@@ -23,23 +25,25 @@ def write_report(report: Report, folder: Path) -> Path:
 
     Returns:
         The page.
+
+    Raises:
+        RecordingError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for table in report.tables():
         write_csv(table, folder / f'{table.key}.csv')
         _write_json(table.records(), folder / f'{table.key}.json')
     for figure in report.figures():
-        (folder / f'{figure.key}.png').write_bytes(figure.png)
+        write_whole(folder / f'{figure.key}.png', figure.png)
     _write_json(as_data(report), folder / DATA)
     page = folder / PAGE
-    page.write_text(render_page(report), encoding='utf-8')
+    write_whole(page, render_page(report))
     return page
 
 
 def write_csv(table: Table, path: Path) -> None:
     """Write a table with all digits of its numbers; what is missing stays empty."""
-    with path.open('w', newline='', encoding='utf-8') as stream:
-        stream.write(csv_text(table))
+    write_whole(path, csv_text(table))
 
 
 def csv_text(table: Table) -> str:
@@ -48,7 +52,8 @@ def csv_text(table: Table) -> str:
     writer = csv.writer(stream)
     writer.writerow([column.heading for column in table.columns])
     for record in table.records():
-        writer.writerow(['' if value is None else value for value in record.values()])
+        cells = ['' if value is None else value for value in record.values()]
+        writer.writerow([visible(cell) if isinstance(cell, str) else cell for cell in cells])
     return stream.getvalue()
 
 
@@ -65,4 +70,4 @@ def as_data(report: Report) -> dict[str, object]:
 
 
 def _write_json(value: object, path: Path) -> None:
-    path.write_text(json.dumps(value, indent=2) + '\n', encoding='utf-8')
+    write_whole(path, json.dumps(value, indent=2) + '\n')

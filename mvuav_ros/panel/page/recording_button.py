@@ -61,10 +61,11 @@ class RecordingButton:
             return
         try:
             recorder.stop()
-            said = f'Recorded {recorder.messages} messages: {recorder.path}'
+            said = f'Recorded {recorder.messages} messages'
         except RecordingError as error:
             said = str(error)
         if not self._words.is_deleted:
-            el.tell(foreign.words(f'{said} {recorder.error}'))
+            el.tell(f'{said}: {recorder.path} {recorder.error}')
             self._show()
+            self._words.set_text(foreign.words(f'{said} {recorder.error}'))
         self._page.services.runs_changed.emit()

@@ -1,8 +1,9 @@
 """Where camera and target are to each other, as ``/tf`` and ``~/vision_pose`` carry it.
 
 ``/tf`` goes from the camera's optical frame to the target (a marker does so too), as the camera
-already has a parent on a robot that describes itself. ``~/vision_pose`` is the other way round: the
-camera's body axes (x forward, y left, z up, REP-103) in the target's frame.
+already has a parent on a robot that describes itself, or from the target to the vehicle.
+``~/vision_pose`` is the vehicle, or the camera's body axes (x forward, y left, z up, REP-103), in
+the target's frame.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from mvuav_ros.recordings.serialization.cdr import (
     without_encapsulation,
 )
 from mvuav_ros.vision.approach.results import Guidance
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy, quaternion
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
 from mvuav_ros.vision.pose import Pose
 
 Array = NDArray[np.float64]
@@ -32,6 +33,8 @@ TF_TYPE: Any = None
 """The message of ``/tf``; None where tf2_msgs is not installed."""
 if importlib.util.find_spec('tf2_msgs') is not None:
     TF_TYPE = importlib.import_module('tf2_msgs.msg').TFMessage
+
+_UNKNOWN = np.full((6, 6), math.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +52,76 @@ class Placement:
     covariance: Array
 
     @property
+    def inverse(self) -> Placement:
+        """The outer frame seen from the inner one; without covariance."""
+        turned = self.rotation.T
+        return Placement(turned, -turned @ self.translation, _UNKNOWN)
+
+    @property
     def known(self) -> bool:
         """Whether all of it is."""
         return bool(np.isfinite(self.translation).all() and np.isfinite(self.rotation).all())
+
+
+def vehicle_of(camera: Placement, mount: Placement) -> Placement:
+    """The vehicle that carries a camera, in the frame that the camera is given in.
+
+    Args:
+        camera: the camera's body axes in that frame.
+        mount: the same axes on the vehicle.
+    """
+    rotation = camera.rotation @ mount.rotation.T
+    x, y, z = arm = rotation @ mount.translation
+    # A small turn w about the outer axes moves the vehicle by arm x w.
+    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    jacobian = np.block([[np.eye(3), cross], [np.zeros((3, 3)), np.eye(3)]])
+    covariance = jacobian @ camera.covariance @ jacobian.T
+    return Placement(rotation, camera.translation - arm, covariance)
+
+
+def mount_of(xyz: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Placement:
+    """A camera's body axes on the vehicle, from its position (m) and angles (degrees)."""
+    roll, pitch, yaw = map(math.radians, rpy_deg)
+    return Placement(from_rpy(roll, pitch, yaw), np.array(xyz), _UNKNOWN)
+
+
+NO_MOUNT = mount_of((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def body_axes(optical: Placement) -> Placement:
+    """A camera's body axes, where its optical frame is."""
+    return Placement(optical.rotation @ OPTICAL_FROM_BODY, optical.translation, _UNKNOWN)
+
+
+class TransformTree:
+    """The transforms of ``/tf_static``: each frame in its parent, the newest parent counting."""
+
+    def __init__(self) -> None:
+        self._placed: dict[str, tuple[str, Placement]] = {}
+
+    def add(self, message: Any) -> None:
+        """Take in a tf2_msgs/TFMessage."""
+        for each in message.transforms:
+            q, t = each.transform.rotation, each.transform.translation
+            placed = Placement(
+                from_quaternion(q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z]), _UNKNOWN
+            )
+            self._placed[each.child_frame_id] = each.header.frame_id, placed
+
+    def parent(self, frame: str) -> str:
+        """The frame's parent; empty where it has none."""
+        return self._placed[frame][0] if frame in self._placed else ''
+
+    def find(self, inner: str, outer: str) -> Placement | None:
+        """A frame in one of its ancestors; None where they are not so connected."""
+        found = Placement(np.eye(3), np.zeros(3), _UNKNOWN)
+        for _ in self._placed:
+            if inner == outer or inner not in self._placed:
+                break
+            inner, placed = self._placed[inner]
+            moved = placed.rotation @ found.translation + placed.translation
+            found = Placement(placed.rotation @ found.rotation, moved, _UNKNOWN)
+        return found if inner == outer else None
 
 
 def body_in_camera(pose: Pose) -> Placement:
@@ -70,7 +140,7 @@ def runway_in_camera(guidance: Guidance) -> Placement:
     """The runway's frame in the camera's optical frame; NaN where guidance is."""
     rotation = OPTICAL_FROM_BODY @ from_rpy(guidance.roll, guidance.pitch, guidance.yaw).T
     position = np.array([guidance.x, guidance.y, guidance.z])
-    return Placement(rotation, -rotation @ position, np.full((6, 6), math.nan))
+    return Placement(rotation, -rotation @ position, _UNKNOWN)
 
 
 def camera_in_body(pose: Pose) -> Placement:

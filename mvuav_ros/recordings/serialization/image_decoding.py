@@ -117,13 +117,17 @@ def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
 def decode_image_file(data: NDArray[np.uint8]) -> Image:
     """As `decode_file_bytes`, but not of a file whose header claims too many pixels.
 
+    A photograph stands upright, as its EXIF tag says.
+
     Raises:
         ImageError: the data does not decode.
     """
     size = compressed_size(data)
     if size is not None:
         _check_size(*size)
-    return decode_file_bytes(data)
+    # With IMREAD_UNCHANGED, which keeps alpha, OpenCV does not look at the tag.
+    is_jpeg = bytes(data[:2]) == b'\xff\xd8'
+    return decode_file_bytes(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg else -1)
 
 
 def _check_size(width: int, height: int) -> None:
@@ -133,7 +137,7 @@ def _check_size(width: int, height: int) -> None:
         raise ImageError(f'{width} x {height} is more than {MAX_PIXELS >> 20} megapixels')
 
 
-def decode_file_bytes(data: NDArray[np.uint8]) -> Image:
+def decode_file_bytes(data: NDArray[np.uint8], flags: int = cv2.IMREAD_UNCHANGED) -> Image:
     """Decode the bytes of an image file; colours, alpha and 16-bit grey are kept.
 
     Raises:
@@ -141,7 +145,7 @@ def decode_file_bytes(data: NDArray[np.uint8]) -> Image:
     """
     pixels: NDArray[Any] | None
     try:
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        pixels = cv2.imdecode(data, flags) if len(data) else None
     except cv2.error as error:
         raise ImageError(f'{len(data)} bytes of compressed data: {error.err}') from error
     if pixels is None:

@@ -62,7 +62,7 @@ class BagImages(FrameSource):
         self.imu_topic = imu_topic_of(self._recording, chosen.name)
         self._message_count = chosen.message_count
         self.count: int | None = chosen.message_count
-        self.name = f'bag {path.name} {self.topic}'
+        self.name = f'bag {words(path.name)} {words(self.topic)}'
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.foreign import LONGEST_LINE, words
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
@@ -16,7 +17,10 @@ OPTICAL_FRAME = 'camera_optical_frame'
 
 
 class SourceError(Exception):
-    """A source that cannot be opened or read, with what the user can do about it."""
+    """A source that cannot be opened or read, with what the user can do about it; one line."""
+
+    def __init__(self, text: object) -> None:
+        super().__init__(words(text, LONGEST_LINE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +41,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class BadFrame:
-    """An image that was there but cannot be used."""
+    """An image that was there but cannot be used, with the reason in one visible line."""
 
     stamp_ns: int
     reason: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'reason', words(self.reason, LONGEST_LINE))
 
 
 class FrameSource(Protocol):

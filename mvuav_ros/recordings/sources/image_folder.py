@@ -6,11 +6,12 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.serialization.image_decoding import decode_image_file
+from mvuav_ros.recordings.content import is_image_start, start_of
+from mvuav_ros.recordings.foreign import words
+from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS, decode_image_file
 from mvuav_ros.recordings.sources.frame import OPTICAL_FRAME, BadFrame, Frame, FrameSource
 from mvuav_ros.recordings.sources.video import DEFAULT_RATE
 from mvuav_ros.vision.image import ImageError
@@ -18,6 +19,8 @@ from mvuav_ros.vision.image import ImageError
 IMAGE_SUFFIXES = frozenset(
     {'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp'}
 )
+# Of the most pixels, four channels of 16 bits.
+_LARGEST_FILE = MAX_PIXELS * 8 + (1 << 20)
 
 
 class ImageFolder(FrameSource):
@@ -25,7 +28,7 @@ class ImageFolder(FrameSource):
 
     def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
         """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
-        self.name = f'images {name}'
+        self.name = f'images {words(name)}'
         self.rate: float | None = rate or DEFAULT_RATE
         self.account = Account(self.name)
         self._files = sorted((file for file in files if is_image_file(file)), key=_natural_order)
@@ -38,6 +41,8 @@ class ImageFolder(FrameSource):
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
             try:
+                if file.stat().st_size > _LARGEST_FILE:
+                    raise ImageError(f'the file is larger than {_LARGEST_FILE >> 20} MB')
                 image = decode_image_file(np.fromfile(file, np.uint8))
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
@@ -51,7 +56,8 @@ def is_image_file(file: Path) -> bool:
     suffix = file.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         return file.is_file()
-    return not suffix and file.is_file() and cv2.haveImageReader(str(file))
+    # Not by cv2.haveImageReader, which a name that is not UTF-8 crashes.
+    return not suffix and is_image_start(start_of(file))
 
 
 def _natural_order(file: Path) -> list[tuple[int, str]]:

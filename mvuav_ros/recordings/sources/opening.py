@@ -35,8 +35,20 @@ def open_source(
         cameras: whether a camera will do.
         camera: what a camera is asked for.
 
+    Returns:
+        A `FrameSource`: its ``frames()`` yields `Frame`, with ``image``, ``stamp_ns`` and, where
+        they are known, ``camera`` and ``attitude``, or `BadFrame` for an image that cannot be
+        read, with the ``reason``.
+
     Raises:
         SourceError: there is no such thing, or nothing in it can be read.
+
+    Examples:
+        >>> from mvuav_ros import open_source
+        >>> source = open_source('bags/tanker.mcap')
+        >>> frame = next(source.frames())
+        >>> source.count, frame.stamp_ns, frame.image.width, frame.image.encoding
+        (180, 1700000000000000000, 640, 'mono8')
     """
     if text.startswith(PREFIX):
         return SimulatedFlight(text, rate)

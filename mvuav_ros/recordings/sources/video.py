@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.serialization.image_decoding import MAX_PIXELS
 from mvuav_ros.recordings.sources.frame import (
     OPTICAL_FRAME,
@@ -37,7 +39,7 @@ class VideoFile(FrameSource):
         Raises:
             SourceError: it is not a video.
         """
-        self.name = f'video {path.name}'
+        self.name = f'video {words(path.name)}'
         self.account = Account(self.name)
         self._path = path
         self._given_rate = rate
@@ -70,7 +72,7 @@ class VideoFile(FrameSource):
         try:
             # A playlist must not lead to other machines, nor a frame be larger than it says.
             limits = {'protocol_whitelist': 'file', 'max_pixels': str(MAX_PIXELS)}
-            container = av.open(str(self._path), options=limits)
+            container = av.open(_place(self._path), options=limits)
         except (av.error.FFmpegError, ValueError):
             container = None
         # Of a codec that FFmpeg does not know there is no context.
@@ -140,6 +142,15 @@ class _Stamps:
         return stamp_ns
 
 
+def _place(path: Path) -> str | BinaryIO:
+    """What FFmpeg opens: a name before a colon would be a protocol, and names must be UTF-8."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return path.open('rb')
+    return f'file:{path}'
+
+
 def _packets(container: Any, stream: Any) -> Iterator[Any]:
     """The packets up to the file's end or to where it cannot be read any more."""
     packets = container.demux(stream)
@@ -151,7 +162,26 @@ def _packets(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def upright(frame: Any) -> Image:
-    """A decoded frame in colour, turned as the camera was held."""
+    """A decoded frame in colour, turned (and mirrored) as the camera was held."""
     pixels = frame.to_ndarray(format='bgr24')
-    turns = round(getattr(frame, 'rotation', 0) / 90) % 4
-    return Image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels, 'bgr8')
+    matrix = _display_matrix(frame)
+    if matrix is None:
+        turns = round(getattr(frame, 'rotation', 0) / 90) % 4
+        return Image(np.ascontiguousarray(np.rot90(pixels, turns)) if turns else pixels, 'bgr8')
+    # x' = a x + c y, y' = b x + d y: with a quarter turn the larger terms are b and c.
+    (a, b), (c, d) = matrix
+    if abs(b) + abs(c) > abs(a) + abs(d):
+        pixels, a, d = pixels.swapaxes(0, 1), c, b
+    pixels = pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
+    return Image(np.ascontiguousarray(pixels), 'bgr8')
+
+
+def _display_matrix(frame: Any) -> NDArray[np.int32] | None:
+    """The upper left of the matrix by which the frame is to be shown; None without any."""
+    try:
+        data = frame.side_data.get('DISPLAYMATRIX')
+    except (AttributeError, KeyError):  # of older versions of PyAV
+        return None
+    if data is None:
+        return None
+    return np.frombuffer(bytes(data), np.int32)[:9].reshape(3, 3)[:2, :2]

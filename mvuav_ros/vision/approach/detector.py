@@ -20,6 +20,7 @@ from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.lines import LineFlags, Segment
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.results import LineRole
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
@@ -71,6 +72,7 @@ class ApproachDetector:
     def reset(self) -> None:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
+        self._last_stamp_ns: int | None = None
         self._finder: RunwayFinder | StripFinder | None = None
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
@@ -86,7 +88,7 @@ class ApproachDetector:
 
     def process(
         self,
-        image: Pixels,
+        image: Image | Pixels,
         stamp_ns: int,
         attitude: Attitude | HorizonLine | None = None,
     ) -> ApproachResult:
@@ -95,15 +97,23 @@ class ApproachDetector:
         A frame of another size than the last one starts afresh.
 
         Args:
-            image: (height, width) or (height, width, 3), blue first, uint8 or uint16; any size,
-                also none. It is neither changed nor copied.
-            stamp_ns: its time, ns; handed through.
+            image: an `Image`, or (height, width) or (height, width, 3), blue first, uint8 or
+                uint16; any size, also none. It is neither changed nor copied.
+            stamp_ns: its time, ns; not before the last frame's (see `reset`).
             attitude: of the body at that time, or where the horizon is on the frame, if known.
+
+        Raises:
+            ImageError: the image has another shape or type.
+            ValueError: the stamp is before the last one.
         """
+        image = as_pixels(image)
         height, width = image.shape[:2]
         if self._size != (height, width):
             self.reset()
             self._size = (height, width)
+        if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
+            raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
+        self._last_stamp_ns = stamp_ns
         if min(height, width) < _SMALLEST:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, status)

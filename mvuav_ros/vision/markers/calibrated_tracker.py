@@ -23,6 +23,8 @@ AGREED = 3  # Frames that must tell another focal length before names are given 
 ANOTHER = 0.006  # Part by which it must differ from the one in use, or half a deviation; and
 ANOTHER_RIG = 0.001  # in parts of its size what the rig is taken for (root mean square)
 SAME_LIGHT = 1.0  # px, between the places of a light as two trackers tell it
+NEEDED = 0.25
+"""Squared residuals over their variances per degree of freedom up to which those told will do."""
 FIRST_STEP, LONGEST_STEP = 0.1, 8.0
 """s between two frames that are taken for the estimate: while it is young, and when settled."""
 FEWEST = 5
@@ -117,7 +119,7 @@ class CalibratedTracker:
             self._next = time + 2.0 * FIRST_STEP
             return result
         self._tell(estimate)
-        differing = self._differs(estimate)
+        differing = self._differs(check, estimate)
         self._differing = self._differing + 1 if differing else 0
         self._step = FIRST_STEP if differing else min(2.0 * self._step, LONGEST_STEP)
         self._next = time + self._step
@@ -131,13 +133,22 @@ class CalibratedTracker:
         self._take(estimate)
         return again
 
-    def _differs(self, estimate: Estimate) -> bool:
-        """Whether camera and rig are others than those in use."""
+    def _differs(self, check: SelfCalibration, estimate: Estimate) -> bool:
+        """Whether camera and rig are others than those in use.
+
+        That they are not what they are told to be, most frames must show: in a few a light may be
+        another one.
+        """
         shift, offsets = self._learnt
-        if abs(shift - estimate.shift) > max(ANOTHER, 0.5 * estimate.deviation):
-            return True
         apart = float(np.sqrt(np.square(estimate.offsets - offsets).sum(axis=-1).mean()))
-        return apart > ANOTHER_RIG * self._extent
+        alike = abs(shift - estimate.shift) <= max(ANOTHER, 0.5 * estimate.deviation)
+        if alike and apart <= ANOTHER_RIG * self._extent:
+            return False
+        if shift or offsets.any():
+            return True
+        usual = float(np.median(check.misfits(shift, offsets)))
+        better = float(np.median(check.misfits(estimate.shift, estimate.offsets)))
+        return usual > max(NEEDED, 2.0 * better)
 
     def _name_without(
         self,

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.calibrated_tracker import CalibratedTracker
 from mvuav_ros.vision.markers.detection import detect, detect_any
-from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
+from mvuav_ros.vision.markers.results import Label, MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import ThesisTracker
-from mvuav_ros.vision.rig import TANKER_747, MarkerRig
+from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
+from mvuav_ros.vision.rig_examination import examine
 
 if TYPE_CHECKING:
     from mvuav_ros.vision.markers.multi_object import MultiObjectTracker
@@ -53,10 +56,19 @@ class MarkerTracker:
 
         Args:
             parameters: the defaults if None.
-            rig: the body whose markers are named; the tanker of the thesis if None.
+            rig: the body whose markers are named; if None that of the parameter ``layout``,
+                which is the tanker of the thesis where it is empty.
+
+        Raises:
+            ParameterError: the rig's file cannot be used, or its names or pose are ambiguous and
+                the parameter ``allow_ambiguous`` is not set.
         """
         self.parameters = parameters or MarkerTrackerParameters()
-        self.rig = rig or TANKER_747
+        self.rig = rig or rig_of(self.parameters)
+        self.doubts = examine(self.rig)
+        if self.doubts and not self.parameters.allow_ambiguous:
+            name = self.parameters.layout or self.rig.name
+            raise ParameterError('layout', f'{name}: {self.doubts[0]} (see allow_ambiguous)')
         self._camera: CameraModel | None = None
         self.reset()
 
@@ -74,7 +86,12 @@ class MarkerTracker:
         """Use other parameters from the next frame on.
 
         A change of mode starts afresh, and so does one between the thesis's tracking and ours.
+
+        Raises:
+            ParameterError: ``layout`` is another one; that takes another tracker.
         """
+        if parameters.layout != self.parameters.layout:
+            raise ParameterError('layout', 'cannot be changed; make another MarkerTracker')
         before, self.parameters = self.parameters, parameters
         if _program(parameters) != _program(before):
             self.reset()
@@ -99,18 +116,20 @@ class MarkerTracker:
             return tracker
         return ThesisTracker()
 
-    def process(self, image: Image, stamp_ns: int) -> MarkerResult:
+    def process(self, image: Image | Pixels, stamp_ns: int) -> MarkerResult:
         """Find the markers in the next frame.
 
         Args:
-            image: the frame.
+            image: the frame: an `Image`, or (height, width) grey or (height, width, 3) colour,
+                blue first, uint8 or uint16.
             stamp_ns: its time, ns.
 
         Raises:
             ValueError: in ``track`` and ``track_any``, the stamp is not later than the last one
                 (see `reset`).
-            ImageError: the image does not convert to grey.
+            ImageError: it is no such image, or does not convert to grey.
         """
+        image = as_image(image)
         mode = self.parameters.mode
         time = 0.0 if mode in WITHOUT_MEMORY else self._time_of(stamp_ns)
         if self.parameters.channel != AUTO:
@@ -151,6 +170,23 @@ class MarkerTracker:
             self._first_stamp_ns = stamp_ns
         # Since the first frame, because seconds since 1970 leave a float 0.2 µs of resolution.
         return (stamp_ns - self._first_stamp_ns) * 1e-9
+
+
+def rig_of(parameters: MarkerTrackerParameters) -> MarkerRig:
+    """The rig that the parameter ``layout`` names.
+
+    Raises:
+        ParameterError: its file cannot be used, or it has too few or too many markers.
+    """
+    if not parameters.layout:
+        return TANKER_747
+    try:
+        rig = load_rig(parameters.layout)
+    except RigError as error:
+        raise ParameterError('layout', str(error)) from error
+    if not 2 <= len(rig.names) <= Label.UNLABELLED:
+        raise ParameterError('layout', f'{parameters.layout}: tracking needs 2 to 255 markers')
+    return rig
 
 
 def _finds(result: MarkerResult) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.correction import (
     CorrectedLine,
@@ -37,7 +37,13 @@ class RunwayDetector:
     """
 
     def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
-        self._parameters = parameters or RunwayDetectorParameters()
+        """Prepare for the first frame; the parameters are the defaults if None.
+
+        Raises:
+            ParameterError: the mode is ``approach``, which `ApproachDetector` runs.
+        """
+        self._parameters = _of_thesis(parameters or RunwayDetectorParameters())
+        self._last_stamp_ns: int | None = None
         self._correction = RhoThetaCorrection(self._parameters)
         self._statistics = RunwayStatistics()
         self._hough: HoughVideo | None = None
@@ -54,14 +60,18 @@ class RunwayDetector:
 
         Known lines stay comparable, since they are kept on the whole frame, in px and rad: none
         is forgotten, except rows beyond a smaller ``num_peaks``.
+
+        Raises:
+            ParameterError: the mode is ``approach``.
         """
-        self._parameters = parameters
+        self._parameters = _of_thesis(parameters)
         self._correction.configure(parameters)
 
     def reset(self) -> None:
         """Forget the lines of earlier frames; statistics go on."""
         self._correction.reset()
         self._frame_size = None
+        self._last_stamp_ns = None
 
     def reset_statistics(self) -> None:
         """Begin the statistics at zero; known lines stay."""
@@ -71,25 +81,29 @@ class RunwayDetector:
         """Statistics of the frames since construction or `reset_statistics`."""
         return self._statistics.summary()
 
-    def process(self, image: Pixels, stamp_ns: int) -> RunwayResult:
+    def process(self, image: Image | Pixels, stamp_ns: int) -> RunwayResult:
         """Find the lines of the next frame.
 
         A frame in which none can be found gives a result that says so. A frame of another size
         than the last one resets the known lines, which have no meaning on it.
 
         Args:
-            image: (height, width) uint8 or uint16, or (height, width, 3) uint8 or uint16, blue
-                first; any size, also none. It is neither changed nor copied.
-            stamp_ns: its time, ns; handed through.
+            image: an `Image`, or (height, width) uint8 or uint16, or (height, width, 3) uint8 or
+                uint16, blue first; any size, also none. It is neither changed nor copied.
+            stamp_ns: its time, ns; not before the last frame's (see `reset`).
 
         Raises:
-            ValueError: the image has another shape or type.
+            ImageError: the image has another shape or type.
+            ValueError: the stamp is before the last one.
         """
-        _check_format(image)
+        image = as_pixels(image)
         height, width = image.shape[:2]
         if image.size and self._frame_size != (height, width):
-            self._correction.reset()
+            self.reset()
             self._frame_size = (height, width)
+        if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
+            raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
+        self._last_stamp_ns = stamp_ns
         first, last, status = self._rows(height, width)
         workings = RunwayWorkings(image)
         if first < last:
@@ -154,14 +168,10 @@ class RunwayDetector:
         return self._hough
 
 
-def _check_format(image: Pixels) -> None:
-    if image.dtype not in (np.uint8, np.uint16) or not (
-        image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
-    ):
-        raise ValueError(
-            'the image must be (height, width) or (height, width, 3) of uint8 or uint16, not '
-            f'{image.shape} of {image.dtype}'
-        )
+def _of_thesis(parameters: RunwayDetectorParameters) -> RunwayDetectorParameters:
+    if parameters.mode == 'approach':
+        raise ParameterError('mode', "approach is ApproachDetector's; RunwayDetector runs thesis")
+    return parameters
 
 
 def lines_on_frame(workings: RunwayWorkings, first_row: int) -> list[NormalForm]:

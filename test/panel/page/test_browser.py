@@ -475,7 +475,7 @@ def test_a_recording_holds_input_and_results(panel):
         panel.part(part)
         assert words.is_visible() and 'bg-negative' in stop.get_attribute('class')
     stop.click()
-    page.get_by_text(re.compile('Recorded [0-9]+ messages')).wait_for()
+    panel.until(lambda: re.fullmatch('Recorded [0-9]+ messages', words.inner_text()), 'the end')
     (path,) = (panel.folder / 'recordings').iterdir()
     with open_recording(path) as recording:
         topics = {topic.name for topic in recording.topics if topic.message_count}

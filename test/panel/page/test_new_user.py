@@ -53,6 +53,7 @@ def test_from_the_first_start_to_a_saved_set_and_a_compared_run(demo):
         dialog.get_by_role('button', name='Save').click()
         page.get_by_text('The live values are those of calm.').wait_for()
         page.get_by_role('tab', name='Recordings').click()
+        page.get_by_text('frame 1 of 150').wait_for()
         page.get_by_role('slider', name='Frame').fill('40')
         page.get_by_text('frame 41 of 150').wait_for()
         runs = page.locator('.part.runs')

@@ -239,7 +239,7 @@ def test_lines_of_another_size_than_the_calibrations_stay_pixels():
 @pytest.mark.parametrize('make', [MarkerTrackerProcessor, RunwayDetectorProcessor])
 def test_tf_can_be_switched_off_and_needs_tf2_msgs(make, monkeypatch):
     assert '/tf' in make().topics
-    off = make(make.parameters_type(publish_tf=False))
+    off = make(make.parameters_type(publish_tf='off'))
     assert '/tf' not in off.topics
     monkeypatch.setattr(transforms, 'TF_TYPE', None)
     without = make()

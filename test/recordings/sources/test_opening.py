@@ -1,11 +1,23 @@
 """What a user may name as a source, and what comes out."""
 
+import os
+import shutil
+import struct
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+from support.recording_samples import (
+    image_samples,
+    storage_file,
+    write_mcap,
+    write_ros1,
+    write_rosbag2,
+)
 
 from mvuav_ros.recordings.sources.camera import Camera
-from mvuav_ros.recordings.sources.frame import BadFrame, SourceError
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.image_folder import ImageFolder
 from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.sources.video import VideoFile
@@ -136,3 +148,44 @@ def test_folders_ignore_other_files(tmp_path):
     write_images(tmp_path, 2)
     (tmp_path / 'corners.csv').write_text('frame,x,y\n')
     assert ImageFolder('here', list(tmp_path.iterdir())).count == 2
+
+
+@pytest.mark.parametrize('suffix', [b'', b'.png', b'.mcap', b'.db3', b'.bag'])
+def test_names_that_are_not_utf8(tmp_path: Path, suffix: bytes) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b'/na\xefve' + suffix))
+    if suffix == b'.mcap':
+        write_mcap(tmp_path / 'a', image_samples(2)).rename(path)
+    elif suffix == b'.db3':
+        storage_file(write_rosbag2(tmp_path / 'bag', image_samples(2), 'sqlite3')).rename(path)
+        shutil.rmtree(tmp_path / 'bag')
+    elif suffix == b'.bag':
+        write_ros1(tmp_path / 'a', image_samples(2)).rename(path)
+    else:
+        path.write_bytes(cv2.imencode('.png', np.zeros((8, 16), np.uint8))[1].tobytes())
+    for source in (path, tmp_path):
+        frames = list(open_source(str(source)).frames())
+        assert frames and all(isinstance(frame, Frame) for frame in frames)
+
+
+def test_a_photograph_stands_as_its_tag_says(tmp_path: Path) -> None:
+    pixels = np.zeros((16, 32), np.uint8)
+    pixels[:, 16:] = 200
+    data = cv2.imencode('.jpg', pixels)[1].tobytes()
+    for tag, shown in ((1, pixels), (3, pixels[::-1, ::-1]), (6, np.rot90(pixels, -1))):
+        entry = struct.pack('<HHIHH', 0x0112, 3, 1, tag, 0)
+        exif = b'Exif\0\0II*\0' + struct.pack('<IH', 8, 1) + entry + bytes(4)
+        segment = b'\xff\xe1' + struct.pack('>H', len(exif) + 2) + exif
+        (tmp_path / 'a.jpg').write_bytes(data[:2] + segment + data[2:])
+        (frame,) = open_source(str(tmp_path / 'a.jpg')).frames()
+        assert isinstance(frame, Frame) and frame.image.pixels.shape == shown.shape
+        assert np.abs(frame.image.pixels.astype(int) - shown).max() < 12
+
+
+def test_an_image_file_of_gigabytes_is_one_bad_frame(tmp_path: Path) -> None:
+    good = cv2.imencode('.png', np.zeros((8, 16), np.uint8))[1].tobytes()
+    for name in ('1.png', '2.png', '3.png'):
+        (tmp_path / name).write_bytes(good)
+    os.truncate(tmp_path / '2.png', 60 << 30)  # on the disk there is nothing of it
+    first, bad, last = open_source(str(tmp_path)).frames()
+    assert isinstance(bad, BadFrame) and 'larger than 513 MB' in bad.reason
+    assert isinstance(first, Frame) and isinstance(last, Frame)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from support.coded_videos import (
+    FLIPPED,
+    HALF_TURNED,
     HEIGHT,
+    MIRRORED,
+    TRANSPOSED,
     WIDTH,
     compressed_image,
     compressed_video,
@@ -164,3 +171,30 @@ def test_packets_that_cannot_be_decoded(tmp_path: Path) -> None:
     assert "format 'theora' is not known" in frame.reason
     (topic,) = summarise(other).topics
     assert topic.images is not None and "'theora' is not known" in topic.images.first_problem
+
+
+@pytest.mark.parametrize(
+    ('matrix', 'shown'),
+    [
+        (MIRRORED, lambda pixels: pixels[:, ::-1]),
+        (FLIPPED, lambda pixels: pixels[::-1]),
+        (HALF_TURNED, lambda pixels: pixels[::-1, ::-1]),
+        (TRANSPOSED, lambda pixels: pixels.swapaxes(0, 1)),
+    ],
+    ids=['mirrored', 'flipped', 'half turned', 'transposed'],
+)
+def test_a_video_stands_as_its_matrix_says(
+    tmp_path: Path, matrix: bytes, shown: Callable[[Any], Any]
+) -> None:
+    path = write_video(tmp_path / 'a.mp4', [0, 33])
+    plain = [frame.image.pixels for frame in VideoFile(path).frames()]
+    turn(path, matrix)
+    for frame, before in zip(VideoFile(path).frames(), plain, strict=True):
+        assert np.array_equal(frame.image.pixels, shown(before))
+
+
+@pytest.mark.parametrize('name', [b'2024-05-01T12:30:05.mp4', b'na\xefve.mp4', b'http:a.mp4'])
+def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b'/' + name))
+    write_video(tmp_path / 'plain.mp4', [0, 33]).rename(path)
+    assert len(list(open_source(str(path)).frames())) == 2

@@ -163,7 +163,7 @@ def test_any_frame_gives_a_result(frame, start_row, num_peaks, thinning, channel
         np.zeros((4, 4), np.float32),
         np.zeros((4, 4, 4), np.uint8),
         np.zeros(4, np.uint8),
-        np.zeros((4, 4, 1), np.uint8),
+        np.zeros((4, 4, 2), np.uint8),
     ],
 )
 def test_a_wrong_format_is_an_error_of_the_caller(frame):

@@ -1,18 +1,23 @@
-"""A source's frames as ``image_raw``, ``image_raw/compressed`` and ``camera_info``."""
+"""Publishers of a processor's topics, and of a source's frames."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import cv2
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 from std_msgs.msg import Header
 
-from mvuav_ros.nodes.result_publishers import create_result_publisher, is_heard
+from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
+from mvuav_ros.processing.processor import Output, Processor, resolve
 from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.serialization.messages import decode_camera_info
 from mvuav_ros.recordings.serialization.serialized_image import (
@@ -22,6 +27,84 @@ from mvuav_ros.recordings.serialization.serialized_image import (
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
+
+
+def create_result_publisher(node: Node, kind: type, topic: str) -> Any:
+    """A reliable publisher, which any subscriber matches, with ``qos_overrides``."""
+    return node.create_publisher(
+        kind,
+        topic,
+        # One for each: rclpy writes the user's overrides into it.
+        QoSProfile(depth=10),
+        qos_overriding_options=OVERRIDABLE,
+    )
+
+
+def is_heard(publisher: Any) -> bool:
+    """Whether a message would reach a subscriber, now or, transient local, as a late joiner."""
+    return bool(
+        publisher.get_subscription_count() > 0
+        or publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    )
+
+
+_STALE = 0.1
+"""Seconds from which on it is looked again before results go out."""
+
+
+class ResultPublishers:
+    """Publishes a processor's outputs where somebody listens.
+
+    The processor's topics are those that it has when this is made. To ask all of them for their
+    subscribers takes 0.1 ms, so that a stream of images is asked for now and then, by `look` after
+    its results are out. Whoever subscribes is found that much later at most.
+    """
+
+    def __init__(self, node: Node, processor: Processor) -> None:
+        self._node = node
+        images = dict.fromkeys(processor.debug_topics, RosImage)
+        self._results, self._debug = (
+            {topic: create_result_publisher(node, kind, resolve(topic)) for topic, kind in kinds}
+            for kinds in (processor.topics.items(), images.items())
+        )
+        self._periodic = {
+            topic: node.create_publisher(kind, resolve(topic), 10)
+            for topic, kind in processor.periodic_topics.items()
+        }
+        self._looked, self._heard = -math.inf, set[str]()
+
+    def publish(self, outputs: list[Output]) -> None:
+        """Make and send the messages that anybody would get."""
+        if time.monotonic() - self._looked > _STALE:
+            self.look()
+        for topic, make in outputs:
+            if topic in self._heard:
+                (self._results.get(topic) or self._debug[topic]).publish(make())
+
+    def look(self, at_most_every: float = 0.0) -> None:
+        """See which topics are heard, unless that was done so many seconds ago."""
+        now = time.monotonic()
+        if now - self._looked < at_most_every:
+            return
+        self._looked = now
+        publishers = {**self._results, **self._debug}
+        self._heard = {topic for topic, publisher in publishers.items() if is_heard(publisher)}
+
+    def publish_periodic(self, outputs: list[Output]) -> None:
+        """Send what is said once a second."""
+        for topic, make in outputs:
+            self._periodic[topic].publish(make())
+
+    def debug_wanted(self) -> list[str]:
+        """The debug topics that somebody looks at."""
+        return [topic for topic in self._debug if topic in self._heard]
+
+    def destroy(self) -> None:
+        """Take the topics off the graph."""
+        for publishers in (self._results, self._debug, self._periodic):
+            for publisher in publishers.values():
+                self._node.destroy_publisher(publisher)
+
 
 Listener = Callable[[Frame], None]
 

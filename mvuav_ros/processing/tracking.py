@@ -1,0 +1,216 @@
+"""From a recording or a camera to markers, roll and pose, for programs of one's own; no ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.recordings.sources.calibration import load_calibration
+from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource
+from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import Image, as_image
+from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.pose import Pose, PoseEstimator
+from mvuav_ros.vision.pose_drawing import draw_pose
+from mvuav_ros.vision.reprojection import FEWEST
+from mvuav_ros.vision.rig import MarkerRig, load_rig
+from mvuav_ros.vision.runway.overlay import draw_overlay
+from mvuav_ros.vision.runway.results import RunwayResult
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame:
+    """One frame with what was found in it.
+
+    Attributes:
+        stamp_ns: its time, ns.
+        image: as it was read; None if it could not be.
+        result: of the tracker; its markers are in the order of the rig.
+        roll: rad, right wing down positive: in the image where the rig has a left_wing and a
+            right_wing, else that of the pose; NaN while it is not known.
+        pose: of the rig before the camera; None while it is not known.
+        status: what is missing and why; empty when all is well.
+        camera: the calibration that was used; None without one.
+        rig: the rig.
+    """
+
+    stamp_ns: int
+    image: Image | None
+    result: MarkerResult
+    roll: float
+    pose: Pose | None
+    status: str
+    camera: CameraModel | None
+    rig: MarkerRig
+
+    @property
+    def markers(self) -> dict[str, Marker]:
+        """The markers by their names; those without (``track_any``) are ``light 1`` and so on."""
+        names = self.rig.names
+        ids = self.result.ids or tuple(range(1, len(self.result.markers) + 1))
+        return {
+            f'light {number}' if marker.label == Label.UNLABELLED else names[marker.label]: marker
+            for marker, number in zip(self.result.markers, ids, strict=True)
+        }
+
+
+def track(
+    source: str | Path | FrameSource,
+    camera: CameraModel | str | Path | None = None,
+    rig: MarkerRig | str | Path | None = None,
+    parameters: MarkerTrackerParameters | None = None,
+) -> Iterator[TrackedFrame]:
+    """Track markers through a recording or a camera's images, frame by frame.
+
+    It gives what the node ``marker_tracker`` and ``mvuav replay`` give. Every frame is there,
+    also one that cannot be read or in which nothing is found: its ``status`` says why. A stamp
+    that jumps back starts afresh.
+
+    Args:
+        source: what `open_source` takes (a bag, a video, a folder of images, a camera, a simulated
+            flight), or what it returns.
+        camera: the calibration, or its YAML file; None: the one that comes with the frames.
+        rig: the body, or its YAML file; None: that of the parameters, by default the tanker.
+        parameters: the defaults if None.
+
+    Returns:
+        A generator of a `TrackedFrame` for each frame.
+
+    Raises:
+        SourceError: the source or the calibration cannot be read.
+        RigError: the rig cannot be read.
+        ParameterError: the rig is ambiguous, and ``allow_ambiguous`` not set.
+        CalibrationError: ``camera`` is not one of such images.
+
+    Examples:
+        >>> from mvuav_ros import track
+        >>> for frame in track('bags/tanker.mcap'):
+        ...     pass
+        >>> x, y, z = frame.pose.translation
+        >>> f'roll {frame.roll:.2f} rad, {z:.1f} m ahead, {frame.markers["rudder"].state.name}'
+        'roll 0.98 rad, 100.8 m ahead, DETECTED'
+    """
+    given = load_calibration(camera) if isinstance(camera, (str, Path)) else camera
+    body = load_rig(rig) if isinstance(rig, (str, Path)) else rig
+    tracker = MarkerTracker(parameters, body)
+    opened = open_source(str(source)) if isinstance(source, (str, Path)) else source
+    return _tracked(opened, given, tracker)
+
+
+def _tracked(
+    source: FrameSource, camera: CameraModel | None, tracker: MarkerTracker
+) -> Iterator[TrackedFrame]:
+    poses = PoseEstimator(tracker.rig)
+    used: CameraModel | None = None
+    last_ns: int | None = None
+    try:
+        for frame in source.frames():
+            if isinstance(frame, BadFrame) or frame.stamp_ns == last_ns:
+                reason = frame.reason if isinstance(frame, BadFrame) else 'a stamp came twice'
+                nothing = MarkerResult(())
+                yield TrackedFrame(
+                    frame.stamp_ns, None, nothing, math.nan, None, reason, used, tracker.rig
+                )
+                continue
+            if last_ns is not None and frame.stamp_ns < last_ns:
+                tracker.reset()
+                poses.reset()
+            last_ns = frame.stamp_ns
+            now = camera or frame.camera or used
+            if now is not None and tracker.parameters.image_is_rectified:
+                now = now.rectified()
+            if now is not None and camera is not None:
+                now.check(frame.image.width, frame.image.height)
+            if now != used:
+                used = now
+                poses.reset()
+                tracker.set_camera(used if tracker.parameters.pose else None)
+            yield _answer(frame, tracker, poses, used)
+    finally:
+        source.close()
+
+
+def _answer(
+    frame: Frame, tracker: MarkerTracker, poses: PoseEstimator, camera: CameraModel | None
+) -> TrackedFrame:
+    result = tracker.process(frame.image, frame.stamp_ns)
+    pose, reason = None, ''
+    if camera is not None and tracker.parameters.pose:
+        labels, pixels = named_places(result)
+        try:
+            camera.check(frame.image.width, frame.image.height)
+            if result.camera_doubt:
+                raise CalibrationError(result.camera_doubt)
+            pose = poses.estimate(camera, labels, pixels, frame.stamp_ns)
+            if pose is None and len(labels) >= FEWEST:
+                reason = f'no pose: {poses.reason}'
+        except CalibrationError as error:
+            reason = f'no pose: {error}'
+    roll = result.roll
+    if not result.has_wings:
+        roll = math.nan if pose is None else pose.rpy[0]
+    status = '; '.join(filter(None, (result.status, reason, *tracker.doubts)))
+    return TrackedFrame(
+        frame.stamp_ns, frame.image, result, float(roll), pose, status, camera, tracker.rig
+    )
+
+
+def named_places(result: MarkerResult) -> tuple[list[int], NDArray[np.float64]]:
+    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs."""
+    seen = [
+        marker
+        for marker in result.markers
+        if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
+    ]
+    places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
+    return [int(marker.label) for marker in seen], places
+
+
+def draw(
+    found: TrackedFrame | MarkerResult | RunwayResult | ApproachResult,
+    image: Image | Pixels | None = None,
+) -> NDArray[np.uint8]:
+    """Draw what was found on a copy of its frame, as the nodes' debug images have it.
+
+    Args:
+        found: what `track` yields or a detector returns.
+        image: the frame of a `MarkerResult`, which does not hold it; the others do.
+
+    Returns:
+        (height, width, 3) uint8, blue first, as OpenCV writes and shows it.
+
+    Raises:
+        ValueError: there is no image to draw on.
+        ImageError: the image is none.
+
+    Examples:
+        >>> from mvuav_ros import draw, track
+        >>> frame = next(track('bags/tanker.mcap'))
+        >>> draw(frame).shape
+        (480, 640, 3)
+    """
+    if isinstance(found, ApproachResult):
+        return draw_approach(found)
+    if isinstance(found, RunwayResult):
+        return draw_overlay(found)
+    given = found.image if isinstance(found, TrackedFrame) else image
+    if given is None:
+        raise ValueError('there is no image to draw on; give the frame as image')
+    if isinstance(found, MarkerResult):
+        return draw_markers(as_image(given), found)
+    canvas = draw_markers(as_image(given), found.result)
+    if found.pose is not None and found.camera is not None:
+        draw_pose(canvas, found.pose, found.camera, found.rig)
+    return canvas
