@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from approach_flights import BANKS, FLIGHTS, STEEP, STEEP_CHECK, simulated
+from approach_mechanisms import WITHOUT, switch_off
 from approach_rows import HEADER, Frame, Row, Timed, judged
 from approach_variants import PLAIN, VARIANTS, Variant
 from approach_views import (
@@ -335,7 +336,10 @@ def main() -> None:
     parser.add_argument('--cache', type=Path, help='for simulated frames')
     parser.add_argument('--json', type=Path, help='for every frame')
     parser.add_argument('--beside', type=Path, help='JSON of another checkout, to compare with')
+    parser.add_argument('--without', choices=WITHOUT, help='a mechanism that is switched off')
     options = parser.parse_args()
+    if options.without is not None:
+        switch_off(options.without)
     cv2.setNumThreads(1)
     print(HEADER, flush=True)
     rows = []

@@ -5,6 +5,10 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from mvuav_ros.cli.bench.case import Case
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.flight import Flight
@@ -29,12 +33,26 @@ def _approach(width: int, height: int, rate: int) -> Case:
     frames = [flight.frame(index).image.pixels for index in range(_APPROACH_FRAMES)]
     # There and back, so that nothing jumps.
     endless = itertools.cycle([*frames, *reversed(frames)])
+    same = itertools.cycle([*frames, *reversed(frames)])
     return Case(
         f'approach {width}x{height}',
         lambda: detector.process(next(endless), 0),
+        'OpenCV lines',
+        lambda: _opencv_lines(next(same)),
         limit_ms=1e3 / rate,
         note=f'at least {rate} frames/s',
     )
+
+
+def _opencv_lines(frame: NDArray[np.uint8]) -> object:
+    """What OpenCV takes for the lines alone: Canny and HoughLinesP, on 320 px of width."""
+    gray = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+    factor = max(1, round(gray.shape[1] / 320))
+    if factor > 1:
+        size = (gray.shape[1] // factor, gray.shape[0] // factor)
+        gray = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
+    edges = cv2.Canny(gray, 60, 150)
+    return cv2.HoughLinesP(edges, 1, np.pi / 180, 40, minLineLength=20, maxLineGap=5)
 
 
 def simulation_cases() -> list[Case]:

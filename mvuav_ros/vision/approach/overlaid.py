@@ -45,7 +45,7 @@ class Overlaid:
         self._votes: NDArray[np.float32] | None = None
         self._first: NDArray[np.uint8] | None = None
         self._corners: NDArray[np.float32] | None = None
-        self._age = 0
+        self._age, self._period = 0, _PERIOD
 
     def take(self, gray: NDArray[np.uint8]) -> None:
         """Take in the next working image, (height, width); it may not be changed later."""
@@ -53,7 +53,7 @@ class Overlaid:
         if self._first is None or self._corners is None:
             self._begin(gray)
             return
-        if self._age % _PERIOD:
+        if self._age % self._period:
             return
         seen = self._compare(gray)
         if seen or self._age >= _LONGEST:
@@ -65,7 +65,7 @@ class Overlaid:
         self._corners = None if found is None else np.asarray(found, np.float32)
 
     def _compare(self, gray: NDArray[np.uint8]) -> bool:
-        """Whether the ground has moved, so that it shows what does not."""
+        """Whether the ground has moved, so that other corners are better."""
         assert self._first is not None
         assert self._corners is not None
         now, found, _ = cv2.calcOpticalFlowPyrLK(
@@ -86,12 +86,15 @@ class Overlaid:
             old[moving], new[moving], cv2.RANSAC, ransacReprojThreshold=_FIT, maxIters=200
         )
         if plane is None or agree.mean() < _LEAST_AGREEING:
-            return False
+            # Too fast to be followed over more than a frame.
+            self._period = 1
+            return True
         there = np.asarray(cv2.perspectiveTransform(old[:, None], plane))[:, 0]
         expected = np.linalg.norm(there - old, axis=1)
         overlaid = ~moving & (expected > _MOVED)
         if not (expected > _MOVED).any():
             return False
+        self._period = min(self._period + 1, _PERIOD)
         self._vote(old[overlaid], new[way > _MOVED], gray.shape)
         return True
 

@@ -12,6 +12,9 @@ _SIDE_MARGIN, _LEAST_MARGIN, _ABOVE, _BELOW = 1.2, 36.0, 18.0, 2.7
 _POINTS = 12
 _NARROWEST = 5.0
 """Px of the near end: what is narrower shows too little to be told from specks in clouds."""
+_AT_TOP, _LEAST_BELOW_TOP = 6.0, 8.0
+"""Px: of what meets above that row so many must be in view; less is a letter at the top. Run 2
+below its horizon, and text on the motorway."""
 _MOST_ABOVE = 1.0
 """Heights of the image by which the vanishing point may lie above it."""
 _AGREE = 2.0
@@ -130,4 +133,5 @@ def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
         and -0.5 * columns < x < 1.5 * columns
         and -_MOST_ABOVE * height < y < height - 6
         and near > far
+        and (y > _AT_TOP or y + near > _LEAST_BELOW_TOP)
     )
