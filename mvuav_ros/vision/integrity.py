@@ -26,10 +26,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from itertools import combinations
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE
 from mvuav_ros.vision.camera import CameraModel
@@ -37,6 +37,8 @@ from mvuav_ros.vision.reprojection import projection_derivatives
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
+
+_GAUSSIAN = NormalDist()
 
 MIN_LIGHTS = 4
 """Three lights fit a pose wherever they are, so they cannot check each other."""
@@ -205,7 +207,7 @@ def runway_levels(covariance: Array, confidence: float, risk: float) -> RunwayLe
         )
     if not all(0.0 <= variance < UNKNOWN_VARIANCE for variance in variances):
         return RunwayLevels(reason='the edges do not tell offset, height and heading')
-    factor = -RUNWAY_INFLATION * float(ndtri(left / (2.0 * len(variances))))
+    factor = -RUNWAY_INFLATION * _GAUSSIAN.inv_cdf(left / (2.0 * len(variances)))
     offset, height, heading = (factor * math.sqrt(variance) for variance in variances)
     return RunwayLevels(offset, height, heading)
 
@@ -335,7 +337,7 @@ def _factors(
         return None
     share = left / (_COORDINATES * float(is_monitored.sum()))
     tails = np.minimum(share / np.maximum(priors, share), MAX_TAIL) / 2.0
-    return np.asarray(-ndtri(tails)[:, None], np.float64)
+    return np.array([[-_GAUSSIAN.inv_cdf(tail)] for tail in tails.tolist()])
 
 
 def _normal_terms(
