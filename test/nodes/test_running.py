@@ -18,7 +18,7 @@ from support.live_stream import Stream
 from support.marker_scenes import draw, tanker_at
 
 MOMENTS = int(os.environ.get('MVUAV_SIGNALS', '5'))
-CONSOLE_SCRIPT = 'import sys; from mvuav_ros.__main__ import {0}; sys.exit({0}())'
+CONSOLE_SCRIPT = 'import sys; del sys.argv[0]; from mvuav_ros.__main__ import {0}; sys.exit({0}())'
 STARTS = {
     'python -m': lambda name: ['-m', 'mvuav_ros', name],
     'console script': lambda name: ['-c', CONSOLE_SCRIPT.format(name), name],
