@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -14,6 +15,15 @@ from mvuav_ros.parameters.declaration import ParameterError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
+
+
+class LensModel(StrEnum):
+    """Of ``--model``; typer 0.9, which a robot has, knows no ``Literal``."""
+
+    AUTO = 'auto'
+    PLUMB_BOB = 'plumb_bob'
+    RATIONAL_POLYNOMIAL = 'rational_polynomial'
+    EQUIDISTANT = 'equidistant'
 
 
 @dataclass(frozen=True)
@@ -35,9 +45,9 @@ class CalibrateOptions:
         float, typer.Option(help="Side of a ChArUco board's markers over that of its squares.")
     ] = 0.75
     model: Annotated[
-        Literal['auto', 'plumb_bob', 'rational_polynomial', 'equidistant'],
+        LensModel,
         typer.Option(help='Of the lens. auto: the simplest that does best on views kept back.'),
-    ] = 'auto'
+    ] = LensModel.AUTO
     output: Annotated[Path, typer.Option('--output', '-o', help='Calibration file.')] = Path(
         'camera.yaml'
     )
@@ -88,7 +98,7 @@ def calibrate(options: CalibrateOptions) -> None:
             search = work.search_board(
                 source, board, options.views, options.seconds, lambda: progress.advance(task)
             )
-        chosen, found = work.calibrate_from(search, board, options.model, options.views)
+        chosen, found = work.calibrate_from(search, board, options.model.value, options.views)
     except CalibrationError as error:
         raise SourceError(f'{source.name}: {error}') from error
     finally:
