@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
 from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
@@ -161,8 +161,7 @@ def rotation_of(quaternion: Any) -> NDArray[np.float64]:
     if length < 1e-6:
         return np.full((3, 3), math.nan)
     w, x, y, z = q / length
-    across = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    return np.asarray(np.eye(3) + 2.0 * w * across + 2.0 * across @ across)
+    return from_unit_quaternion(x, y, z, w)
 
 
 def _trust_in_markers(rows: Any) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.serialization.points import view_points
 from mvuav_ros.recordings.tables import POSE_COLUMNS, ROWS_AT_ONCE, Row
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineRole
 
@@ -186,7 +186,7 @@ def _pose(message: Any, outer: Matrix = _STRAIGHT) -> tuple[Columns, Iterable[Ro
     """A pose, with its angles against ``outer`` axes."""
     pose = getattr(message.pose, 'pose', message.pose)
     place, turn = pose.position, pose.orientation
-    rotation = outer @ _rotation(turn.x, turn.y, turn.z, turn.w)
+    rotation = outer @ from_unit_quaternion(turn.x, turn.y, turn.z, turn.w)
     angles = rpy(rotation) if np.isfinite(rotation).all() else (math.nan,) * 3
     row = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, *_angles(*angles))
     if pose is message.pose:
@@ -197,17 +197,6 @@ def _pose(message: Any, outer: Matrix = _STRAIGHT) -> tuple[Columns, Iterable[Ro
 
 def _angles(roll: float, pitch: float, yaw: float) -> Row:
     return roll, pitch, yaw, math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
-
-
-def _rotation(x: float, y: float, z: float, w: float) -> Matrix:
-    """The rotation matrix of a unit quaternion."""
-    return np.array(
-        [
-            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-        ]
-    )
 
 
 _PLAIN: dict[str, Reader] = {

@@ -76,7 +76,11 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
 
 def from_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
     """The inverse of `quaternion`, of any length but 0."""
-    x, y, z, w = np.array((x, y, z, w)) / math.hypot(x, y, z, w)
+    return from_unit_quaternion(*np.array((x, y, z, w)) / math.hypot(x, y, z, w))
+
+
+def from_unit_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
+    """The inverse of `quaternion`; the length is taken for 1."""
     return np.array(
         [
             (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
