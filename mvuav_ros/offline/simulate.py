@@ -20,10 +20,9 @@ from mvuav_ros.processing.messages.sensors import encode_camera_info, encode_imu
 from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
 from mvuav_ros.recordings.serialization.messages import type_name
 from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.simulation.attitude_sensor import measured_attitude
 from mvuav_ros.simulation.flight import SimulatedFrame
-from mvuav_ros.simulation.runway_truth import RunwayTruth
-from mvuav_ros.simulation.tanker_truth import TankerTruth
+from mvuav_ros.simulation.runway_flight import RunwayTruth, measured_attitude
+from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.markers.results import MarkerState

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.camera import PinholeCamera
+from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 

@@ -1,14 +1,27 @@
-"""Camera vibration: the four conditions of the thesis's Table 5.4."""
+"""Camera vibration (the four conditions of the thesis's Table 5.4) and other random motion.
+
+Both are sums of sines whose phases come from a seed.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.simulation.waves import random_wave
 from mvuav_ros.vision.frames import Matrix, about_x, about_y, about_z
+
+Wave = Callable[[float], float]
+"""A value by the time (s)."""
+
+
+def random_wave(rng: np.random.Generator, terms: Iterable[tuple[float, float]]) -> Wave:
+    """A sum of sines, whose unit is their amplitudes': (amplitude, Hz) with random phases."""
+    sines = [(a, f, float(rng.uniform(0.0, 2 * math.pi))) for a, f in terms]
+    return lambda time: sum(a * math.sin(2 * math.pi * f * time + p) for a, f, p in sines)
+
 
 ROLL_DEG_PER_MAGNITUDE = 21.6
 """Degrees of roll for one unit of Table 5.4's magnitude. The thesis measured accelerations and says

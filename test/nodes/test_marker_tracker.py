@@ -22,7 +22,7 @@ from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.messages.sensors import encode_camera_info
 from mvuav_ros.recordings.sources.simulated import camera_model
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 
 NODE = 'marker_tracker'

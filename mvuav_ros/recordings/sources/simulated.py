@@ -16,10 +16,10 @@ from mvuav_ros.recordings.sources.frame import (
     FrameSource,
     SourceError,
 )
-from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import RigError
 

@@ -7,7 +7,7 @@ from support.boards import BOARD
 from support.commands import mvuav
 
 from mvuav_ros.recordings.sources.calibration import load_calibration
-from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.simulation.board_video import BoardVideo
 
 FRAMES = 12  # Different places
 

@@ -23,7 +23,7 @@ from mvuav_ros.offline.thesis.tracking_figures import mean_and_deviation
 from mvuav_ros.offline.thesis.trials import tracking_tasks, trials_of
 from mvuav_ros.offline.thesis.vibration import measure, table_5_4
 from mvuav_ros.offline.thesis.videos import trial_images
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector

@@ -17,7 +17,7 @@ from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 from mvuav_ros.recordings.serialization.image_decoding import decode_image
 from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image

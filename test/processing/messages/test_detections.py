@@ -15,9 +15,9 @@ from mvuav_ros.recordings.schemas import schema_of, typestore
 from mvuav_ros.recordings.serialization.messages import type_name
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.recordings.sources.simulated import camera_model
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 
 KINDS = {name: f'vision_msgs/msg/Detection{n}Array' for name, n in
          (('detections', '2D'), ('detections_3d', '3D'))}  # fmt: skip

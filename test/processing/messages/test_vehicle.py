@@ -18,9 +18,9 @@ from mvuav_ros.processing.messages import transforms
 from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.recordings.sources.simulated import camera_model
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.frames import (
     OPTICAL_FROM_BODY,
     about_x,
