@@ -1,6 +1,6 @@
 """The confidence of a report."""
 
-from mvuav_ros.vision.approach.runway.probability import Report, confidence_weights
+from mvuav_ros.vision.approach.probability import Report, confidence_weights
 
 DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, rivals=0.5, distinct=0.0)
 

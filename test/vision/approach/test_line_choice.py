@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.runway.line_choice import Line, LineChoice
+from mvuav_ros.vision.approach.side_lines import Line, LineChoice
 
 EDGE, MARKING, SHOULDER = -0.08, -0.26, 0.12
 APART = 0.1

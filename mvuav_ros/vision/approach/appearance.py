@@ -1,4 +1,4 @@
-"""What a strip looks like in numbers: the evidence from which its probability is made."""
+"""What a strip looks like in numbers, row by row and as a whole: its evidence and its ends."""
 
 from __future__ import annotations
 
@@ -8,24 +8,99 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.numeric import in_common
-from mvuav_ros.vision.approach.runway.evidence import UNIT, EvidenceMap
-from mvuav_ros.vision.approach.runway.profile import (
-    MOST_GAIN,
-    ROWS,
-    WEIGHTS,
-    Numbers,
-    Profile,
-    profile,
-)
-from mvuav_ros.vision.approach.runway.search import Strips
-from mvuav_ros.vision.approach.runway.tuning import TUNING
+from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap
+from mvuav_ros.vision.approach.numeric import best_run, in_common
+from mvuav_ros.vision.approach.search import Strips
+from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
+
+WEIGHTS = np.array(SEARCH.weights, np.float32)
+Numbers = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Strips row by row; arrays are (n, rows) unless said.
+
+    Attributes:
+        strips: (n, 6), with the ends that were found.
+        rows: of the map.
+        depth: rows below the vanishing point.
+        left: column of the left edge.
+        right: column of the right edge.
+        visible: both edges are in the image.
+        parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
+        total: their weighted sum, limited.
+        inside: rows from the far to the near end.
+        run: (n,) sum of `total` above the bias over the logarithm of depth.
+        last: (n,) index of the near end's row.
+        apart: (n,) logarithm of the near end's depth by the left edge over that by the right.
+        balance: (n,) fainter over stronger edge.
+    """
+
+    strips: Strips
+    rows: NDArray[np.intp]
+    depth: Numbers
+    left: Numbers
+    right: Numbers
+    visible: NDArray[np.bool_]
+    parts: Numbers
+    total: Numbers
+    inside: NDArray[np.bool_]
+    run: Numbers
+    last: NDArray[np.intp]
+    apart: Numbers
+    balance: Numbers
+
+    def mean(self, values: Any) -> Numbers:
+        """(n,) mean over the strip's rows."""
+        count = np.maximum(self.inside.sum(axis=1), 1)
+        result: Numbers = (values * self.inside).sum(axis=1) / count
+        return result
+
+
+def profile(image: EvidenceMap, strips: Strips) -> Profile:
+    """Measure strips row by row, on the level where near ends are 10 to 40 px deep, and find ends.
+
+    Their near ends say which rows the strips are known by.
+    """
+    x, y, left_slope, right_slope, _, expected = strips.T
+    rows = np.rint(y[:, None] + np.arange(1, APPEARANCE.rows + 1)).astype(np.intp)
+    depth = rows - y[:, None]
+    left, right = (x[:, None] + slope[:, None] * depth for slope in (left_slope, right_slope))
+    lefts, in_left = image.at(rows, left)
+    rights, in_right = image.at(rows, right)
+    visible = in_left & in_right
+    one, other = lefts.astype(np.float32) / UNIT, rights.astype(np.float32) / UNIT
+    other[..., :3] *= -1
+    common = in_common(one, other)
+    known = (depth > SEARCH.first_row * expected[:, None]) & (depth <= expected[:, None])
+    sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
+    parts = common * sign
+    total = np.minimum(parts @ WEIGHTS, APPEARANCE.max_gain)
+    used = visible & (depth >= APPEARANCE.first_depth) & (right - left >= APPEARANCE.min_width)
+    used &= depth <= 1.9 * expected[:, None]
+    worth = used / np.maximum(depth, 2.0)
+    run, first, last = best_run((total - SEARCH.row_bias) * worth, APPEARANCE.slack)
+    number = np.arange(len(strips))
+    last = np.maximum(last - 1, first)
+    found = strips.copy()
+    found[:, 4], found[:, 5] = depth[number, first], depth[number, last] + 0.5
+    index = np.arange(APPEARANCE.rows)
+    inside = used & (index >= first[:, None]) & (index <= last[:, None])
+    single = [np.minimum((each * sign) @ WEIGHTS, APPEARANCE.max_gain) for each in (one, other)]
+    ends = [best_run((each - SEARCH.row_bias) * worth, APPEARANCE.slack)[2] for each in single]
+    near = [depth[number, np.maximum(end - 1, 0)] for end in ends]
+    apart = np.log(np.maximum(near[0], 1.0) / np.maximum(near[1], 1.0))
+    means = [(each * inside).sum(axis=1) for each in single]
+    balance = np.minimum(*means) / np.maximum(np.maximum(*means), 1e-6)
+    return Profile(
+        found, rows, depth, left, right, visible, parts, total, inside, run, last, apart, balance
+    )
+
 
 _MIRROR = np.array([-1, -1, -1, 1], np.float32)
 _SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
 """Widths of strips around and within a strip that are compared with it, of its width."""
-LEAST_SKY = -1.0
-"""Row of the vanishing point from which on what is above it is in the image; else it is unknown."""
 _SIDE = np.array([1.0, 2.0])
 """Of half its width: how much wider on one side."""
 
@@ -90,7 +165,7 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
         'paint': of.mean(of.parts[..., 3]),
         'brightness': of.mean(of.parts[..., 0]),
         'colour': of.mean(of.parts[..., 1] + of.parts[..., 2]),
-        'support': of.mean(of.total > TUNING.row_bias),
+        'support': of.mean(of.total > SEARCH.row_bias),
         'below': below,
         'room_below': room,
         'above': _above(image, of.strips),
@@ -116,7 +191,7 @@ def _sampled(
     left, right = values[:, :count], values[:, count:] * _MIRROR
     common = in_common(left, right)
     known = inside[:, :count] & inside[:, count:]
-    return np.minimum(np.abs(common) @ WEIGHTS, MOST_GAIN), known
+    return np.minimum(np.abs(common) @ WEIGHTS, APPEARANCE.max_gain), known
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
@@ -163,9 +238,9 @@ def _above(image: EvidenceMap, strips: Strips) -> Numbers:
         np.abs(one.astype(np.float32)) @ WEIGHTS, np.abs(other.astype(np.float32)) @ WEIGHTS
     )
     counted = (-up <= np.maximum(0.5 * near, 4)[:, None]) & in_one & in_other
-    strength = np.minimum(strength / UNIT, MOST_GAIN) * counted
+    strength = np.minimum(strength / UNIT, APPEARANCE.max_gain) * counted
     result: Numbers = strength.sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
-    return np.where(y < LEAST_SKY, np.nan, result)
+    return np.where(y < APPEARANCE.min_sky_row, np.nan, result)
 
 
 def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
@@ -173,7 +248,7 @@ def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
     ratio = np.maximum(right - left, 0.05)
     width = ratio * near
     number = np.arange(len(near))
-    beyond = np.minimum(of.last + 1, ROWS - 1)
+    beyond = np.minimum(of.last + 1, APPEARANCE.rows - 1)
     return {
         'open_end': (~of.visible[number, beyond]).astype(float),
         'width_ratio': np.log(ratio),
@@ -190,7 +265,7 @@ def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, 
     count = of.inside.sum(axis=1)
     first = of.last - np.maximum(count - 1, 0)
     share = np.linspace(0, 1, 8) * (of.last - first)[:, None] + first[:, None]
-    row = np.clip(np.rint(share).astype(np.intp), 0, ROWS - 1)
+    row = np.clip(np.rint(share).astype(np.intp), 0, APPEARANCE.rows - 1)
     rows, left, right = of.rows[number, row], of.left[number, row], of.right[number, row]
     width = np.maximum(right - left, 1)
     inside, _ = image.means(rows, left + 0.15 * width, right - 0.15 * width)
@@ -264,7 +339,9 @@ def _of_the_sky(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, Numb
         'sky_texture': np.log(above / below),
         'skyline': np.clip((y - scene.skyline[column]) / np.maximum(near, 5), -3, 3),
     }
-    return {name: np.where(y < LEAST_SKY, np.nan, value) for name, value in values.items()}
+    return {
+        name: np.where(y < APPEARANCE.min_sky_row, np.nan, value) for name, value in values.items()
+    }
 
 
 def _texture(image: EvidenceMap, rows: Any, columns: Any) -> Numbers:

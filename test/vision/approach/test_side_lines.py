@@ -4,10 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.edges import LevelledFrame
-from mvuav_ros.vision.approach.runway.line_choice import LineChoice
-from mvuav_ros.vision.approach.runway.side_lines import edges_by_lines
+from mvuav_ros.vision.approach.side_lines import LineChoice, edges_by_lines
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 X, Y, SLOPE, SPAN = 160.0, 60.0, 0.3, (10.0, 40.0)

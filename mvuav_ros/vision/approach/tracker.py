@@ -10,49 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation, turn_strips
-from mvuav_ros.vision.approach.edges import LevelledFrame
-from mvuav_ros.vision.approach.overlaid import Overlaid
-from mvuav_ros.vision.approach.registration import Registration
-from mvuav_ros.vision.approach.runway.appearance import Scene
-from mvuav_ros.vision.approach.runway.candidates import (
-    LEVELS,
+from mvuav_ros.vision.approach.appearance import Scene
+from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
+from mvuav_ros.vision.approach.candidates import (
     NO_CANDIDATES,
     Candidates,
     LevelledImage,
     find_candidates,
 )
-from mvuav_ros.vision.approach.runway.edge_track import View
-from mvuav_ros.vision.approach.runway.probability import (
-    Report,
-    confidence_weights,
-    log_odds_of,
-)
-from mvuav_ros.vision.approach.runway.search import fan_jobs
-from mvuav_ros.vision.approach.runway.track import RunwayTrack
-
-_MOST_TRACKS = 3
-_CHUNK = 8
-"""Rows of vanishing points searched in one frame."""
-_OFTEN, _LATER, _SELDOM = 2, 4, 24
-"""Frames from one share of the search to the next without a runway, after `_ROUNDS` through all of
-them, and with a runway."""
-_ROUNDS = 1
-_MOST_WEIGHED = 14
-"""Of the strips that a share of the search finds."""
-_BEST_PERIOD, _OTHERS_PERIOD = 6, 12
-"""Frames from one weighing of the best track, and of others, to the next."""
-_SCENE_FRAMES = 24
-"""For which the image as a whole is taken to stay alike."""
-_MOST_HIDDEN = 0.5
-"""Share of a strip's edges: more is the edge of what is laid over the view."""
-_HOPELESS = -5.0
-_LEAST_START = -3.0
-"""Log odds below which a candidate is not followed."""
-_SWITCH = 0.7
-"""Log odds by which another track must be better than the one shown."""
-_MOST_TAKEN, _FAR_BELOW = 24, 6.0
-"""Candidates of one search that are followed, and how far below the best their log odds may be."""
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
+from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
+from mvuav_ros.vision.approach.search import fan_jobs
+from mvuav_ros.vision.approach.track import RunwayTrack, View
+from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
 
 
 class SearchRange(NamedTuple):
@@ -68,10 +39,10 @@ _Chunk = tuple[SearchRange, int, int, list[float]]
 
 
 def _chunks(where: SearchRange) -> Iterator[_Chunk]:
-    for level in range(LEVELS):
+    for level in range(SEARCH.levels):
         for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
-            for start in range(0, len(rows), _CHUNK):
-                yield where, level, depth, rows[start : start + _CHUNK]
+            for start in range(0, len(rows), TRACKER.chunk):
+                yield where, level, depth, rows[start : start + TRACKER.chunk]
 
 
 def _by_turns(ranges: list[list[_Chunk]]) -> Iterator[_Chunk]:
@@ -112,7 +83,7 @@ class RunwayTracker:
             horizon: row of the vanishing point and its standard deviation, if known, px.
             attitude: whether that comes from an attitude sensor.
         """
-        if self._frame % _SCENE_FRAMES == 0:
+        if self._frame % TRACKER.scene_frames == 0:
             self._scene = None
         self._registration.take(pixels)
         self._overlaid.take(self._registration.gray)
@@ -122,19 +93,25 @@ class RunwayTracker:
         for track in self.tracks:
             if self._level is not None:
                 track.turn(self._level, level)
-            period = _BEST_PERIOD if track is self.best else _OTHERS_PERIOD
+            period = TRACKER.best_period if track is self.best else TRACKER.others_period
             track.step(view, period)
         self._level, self._attitude = level, attitude
         self.tracks = [
             track
             for track in self.tracks
             if not track.lost
-            and track.log_odds > _HOPELESS
-            and working.share_hidden(track.strip()) < _MOST_HIDDEN
+            and track.log_odds > TRACKER.min_odds
+            and working.share_hidden(track.strip()) < TRACKER.max_hidden
         ]
         self._merge()
         certain = self.best is not None and self.best.log_odds > 0
-        period = _SELDOM if certain else _OFTEN if self._rounds < _ROUNDS else _LATER
+        period = (
+            TRACKER.period_certain
+            if certain
+            else TRACKER.period_first
+            if self._rounds < TRACKER.first_rounds
+            else TRACKER.period_later
+        )
         if self._frame % period == 0:
             self._start(self._search(view, ranges), view)
         self._frame += 1
@@ -191,7 +168,7 @@ class RunwayTracker:
             self._job += 1
             image = view.working.at_slope(where.slope)
             strips = np.concatenate([image.search(level, depth, row) for row in rows])
-            found = image.weigh(strips, level, _MOST_WEIGHED)
+            found = image.weigh(strips, level, TRACKER.max_weighed)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 
@@ -201,8 +178,10 @@ class RunwayTracker:
             return
         odds = log_odds_of(found.features)
         fresh: list[RunwayTrack] = []
-        for index in islice(np.argsort(-odds, kind='stable'), _MOST_TAKEN):
-            if odds[index] < max(_LEAST_START, float(odds.max()) - _FAR_BELOW):
+        for index in islice(np.argsort(-odds, kind='stable'), TRACKER.max_taken):
+            if odds[index] < max(
+                TRACKER.min_start_odds, float(odds.max()) - TRACKER.max_below_best
+            ):
                 break
             self._take(found.strips[index], float(odds[index]), fresh)
         for track in fresh:
@@ -221,7 +200,7 @@ class RunwayTracker:
 
     def _room_for(self, track: RunwayTrack) -> bool:
         """Whether it may be followed, for which the worst one may have to go."""
-        if len(self.tracks) < _MOST_TRACKS:
+        if len(self.tracks) < TRACKER.max_tracks:
             return True
         worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.log_odds)
         if worst.log_odds > track.log_odds:
@@ -241,5 +220,5 @@ class RunwayTracker:
         if self.best not in self.tracks:
             self.best = None
         for track in self.tracks:
-            if self.best is None or track.log_odds > self.best.log_odds + _SWITCH:
+            if self.best is None or track.log_odds > self.best.log_odds + TRACKER.switch_margin:
                 self.best = track

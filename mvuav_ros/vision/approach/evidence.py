@@ -1,4 +1,4 @@
-"""Maps of what may be a runway's edge: steps of brightness and colour, and painted lines.
+"""From a frame to maps of what may be an edge: steps of brightness and colour, and painted lines.
 
 Everything is measured in units of the local texture, so that the same numbers hold for grey and
 for colour, for haze and for sun, for 8 and for 16 bits.
@@ -6,6 +6,7 @@ for colour, for haze and for sun, for 8 and for 16 bits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +14,72 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.channels import Table, opponent_channels, row_sums, shrunk
-from mvuav_ros.vision.approach.runway.tuning import TUNING
+from mvuav_ros.vision.approach.tuning import SEARCH
+from mvuav_ros.vision.point_operations import Pixels
+
+WORKING_WIDTH = 320
+"""Px; images much wider than this are shrunk by a whole factor for the search."""
+
+OPPONENT = np.array([(0.114, 0.587, 0.299), (1.0, -0.5, -0.5), (0.0, -1.0, 1.0)], np.float32)
+"""Brightness (eq. 3.3), blue against yellow, red against green; from blue, green, red."""
+
+Table = NDArray[np.float32]
+"""(channels, rows, columns + 1) sums along the rows; element x is that of the x columns before."""
+
+
+def shrunk(image: Pixels) -> tuple[Pixels, int]:
+    """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it."""
+    height, width = image.shape[:2]
+    factor = max(1, min(round(width / WORKING_WIDTH), height))
+    return _shrunk_by(image, factor), factor
+
+
+def halved(pixels: Pixels) -> Pixels:
+    """The next level of a pyramid."""
+    return _shrunk_by(pixels, 2)
+
+
+def _shrunk_by(image: Pixels, factor: int) -> Pixels:
+    if factor == 1:
+        return image
+    height, width = image.shape[:2]
+    size = (width // factor, height // factor)
+    whole = image[: size[1] * factor, : size[0] * factor]
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+
+
+def grey_levels(pixels: Pixels) -> NDArray[np.float32]:
+    """The pixels as 256 grey levels, those of 16 bits too."""
+    levels = pixels.astype(np.float32)
+    if pixels.dtype == np.uint16:
+        levels /= 256
+    return levels
+
+
+def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
+    """Brightness alone of a grey image, else the three channels of `OPPONENT`; grey levels."""
+    levels = grey_levels(pixels)
+    if pixels.ndim == 2:
+        return [levels]
+    return [np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, OPPONENT))]
+
+
+def row_sums(
+    channels: Sequence[NDArray[Any]] | NDArray[Any], first_row: int = 0, table: Table | None = None
+) -> Table:
+    """Sums along the rows of channels, which are of the rows from ``first_row`` on.
+
+    An earlier table of the same size is overwritten; its rows above stay as they are.
+    """
+    if table is None:
+        rows, columns = channels[0].shape
+        table = np.zeros((len(channels), first_row + rows, columns + 1), np.float32)
+    for channel, sums in zip(channels, table, strict=True):
+        # Several times as fast as adding up one row after the other.
+        area = np.asarray(cv2.integral(channel, sdepth=cv2.CV_64F))
+        np.subtract(area[1:], area[:-1], out=sums[first_row:], casting='same_kind')
+    return table
+
 
 UNIT = 16
 """Of the evidence maps: so many are one local texture."""
@@ -109,7 +174,7 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
     height, width = channels[0].shape
     evidence = np.zeros((height, width, CHANNELS), np.int8)
     for number, channel in enumerate(channels):
-        floor = TUNING.colour_floor if number else TUNING.brightness_floor
+        floor = SEARCH.colour_floor if number else SEARCH.brightness_floor
         evidence[..., number] = _quantised(_steps(channel, floor))
     change = np.zeros((height, width), np.float32)
     np.abs(channels[0][:, 1:] - channels[0][:, :-1], out=change[:, :-1])
@@ -121,30 +186,30 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
 
 
 def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:
-    most = TUNING.most_evidence * UNIT
+    most = SEARCH.most_evidence * UNIT
     return np.clip(values * UNIT, -most, most).astype(np.int8)
 
 
 def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     """How much larger a channel is to the right of each pixel than to its left, in textures."""
-    reach = TUNING.step_reach
+    reach = SEARCH.step_reach
     kernel = np.array([[-1] * reach + [0] + [1] * reach], np.float32) / reach
     step = cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE)
     size: NDArray[Any] = np.abs(step)
     # One bright roof must not hide the field beside it.
     np.minimum(size, 4.0 * float(size[::3, ::3].mean()) + floor, out=size)
-    usual = cv2.blur(size, TUNING.texture_window)
+    usual = cv2.blur(size, SEARCH.texture_window)
     return np.asarray(step / (1.25 * usual + floor), np.float32)
 
 
 def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
     """How much brighter each pixel is than the pixels on both sides, in textures."""
     ridge = np.zeros_like(brightness)
-    for reach in TUNING.ridge_reaches:
+    for reach in SEARCH.ridge_reaches:
         sides = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
         inner = ridge[:, reach:-reach]
         np.maximum(inner, brightness[:, reach:-reach] - sides, out=inner)
     limit = 4.0 * float(change.mean()) + 1.0
-    usual = cv2.blur(np.minimum(change, limit), TUNING.texture_window)
+    usual = cv2.blur(np.minimum(change, limit), SEARCH.texture_window)
     found = cv2.dilate(ridge / (1.5 * usual + 1.5), np.ones((1, 3), np.uint8))
     return np.asarray(found, np.float32)

@@ -11,24 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.channels import halved
-from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe, profile
+from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.edges import Strip
-from mvuav_ros.vision.approach.runway.alignment import align, around
-from mvuav_ros.vision.approach.runway.appearance import FEATURES, Scene, describe
-from mvuav_ros.vision.approach.runway.evidence import EvidenceMap, gather_evidence
-from mvuav_ros.vision.approach.runway.geometry import surrounding_box
-from mvuav_ros.vision.approach.runway.profile import profile
-from mvuav_ros.vision.approach.runway.search import Strips, distinct, fan, fan_jobs
-from mvuav_ros.vision.approach.runway.tuning import TUNING
-
-LEVELS = 4
-"""Of the pyramid."""
-_SKY_STEP = 5
-_SKY_SMOOTHING = 31
-_LEAST_PART = 12
-_DEEPEST = 28.0
-"""Px of a pyramid level: a near end below that is measured on the next one."""
+from mvuav_ros.vision.approach.evidence import EvidenceMap, gather_evidence, halved
+from mvuav_ros.vision.approach.search import Strips, align, around, distinct, fan, fan_jobs
+from mvuav_ros.vision.approach.strips import surrounding_box
+from mvuav_ros.vision.approach.tuning import SEARCH
 
 
 class Candidates(NamedTuple):
@@ -47,12 +36,14 @@ def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
     narrow = cv2.blur(brightness, (7, 1))
     total = np.zeros((height + 1, brightness.shape[1]), np.float32)
     np.cumsum(narrow, axis=0, out=total[1:])
-    middle = total[_SKY_STEP:-_SKY_STEP]
-    step = (2 * middle - total[: -2 * _SKY_STEP] - total[2 * _SKY_STEP :]) / _SKY_STEP
-    row = step[: int(0.8 * height)].argmax(axis=0).astype(np.float32) + _SKY_STEP
-    reach = _SKY_SMOOTHING // 2
+    middle = total[SEARCH.sky_step : -SEARCH.sky_step]
+    step = (
+        2 * middle - total[: -2 * SEARCH.sky_step] - total[2 * SEARCH.sky_step :]
+    ) / SEARCH.sky_step
+    row = step[: int(0.8 * height)].argmax(axis=0).astype(np.float32) + SEARCH.sky_step
+    reach = SEARCH.sky_smoothing // 2
     padded = np.pad(row, reach, mode='edge')
-    windows = np.lib.stride_tricks.sliding_window_view(padded, _SKY_SMOOTHING)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, SEARCH.sky_smoothing)
     result: NDArray[np.float64] = np.median(windows, axis=1).astype(np.float64)
     return result
 
@@ -162,13 +153,13 @@ class LevelledImage:
     def part_around(self, strips: Strips) -> Part | None:
         """The part of the image that is needed to describe strips, on the first one's level."""
         # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
-        level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / _DEEPEST)))
+        level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
         pixels, known = self.pixels(level), _to_level(strips, level)
         box = surrounding_box(known)
         height, width = pixels.shape[:2]
         left, top = max(0, int(box[0])), max(0, int(box[1]))
         right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
-        if right - left < _LEAST_PART or bottom - top < _LEAST_PART:
+        if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
             return None
         known[:, :2] -= (left, top)
         part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
@@ -263,7 +254,7 @@ def _to_level(strips: Strips, level: int) -> Strips:
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
     """All runways whose edges may meet between two rows of a levelled image, px."""
     parts = [NO_CANDIDATES]
-    for level in range(LEVELS):
+    for level in range(SEARCH.levels):
         factor = 2**level
         found = [
             image.search(level, depth, row)
@@ -271,6 +262,6 @@ def find_candidates(image: LevelledImage, first: float, last: float) -> Candidat
             for row in rows
         ]
         if found:
-            most = TUNING.candidates if level == 0 else TUNING.candidates // 2
+            most = SEARCH.candidates if level == 0 else SEARCH.candidates // 2
             parts.append(image.weigh(np.concatenate(found), level, most))
     return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses
+from mvuav_ros.vision.approach.track import Hypotheses
 
 RUNWAY = np.array([160.0, 90.0, -0.5, 0.5, 4.0, 24.0])
 SHOULDERS = np.array([160.0, 90.0, -0.75, 0.75, 4.0, 24.0])

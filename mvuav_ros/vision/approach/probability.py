@@ -12,18 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.runway.appearance import FEATURES
+from mvuav_ros.vision.approach.appearance import FEATURES
+from mvuav_ros.vision.approach.tuning import PROBABILITY
 
 _FILE = 'probability.json'
 _SKY, _WIDTH = FEATURES.index('sky'), FEATURES.index('width')
-_NEAR_BY = math.log(48.0)
-"""Logarithm of px of the near end, from which a strip that meets above the image is near by. Run 5
-below its horizon: up to 35 px; the simulated flights whose cameras look down: 90 px and more."""
-_FARTHEST = 4.0
-"""Standard deviations: features beyond say no more."""
-_STEADY, _LEAST_AGREEMENT, _LONG = 2.0, 0.05, 50.0
-"""Log odds above which more counts apart, agreement that counts as none, and frames for which a
-track that was followed so long is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +39,11 @@ class EvidenceWeights:
 
     def log_odds(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of (n, features) in the order of `FEATURES`; what is NaN does not count."""
-        values = np.clip((features - self.mean) / self.deviation, -_FARTHEST, _FARTHEST)
+        values = np.clip(
+            (features - self.mean) / self.deviation,
+            -PROBABILITY.max_deviations,
+            PROBABILITY.max_deviations,
+        )
         total = values * self.slopes[0]
         for knot, slope in zip(self.knots, self.slopes[1:], strict=True):
             total += np.maximum(values - knot, 0.0) * slope
@@ -81,9 +78,9 @@ class Report(NamedTuple):
     def of_the_runway(self) -> NDArray[np.float64]:
         """(7,) what speaks for its being the runway."""
         values = (
-            min(max(self.log_odds, -6.0), _STEADY),
-            min(max(self.log_odds - _STEADY, 0.0), 6.0),
-            min(self.moved / _LONG, 1.0),
+            min(max(self.log_odds, -6.0), PROBABILITY.steady_odds),
+            min(max(self.log_odds - PROBABILITY.steady_odds, 0.0), 6.0),
+            min(self.moved / PROBABILITY.known_frames, 1.0),
             float(self.attitude),
             math.log1p(min(self.rivals, 20.0)),
             self.distinct,
@@ -93,8 +90,8 @@ class Report(NamedTuple):
 
     def of_the_place(self) -> NDArray[np.float64]:
         """(1,) what speaks for its edges' being within tolerance, if it is the runway."""
-        lines = self.distinct * min(self.moved / _LONG, 1.0)
-        return np.array([math.log(max(self.agreement, lines) + _LEAST_AGREEMENT)])
+        lines = self.distinct * min(self.moved / PROBABILITY.known_frames, 1.0)
+        return np.array([math.log(max(self.agreement, lines) + PROBABILITY.min_agreement)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +125,7 @@ def _logistic(weights: NDArray[np.float64], values: NDArray[np.float64]) -> floa
 
 def log_odds_of(features: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) log odds of strips with (n, features); of those seen from near by other weights."""
-    above = np.isnan(features[:, _SKY]) & (features[:, _WIDTH] > _NEAR_BY)
+    above = np.isnan(features[:, _SKY]) & (features[:, _WIDTH] > PROBABILITY.min_near_by)
     odds = evidence_weights('').log_odds(features)
     if above.any():
         odds[above] = evidence_weights('above').log_odds(features[above])

@@ -1,4 +1,4 @@
-"""A strip on the ground followed from frame to frame: its two edges and its ends."""
+"""A strip on the ground: where it is, and the Kalman filter on its two edges."""
 
 from __future__ import annotations
 
@@ -6,19 +6,128 @@ import math
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation, turn_edge
-from mvuav_ros.vision.approach.edges import Edges, Strip
+from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
+from mvuav_ros.vision.approach.edges import EdgePoints, Edges, Strip
+from mvuav_ros.vision.approach.search import Strips
+from mvuav_ros.vision.approach.tuning import STRIP
 
-# Px of the working image: of one edge point.
-_POINT_SIGMA = 0.7
-# Points in neighbouring rows err alike.
-_CORRELATED_ROWS = 3.0
-# Per frame: the camera's yaw and pitch, px, and the change of slope of an edge.
-_SIDEWAYS, _UPWARDS = 1.2, 0.8
-_SLOPE_FLOOR, _SLOPE_SHARE = 0.006, 0.02
-_END_MEMORY = 0.6
-"""Share of the newest frame in where the ends are."""
+
+def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 2) columns of the left and the right edge at two rows, px."""
+    depth = rows - strips[:, 1:2]
+    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
+    return np.stack(edges, axis=1)
+
+
+def strips_through(
+    columns: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Strips:
+    """Strips whose edges pass through columns at two rows."""
+    slopes = (columns[:, :, 1] - columns[:, :, 0]) / (rows[1] - rows[0])
+    gap = np.maximum(slopes[:, 1] - slopes[:, 0], 0.02)
+    depth = (columns[:, 1, 1] - columns[:, 0, 1]) / gap
+    x, y = columns[:, 0, 1] - slopes[:, 0] * depth, rows[1] - depth
+    found = np.stack([x, y, slopes[:, 0], slopes[:, 1], ends[:, 0] - y, ends[:, 1] - y], axis=1)
+    found[:, 5] = np.maximum(found[:, 5], 4.0)
+    return found
+
+
+def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
+    """The part of an image that is needed to describe strips."""
+    x, y, left, right, _, near = strips.T
+    first, last = x + left * near, x + right * near
+    margin = max(STRIP.side_margin * float((last - first).max()), STRIP.min_side_margin)
+    return (
+        float(np.minimum(first, x).min()) - margin,
+        float(y.min()) - STRIP.margin_above,
+        float(np.maximum(last, x).max()) + margin,
+        float((y + STRIP.depth_below * near).max()) + 4,
+    )
+
+
+def apart(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Numbers of the strips that differ, best first."""
+    best = strips[int(odds.argmax())]
+    rows = best[1] + np.array([0.4, 1.0]) * best[5]
+    columns = columns_at(strips, rows)
+    width = float(columns[int(odds.argmax()), 1, 1] - columns[int(odds.argmax()), 0, 1])
+    kept: list[int] = []
+    for index in np.argsort(-odds, kind='stable'):
+        if not kept or (
+            odds[index] > odds[kept[0]] - 9.0
+            and np.abs(columns[kept] - columns[index]).max(axis=(1, 2)).min() > 0.08 * width + 0.5
+        ):
+            kept.append(int(index))
+    return np.array(kept, np.intp)
+
+
+def overlap(strip: Strip, other: Strip) -> bool:
+    """Whether two strips share half of the narrower one, and meet at about the same place."""
+    row = np.array([strip[1] + strip[5]])
+    (left, right), (first, last) = columns_at(np.stack([strip, other]), row)[:, :, 0]
+    width, its = right - left, max(last - first, 1e-6)
+    return bool(
+        min(last, right) - max(first, left) > 0.5 * min(width, its)
+        and abs(other[1] - strip[1]) < 0.6 * strip[5]
+        and width / 3 < its < 3 * width
+    )
+
+
+def points_along(
+    mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
+) -> Edges:
+    """The mean's edges as points, the fewer the less they are known."""
+    share = (np.arange(STRIP.points) + 0.5) / STRIP.points
+    at = rows[0] + share * (rows[1] - rows[0])
+    edges = []
+    for side in (0, 1):
+        columns = mean[side, 0] + share * (mean[side, 1] - mean[side, 0])
+        weight = 1.0 / (1.0 + float(spread[side].max()) ** 2)
+        edges.append(EdgePoints(at, columns, np.full(STRIP.points, weight), 1.0))
+    left, right = edges
+    return left, right
+
+
+def strip_through(
+    corners: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Strip:
+    """The strip whose edges pass through corners at two rows."""
+    left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
+    depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
+    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right, *ends])
+
+
+def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
+    """Whether points measured on the frame lie along the mean."""
+    used = exact.weights > 0
+    if np.count_nonzero(used) < 4:
+        return False
+    expected = np.interp(exact.rows[used], mean.rows, mean.columns)
+    slope = (mean.columns[-1] - mean.columns[0]) / (mean.rows[-1] - mean.rows[0])
+    beyond = exact.rows[used] - np.clip(exact.rows[used], mean.rows[0], mean.rows[-1])
+    apart = np.abs(exact.columns[used] - expected - slope * beyond)
+    # The median is that low.
+    return bool(2 * np.count_nonzero(apart < STRIP.max_disagreement) > apart.size)
+
+
+def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
+    """Whether a strip can be a runway seen from the air; of an image of that height and width."""
+    if not np.isfinite(strip).all():
+        return False
+    x, y, left, right, far, near = strip
+    height, columns = size
+    width = right - left
+    return bool(
+        0.05 < width < 8.0
+        and width * near > STRIP.min_width
+        and abs(left + right) / 2 < 2.0 * width
+        and -0.5 * columns < x < 1.5 * columns
+        and -STRIP.max_above * height < y < height - 6
+        and near > far
+        and (y > STRIP.top_row or y + near > STRIP.min_below_top)
+    )
 
 
 class Shape:
@@ -60,11 +169,11 @@ class Shape:
         self.reference += downwards
         sideways = np.array([1.0, 0.0, 1.0, 0.0])
         upwards = np.array([left, 0.0, right, 0.0])
-        change = (_SLOPE_FLOOR + _SLOPE_SHARE * abs(right - left)) ** 2
+        change = (STRIP.slope_sigma + STRIP.slope_share_sigma * abs(right - left)) ** 2
         self.covariance = (
             self.covariance
-            + _SIDEWAYS**2 * np.outer(sideways, sideways)
-            + _UPWARDS**2 * np.outer(upwards, upwards)
+            + STRIP.yaw_sigma**2 * np.outer(sideways, sideways)
+            + STRIP.pitch_sigma**2 * np.outer(upwards, upwards)
             + np.diag([0.04, change, 0.04, change])
         )
 
@@ -98,7 +207,7 @@ class Shape:
         information = np.linalg.inv(self.covariance)
         vector = information @ self.state
         for first, points in zip((0, 2), edges, strict=True):
-            weight = points.weights / (_POINT_SIGMA**2 * _CORRELATED_ROWS)
+            weight = points.weights / (STRIP.point_sigma**2 * STRIP.correlated_rows)
             depth = points.rows - self.reference
             # Sums, not products of matrices: BLAS rounds as the arrays happen to lie in memory.
             by_depth = weight * depth
@@ -164,7 +273,7 @@ class FollowedStrip:
         """Take in where the ends are in the newest frame, rows below the vanishing point."""
         if not math.isfinite(near):
             return
-        share = max(_END_MEMORY, 1.0 / self.age)
+        share = max(STRIP.end_memory, 1.0 / self.age)
         self.near_seen = near
         self.near += share * (near - self.near)
         self.far += share * (far - self.far)

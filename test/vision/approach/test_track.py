@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.candidates import LevelledImage
 from mvuav_ros.vision.approach.edges import LevelledFrame
-from mvuav_ros.vision.approach.registration import Registration
-from mvuav_ros.vision.approach.runway.candidates import LevelledImage
-from mvuav_ros.vision.approach.runway.edge_track import View
-from mvuav_ros.vision.approach.runway.hypotheses import Hypotheses, Weighed
-from mvuav_ros.vision.approach.runway.track import RunwayTrack
+from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.track import Hypotheses, RunwayTrack, View, Weighed
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 STRIP = np.array([160.0, 60.0, -0.25, 0.25, 20.0, 60.0])

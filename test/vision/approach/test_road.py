@@ -6,13 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.channels import row_sums
-from mvuav_ros.vision.approach.derotation import Derotation, line_through, turn_edge
+from mvuav_ros.vision.approach.attitude import Derotation, line_through, turn_edge
 from mvuav_ros.vision.approach.edges import LevelledFrame
-from mvuav_ros.vision.approach.road.features import Colours, features_of, shrink, white_of
-from mvuav_ros.vision.approach.road.strip import score_strips
-from mvuav_ros.vision.approach.road.targets import EdgeProfile
-from mvuav_ros.vision.approach.road.track import find_edges
+from mvuav_ros.vision.approach.evidence import row_sums
+from mvuav_ros.vision.approach.road import (
+    Colours,
+    EdgeProfile,
+    features_of,
+    score_strips,
+    shrink,
+    white_of,
+)
+from mvuav_ros.vision.approach.road_tracker import find_edges
 
 SHAPE = np.array([158.0, 70.0, -0.45, 0.35])
 FAR, NEAR = 8.0, 90.0
