@@ -1,4 +1,4 @@
-"""How what is around a strip moves between frames, and what stays where it is while the ground moves.
+"""How the surroundings of a strip move between frames, and what stands still while they do.
 
 The ground moves as a plane does, and what is far away as the camera turns: from some frames to the
 next both are about an affine map. What stands still where that map says that it should have moved
