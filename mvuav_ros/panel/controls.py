@@ -13,8 +13,7 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
 from mvuav_ros.panel import foreign
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.descriptor_text import DescriptorText, default_text, read_description
+from mvuav_ros.parameters.declaration import DescriptorText, Value, default_text, read_description
 from mvuav_ros.parameters.parameter_file import is_every_nodes
 
 _CHOICES = 'one of '

@@ -23,8 +23,7 @@ from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel import foreign
 from mvuav_ros.panel.foreign import NameRefusedError, checked_name
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.descriptor_text import default_text
+from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.content import BAG_SUFFIXES
 from mvuav_ros.recordings.errors import RecordingError

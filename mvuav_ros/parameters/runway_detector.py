@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import (
+from mvuav_ros.parameters.common_parameters import (
     autostart,
     base_frame,
     camera_frame,
@@ -18,6 +17,7 @@ from mvuav_ros.parameters.image_input import (
     opencv_threads,
     publish_tf,
 )
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
 MOST_ROUND = 31

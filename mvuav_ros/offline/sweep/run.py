@@ -14,8 +14,7 @@ from mvuav_ros.offline.processes import Done
 from mvuav_ros.offline.replay.cluster import connect
 from mvuav_ros.offline.tasks import each
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
-from mvuav_ros.parameters.parameter_file import parse_assignment
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 
 
 @dataclass(frozen=True)
