@@ -13,8 +13,8 @@ from rclpy.serialization import deserialize_message
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.frames import make_processors, process
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.panel.figures import TOPICS, Figures
-from mvuav_ros.panel.images import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS

@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from mvuav_ros.panel.figures import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
 from mvuav_ros.processing.messages.points import PointLayout
 from mvuav_ros.processing.messages.runway import LINE
 from mvuav_ros.recordings.serialization.cdr import cdr_header

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.panel.sets import SetStore, differences
+from mvuav_ros.panel.untrusted import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.parameter_file import read_parameter_values

@@ -10,9 +10,8 @@ from typing import Any
 
 from nicegui import Event
 
-from mvuav_ros.panel.images import ImageFeed
-from mvuav_ros.panel.live_node import LiveNode
-from mvuav_ros.panel.live_system import LiveSystem
+from mvuav_ros.panel.image_feed import ImageFeed
+from mvuav_ros.panel.live_nodes import LiveNode, LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore

@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Load, Page
 from mvuav_ros.panel.sets import LARGEST_SET, differences

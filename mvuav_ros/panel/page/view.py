@@ -7,15 +7,14 @@ from typing import Any
 
 from nicegui import Client, ui
 
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
-from mvuav_ros.panel.page.images import Images
 from mvuav_ros.panel.page.parameters import Parameters
-from mvuav_ros.panel.page.readout import PoseScene, Readout
-from mvuav_ros.panel.page.recording_button import RecordingButton
-from mvuav_ros.panel.page.results import Results
-from mvuav_ros.panel.page.runs import Runs
+from mvuav_ros.panel.page.readout import PoseScene, Readout, Results
+from mvuav_ros.panel.page.recording import RecordingButton
+from mvuav_ros.panel.page.run_list import Runs
+from mvuav_ros.panel.page.tiles import Images
 from mvuav_ros.parameters.declaration import Value
 
 _PARTS = {
