@@ -53,8 +53,13 @@ def check(
     """
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.rig import RigError, load_rig
-    from mvuav_ros.vision.rig_examination import examine, is_flat, is_straight
-    from mvuav_ros.vision.rig_observability import confusions, pose_error
+    from mvuav_ros.vision.rig_examination import (
+        confusions,
+        examine,
+        is_flat,
+        is_straight,
+        pose_error,
+    )
 
     try:
         body = load_rig(file)
