@@ -35,8 +35,8 @@ _UNANSWERED = 2
 class LiveSocket:
     """One page's images and curves.
 
-    The page says what is on its screen: ``{"images": [key, …], "series": node}``, and tells of
-    each image that it has drawn it: ``{"drawn": key}``. It gets images as binary messages
+    The page says what is on its screen: ``{"images": [key, …], "series": node}``, and names
+    each image that it has drawn: ``{"drawn": key}``. It gets images as binary messages
     (uint32 length of a JSON header, the header, a JPEG), curves and the newest pose as JSON.
     """
 

@@ -27,7 +27,7 @@ MAX_SIDE = 640
 """Of what is sent, px."""
 _QUALITY = 80
 _RATE_WINDOW = 2.0
-_OLDEST_LIVE = 10.0
+_MAX_LIVE_AGE = 10.0
 """Seconds; a stamp from longer ago is a recording's."""
 
 MAX_STREAMS = 16
@@ -167,7 +167,7 @@ class _Tap:
         self.data = data
         header = {'key': self._stream.key, 'width': image.width, 'height': image.height}
         text = json.dumps({**header, 'words': self._rate(now) + _age(data)}).encode()
-        self._ros.tell(self._show, struct.pack('<I', len(text)) + text + jpeg)
+        self._ros.call_in_loop(self._show, struct.pack('<I', len(text)) + text + jpeg)
 
     def _show(self, message: bytes) -> None:
         for viewer in list(self.viewers):
@@ -184,4 +184,4 @@ class _Tap:
 def _age(data: bytes) -> str:
     """From a message's stamp until now, ms, where the stamp is of now."""
     age = time.time() - 1e-9 * serialized_image.stamp_ns_in(data)
-    return f' · {1e3 * age:.0f} ms' if 0.0 <= age < _OLDEST_LIVE else ''
+    return f' · {1e3 * age:.0f} ms' if 0.0 <= age < _MAX_LIVE_AGE else ''

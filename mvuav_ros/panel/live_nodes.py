@@ -26,7 +26,7 @@ from mvuav_ros.parameters.declaration import Value
 
 _RESULTS = {'markers': 'marker_tracker', 'line_params': 'runway_detector'}
 """A node is known by the point cloud that only its kind publishes."""
-_MOST_NODES = 20
+_MAX_NODES = 20
 _CLOUD = 'sensor_msgs/msg/PointCloud2'
 _RAW, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _SERVICES = {
@@ -35,9 +35,9 @@ _SERVICES = {
     'get_parameters': GetParameters,
     'set_parameters': SetParameters,
 }
-_MOST_PARAMETERS = 500
+_MAX_PARAMETERS = 500
 """Shown; more are no vision node's."""
-_LARGEST_SIDE = 100_000
+_MAX_SIDE = 100_000
 
 
 class FoundNode(NamedTuple):
@@ -85,12 +85,12 @@ class LiveNode:
     def image_size(self) -> int:
         """The longer side of its images, px; 0 while that is not known."""
         sides = map(untrusted.number, self.status.get('image', '').split(' ')[0].split('x'))
-        return max((int(side) for side in sides if 0 < side <= _LARGEST_SIDE), default=0)
+        return max((int(side) for side in sides if 0 < side <= _MAX_SIDE), default=0)
 
     @property
     def own_values(self) -> dict[str, Value]:
         """Its values, without what every ROS node has."""
-        own = (control.name for control in self.controls if not control.foreign)
+        own = (control.name for control in self.controls if not control.is_every_nodes)
         return {name: self.values[name] for name in own if self.values.get(name) is not None}
 
     def connect(self, counted: Callable[[LiveNode, DiagnosticArray], None]) -> None:
@@ -100,7 +100,7 @@ class LiveNode:
         client, topic = self._ros.node.create_client, f'{self.name}/statistics'
         self._clients = {kind: client(kind, f'{self.name}/{s}') for s, kind in _SERVICES.items()}
         self._end_statistics = self._ros.subscribe(
-            DiagnosticArray, topic, lambda message: self._ros.tell(counted, self, message)
+            DiagnosticArray, topic, lambda message: self._ros.call_in_loop(counted, self, message)
         )
 
     def disconnect(self) -> None:
@@ -118,7 +118,7 @@ class LiveNode:
         The controls come in the order of declaration where it keeps that.
         """
         said = dict.fromkeys((await self._ask(ListParameters)).result.names)
-        names = [n for n in said if 0 < len(n) <= untrusted.LONGEST_NAME][:_MOST_PARAMETERS]
+        names = [n for n in said if 0 < len(n) <= untrusted.LONGEST_NAME][:_MAX_PARAMETERS]
         described = (await self._ask(DescribeParameters, names=names)).descriptors
         controls = {each.name: control_of(each) for each in described}
         names = [name for name in names if name in controls]
@@ -155,7 +155,7 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
     for name, namespace in dict.fromkeys(node.get_node_names_and_namespaces()):
         full = f'{namespace.rstrip("/")}/{name}'
         # Anybody on the network can announce anything; rcl then fails in its own way.
-        if not untrusted.is_ros_name(full) or len(found) >= _MOST_NODES:
+        if not untrusted.is_ros_name(full) or len(found) >= _MAX_NODES:
             continue
         try:
             published = dict(node.get_publisher_names_and_types_by_node(name, namespace))
@@ -195,7 +195,7 @@ def same_value(left: object, right: object) -> bool:
 _SCAN_INTERVAL = 1.0
 _SILENCE = 4.0
 """Seconds without a sign of life; a killed node stays in the graph for much longer."""
-_SHORTEST = 0.2
+_MIN_INTERVAL = 0.2
 """Seconds between two reports of a node; one that says more is not listened to all the time."""
 
 Listener = Callable[[str, LiveNode], None]
@@ -224,7 +224,7 @@ class LiveSystem:
                 (DiagnosticArray, '/diagnostics', self._on_diagnostics),
                 (ParameterEvent, '/parameter_events', self._on_parameters),
             ):
-                heard = partial(self._ros.tell, take)
+                heard = partial(self._ros.call_in_loop, take)
                 self._subscriptions.callback(self._ros.subscribe(kind, topic, heard, 100))
             self._scanning = asyncio.create_task(self._scan())
 
@@ -268,7 +268,7 @@ class LiveSystem:
             if node is None or node.found != each:
                 node = self.nodes.setdefault(name, LiveNode(self._ros, each))
                 node.found = each
-                self.tell('nodes', node)
+                self.notify('nodes', node)
             node.connect(self._on_statistics)
             if node.unread and (node.reading is None or node.reading.done()):
                 node.reading = asyncio.create_task(self._read(node))
@@ -276,7 +276,7 @@ class LiveSystem:
             silent = node.heard and time.monotonic() - node.heard > _SILENCE
             if node.alive and (name not in found or silent):
                 node.alive, node.unread = False, True
-                self.tell('nodes', node)
+                self.notify('nodes', node)
             if name not in found:
                 node.disconnect()
 
@@ -284,10 +284,10 @@ class LiveSystem:
         """One that says nothing is asked again by the next scan."""
         with suppress(NoAnswerError):
             await node.read()
-            self.tell('nodes', node)
-            self.tell('values', node)
+            self.notify('nodes', node)
+            self.notify('values', node)
 
-    def tell(self, what: str, node: LiveNode) -> None:
+    def notify(self, what: str, node: LiveNode) -> None:
         """Call the listeners."""
         for listener in list(self._listeners):
             listener(what, node)
@@ -295,18 +295,18 @@ class LiveSystem:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             node, now = self.nodes.get(status.name), time.monotonic()
-            if node is not None and now - node.heard > _SHORTEST:
+            if node is not None and now - node.heard > _MIN_INTERVAL:
                 node.heard = now
                 node.status = untrusted.key_values(status.values)
                 node.message, node.level = untrusted.words(status.message), status.level[0]
-                self.tell('status', node)
+                self.notify('status', node)
 
     def _on_statistics(self, node: LiveNode, message: DiagnosticArray) -> None:
         now = time.monotonic()
-        if now - node.counted > _SHORTEST:
+        if now - node.counted > _MIN_INTERVAL:
             node.counted = now
             node.statistics = untrusted.statuses(message)
-            self.tell('status', node)
+            self.notify('status', node)
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         node = self.nodes.get(event.node)
@@ -316,7 +316,7 @@ class LiveSystem:
             self._take_values(node, {each.name: value_of(each.value) for each in changed})
 
     def _take_values(self, node: LiveNode, values: Mapping[str, Any]) -> None:
-        """The answer to a request and the event of the change tell the same."""
+        """The answer to a request and the event of the change say the same."""
         if any(not same_value(node.values.get(name), value) for name, value in values.items()):
             node.values.update(values)
-            self.tell('values', node)
+            self.notify('values', node)

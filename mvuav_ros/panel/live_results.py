@@ -37,10 +37,10 @@ TOPICS: dict[str, dict[str, type]] = {
 }
 """What figures are made of, below a node's name."""
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
-_MOST_ROWS = 12
-_MOST_VALUES = 100_000
-_LARGEST = 1e9
-_WIDEST = 10.0
+_MAX_ROWS = 12
+_MAX_VALUES = 100_000
+_MAX_VALUE = 1e9
+_MAX_RANGE = 10.0
 """Half of a view's width over its distance; no calibration of a camera is wider."""
 
 Figure = tuple[str, str, str]
@@ -68,7 +68,7 @@ class Figures:
                 message.width / 2 / message.k[0],
                 message.height / 2 / message.k[4],
             )
-            if 0 < half_width < _WIDEST and 0 < half_height < _WIDEST:
+            if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
                 self._view = half_width, half_height
         elif topic == 'rpy':
             self._roll = float(message.vector.x)
@@ -127,10 +127,10 @@ class Figures:
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = message.pose.pose
         place = np.array([pose.position.x, pose.position.y, pose.position.z])
-        self._place = np.where(np.abs(place) < _LARGEST, place, math.nan)
+        self._place = np.where(np.abs(place) < _MAX_VALUE, place, math.nan)
         self._turn = rotation_of(pose.orientation)
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
-        known = (variances > 0) & (variances < _LARGEST)
+        known = (variances > 0) & (variances < _MAX_VALUE)
         self._deviations = np.sqrt(np.where(known, variances, math.nan))
         if self._kind == 'marker_tracker':
             self._place = OPTICAL_FROM_BODY.T @ self._place
@@ -160,9 +160,9 @@ class Figures:
 
 def rows_of(message: PointCloud2) -> Any:
     """The first rows; a message says itself how large it is."""
-    if len(message.fields) > 50 or message.width * message.height > _MOST_VALUES:
+    if len(message.fields) > 50 or message.width * message.height > _MAX_VALUES:
         raise ValueError('no result of our nodes')
-    return decode_points(message)[:_MOST_ROWS]
+    return decode_points(message)[:_MAX_ROWS]
 
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:
@@ -212,7 +212,7 @@ CURVES = {
     'runway_detector': {'rho': ('Line rho', 'px'), 'theta': ('Line theta', '°')},
 }
 """Charts of each kind of node: title and unit."""
-_HIGHEST_RATE = 30.0
+_MAX_RATE = 30.0
 """Points per second of a curve; a screen shows no more."""
 
 Curves = dict[str, float | None]
@@ -263,8 +263,8 @@ class SeriesFeed:
     def _arrived(self, topic: str, message: Any) -> None:
         now = time.monotonic()
         if now >= self._due.get(topic, 0.0):
-            self._due[topic] = now + 0.5 / _HIGHEST_RATE
-            self._ros.tell(self._keep, topic, message, round(now, 3))
+            self._due[topic] = now + 0.5 / _MAX_RATE
+            self._ros.call_in_loop(self._keep, topic, message, round(now, 3))
 
     def _keep(self, topic: str, message: Any, now: float) -> None:
         # What is no such message of our nodes says nothing.
@@ -281,7 +281,7 @@ class SeriesFeed:
 
 
 def _number(value: float) -> float | None:
-    return round(float(value), 3) if abs(value) < _LARGEST else None
+    return round(float(value), 3) if abs(value) < _MAX_VALUE else None
 
 
 def _markers(message: Any) -> dict[str, Curves]:

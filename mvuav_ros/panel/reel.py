@@ -26,7 +26,7 @@ from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
 from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
 from mvuav_ros.recordings.sources.selection import Selection
 
-MOST_BYTES = 256_000_000
+MAX_BYTES = 256_000_000
 """Of the frames kept in memory; of a longer recording a stretch is shown."""
 _WARM_UP = 30
 """Frames before the one asked for, from which a tracker gets into its state."""
@@ -140,11 +140,11 @@ class Reel:
                 if not isinstance(item, RecordedMessage):
                     self._items.append(item)
                     size += _size(item)
-                if size > MOST_BYTES:
+                if size > MAX_BYTES:
                     break
         finally:
             images.close()
-        self._is_whole = size <= MOST_BYTES and start_s == 0
+        self._is_whole = size <= MAX_BYTES and start_s == 0
         self._opened = source, start_s
 
     def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:

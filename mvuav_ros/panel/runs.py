@@ -31,9 +31,9 @@ from mvuav_ros.recordings.errors import RecordingError
 RESULTS = 'results.mcap'
 REPORT = 'report'
 _SUMMARY = 'run.json'
-_MOST_BAGS, _MOST_METRICS = 500, 200
-_LARGEST_SUMMARY = 1_000_000
-_LATEST = 253_402_300_799.0
+_MAX_BAGS, _MAX_METRICS = 500, 200
+_MAX_SUMMARY = 1_000_000
+_MAX_TIME = 253_402_300_799.0
 """s since the epoch: the end of the year 9999."""
 _ENDING_TIME = 5.0
 _NICENESS = 5
@@ -193,10 +193,10 @@ class RunStore:
 
 
 def _read(path: Path) -> Run:
-    content = json.loads(untrusted.file_text(path, _LARGEST_SUMMARY))
+    content = json.loads(untrusted.file_text(path, _MAX_SUMMARY))
     number, words = untrusted.number, untrusted.words
     made, frames, answered = (number(content[key]) for key in ('made', 'frames', 'answered'))
-    if not (0.0 <= made <= _LATEST and 0.0 <= answered <= frames):
+    if not (0.0 <= made <= _MAX_TIME and 0.0 <= answered <= frames):
         raise ValueError('made at no time, or over an impossible number of frames')
     return Run(
         # The folder's name counts: a user may have renamed it.
@@ -210,7 +210,7 @@ def _read(path: Path) -> Run:
         },
         metrics=tuple(
             Metric(words(m['group']), words(m['name']), words(m['unit']), number(m['value']))
-            for m in content['metrics'][:_MOST_METRICS]
+            for m in content['metrics'][:_MAX_METRICS]
         ),
         version=words(content['version']),
         made=made,
@@ -246,7 +246,7 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
-            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MOST_BAGS:
+            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MAX_BAGS:
                 name = str(path.relative_to(folder)) if path != folder else path.name
                 bags.setdefault(untrusted.words(name), path)
     return bags

@@ -14,10 +14,10 @@ from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
 
-LARGEST_SET = 100_000
+MAX_SET_BYTES = 100_000
 """Bytes."""
 _SUFFIX = '.yaml'
-_DEEPEST = 20
+_MAX_DEPTH = 20
 _BUILT_IN = ('default', 'thesis')
 
 
@@ -67,7 +67,7 @@ class SetStore:
 
     def content(self, name: str) -> bytes:
         """The file of a set."""
-        return untrusted.file_text(self._path(name), LARGEST_SET).encode()
+        return untrusted.file_text(self._path(name), MAX_SET_BYTES).encode()
 
     def add(self, name: str, content: bytes) -> list[str]:
         """Take in a parameter file; returns the kinds of nodes that it says something of."""
@@ -116,11 +116,11 @@ class SetStore:
 def _values(path: Path, kind: str) -> dict[str, object]:
     """Of a file for a kind of node; what takes YAML's reader all memory or stack is refused."""
     try:
-        text, depth = untrusted.file_text(path, LARGEST_SET), 0
+        text, depth = untrusted.file_text(path, MAX_SET_BYTES), 0
         for event in yaml.parse(text, yaml.SafeLoader):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+            if depth > _MAX_DEPTH or isinstance(event, yaml.AliasEvent):
                 raise ParameterError(
                     path.stem, 'is not a parameter file: nested too deeply, or with aliases'
                 )

@@ -69,7 +69,7 @@ class Ripmap:
         """Reduce a texture (ny, nx, channels); columns go along x, rows along y.
 
         Its first corner (origin) and the size of a texel (step) are x and y, m; one that wraps
-        goes on for ever by repeating itself.
+        goes on forever by repeating itself.
         """
         ny, nx = texture.shape[:2]
         self._wrap = wrap

@@ -28,7 +28,7 @@ ROLL_DEG_PER_MAGNITUDE = 21.6
 nothing of angles, so this one number is chosen: with it the true roll swings at vibration 1 by
 0.084 degrees RMS, the mean of that row of Table 5.5. Vibrations 2 and 3 follow from Table 5.4."""
 POINTING_DEG_PER_MAGNITUDE = 10.0
-"""The same for pitch and yaw, which no table of the thesis tells: the primary swings by 0.5, 1.2
+"""The same for pitch and yaw, which no table of the thesis has: the primary swings by 0.5, 1.2
 and 1.3 px in the lab view of 640 px (0.103 degrees per pixel)."""
 HARMONIC = 0.5
 """Amplitude of a harmonic at the primary's own frequency, relative to it. Table 5.4 lists the

@@ -134,7 +134,7 @@ def calibrate(options: CalibrateOptions) -> None:
 
     The body has to turn before the camera, by 20 degrees and more about two axes. marker_tracker
     names the lights by the rough rig; then their positions are adjusted to all images. Nothing is
-    written if the flight does not tell them.
+    written if the flight does not determine them.
     """
     from mvuav_ros.offline import rig_calibration as work
     from mvuav_ros.offline.node_parameters import resolve_parameters

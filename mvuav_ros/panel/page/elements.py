@@ -104,19 +104,19 @@ async def confirmed(question: str, yes: str) -> bool:
     return bool(await asking)
 
 
-def tell(words: str, *, bad: bool = False) -> None:
+def notify(words: str, *, bad: bool = False) -> None:
     """A short message at the bottom."""
     shown = untrusted.words(words)
     ui.notify(shown, type='negative' if bad else None, position='bottom', timeout=5000)
 
 
 @contextmanager
-def errors_told() -> Iterator[None]:
-    """Tell what is refused, or cannot be read or written; the rest of the block is left out."""
+def errors_notified() -> Iterator[None]:
+    """Show what is refused, or cannot be read or written; the rest of the block is left out."""
     try:
         yield
     except (untrusted.NameRefusedError, ParameterError, RecordingError, OSError) as error:
-        tell(str(error), bad=True)
+        notify(str(error), bad=True)
 
 
 def sheet(label: str, heads: Sequence[str]) -> ui.table:

@@ -383,7 +383,7 @@ class Parameters:
             if same_value(self._edits.get(name), value):
                 del self._edits[name]
         # Another list may show the node by now.
-        system.tell('values', self._node)
+        system.notify('values', self._node)
         for name, reason in refused.items() if not self._list.is_deleted else ():
             if name in self._rows and same_value(self._edits.get(name), values[name]):
                 self._rows[name].refuse(reason)
@@ -400,9 +400,9 @@ class Parameters:
         }
         refused = len(await self._set(changes))
         if refused:
-            el.tell(f'{refused} values of {name} were refused; each line says why', bad=True)
+            el.notify(f'{refused} values of {name} were refused; each line says why', bad=True)
         else:
-            el.tell(f'{name} is loaded')
+            el.notify(f'{name} is loaded')
 
     async def _step(self, values: Mapping[str, Value]) -> None:
         await self._set(values, undoable=False)

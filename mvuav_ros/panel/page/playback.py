@@ -122,7 +122,7 @@ class Frames:
         live = node.own_values
         sets = [live]
         if name:
-            with el.errors_told():
+            with el.errors_notified():
                 sets.append({**live, **self._page.services.sets.load(name, node.kind)})
         values = tuple(settable(node.kind, each) for each in sets)
         wanted = Wanted(str(path), float(self._from.value or 0.0), node.kind, self._index, values)

@@ -19,7 +19,7 @@ Point = tuple[float, float, float]
 _PORT, _STARBOARD, _WHITE = '#e02020', '#10b040', '#ffffff'
 """Navigation lights: red left, green right, white behind."""
 _BODY, _CAMERA, _ASPHALT = '#8a97a6', '#0b62b8', '#5a6068'
-_AXES, _LONGEST_VIEW = 12.0, 25.0
+_AXES, _MAX_VIEW = 12.0, 25.0
 _TANKER = (
     # Ends of fuselage, wings, stabilizers and fin of the tanker of the thesis, m, and radii.
     ((-36.0, 0.0, 0.0), (34.0, 0.0, 0.0), 3.2),
@@ -36,7 +36,7 @@ _LIGHTS = (
 )
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
-_RUNWAY_LENGTH, _USUAL_WIDTH = 1500.0, 45.0
+_RUNWAY_LENGTH, _DEFAULT_WIDTH = 1500.0, 45.0
 
 
 class Readout:
@@ -115,7 +115,7 @@ class PoseScene:
             el.set_props(self._scene, data_objects=f'{moved} {still} {self._cone.id}')
             el.set_props(self._scene, aria_label=f'Pose: {words}, in space')
         width = node.values.get('runway_width')
-        wide = width if isinstance(width, float) and 0 < width < 1e3 else _USUAL_WIDTH
+        wide = width if isinstance(width, float) and 0 < width < 1e3 else _DEFAULT_WIDTH
         if not tracks and self._strip.sy != wide:
             self._strip.scale(1.0, wide, 1.0)
 
@@ -127,7 +127,7 @@ def _make_view(scene: ui.scene) -> Object3D:
         for corner, after in zip(corners, corners[1:] + corners[:1], strict=True):
             scene.line([0.0, 0.0, 0.0], list(corner)).material(_CAMERA)
             scene.line(list(corner), list(after)).material(_CAMERA)
-    return cone.scale(_LONGEST_VIEW, 0.6 * _LONGEST_VIEW, 0.45 * _LONGEST_VIEW)
+    return cone.scale(_MAX_VIEW, 0.6 * _MAX_VIEW, 0.45 * _MAX_VIEW)
 
 
 def _rod(scene: ui.scene, start: Point, end: Point, radius: float) -> None:
@@ -189,7 +189,7 @@ class Results:
     async def _reset(self) -> None:
         reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')
         if reason:
-            el.tell(reason, bad=True)
+            el.notify(reason, bad=True)
 
 
 def _statistics_rows(said: Mapping[str, Mapping[str, str]]) -> list[list[str]]:

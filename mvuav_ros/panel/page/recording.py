@@ -100,10 +100,10 @@ class RecordingButton:
         if self._recorder is not None:
             self.stop()
         elif node is None:
-            el.tell('There is no node to record.', bad=True)
+            el.notify('There is no node to record.', bad=True)
         else:
             name = f'{node.kind} {time.strftime("%Y-%m-%d %H.%M.%S")}.mcap'
-            with el.errors_told():
+            with el.errors_notified():
                 self._recorder = NodeRecorder(services.ros, node, services.recordings / name)
             self._show()
 
@@ -136,7 +136,7 @@ class RecordingButton:
         except RecordingError as error:
             said = str(error)
         if not self._words.is_deleted:
-            el.tell(f'{said}: {recorder.path} {recorder.error}')
+            el.notify(f'{said}: {recorder.path} {recorder.error}')
             self._show()
             self._words.set_text(untrusted.words(f'{said} {recorder.error}'))
         self._page.services.runs_changed.emit()

@@ -256,14 +256,14 @@ class Runs:
         (run,) = self._chosen()
         node = self._page.node
         if node is None or node.kind != run.kind:
-            el.tell(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
+            el.notify(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
             return
         await self._load(run.parameters, run.name)
 
     def _show_report(self) -> None:
         (run,) = self._chosen()
         if self._page.services.runs.report(run.name) is None:
-            el.tell(f'{run.name} was made by an older version, without a report.', bad=True)
+            el.notify(f'{run.name} was made by an older version, without a report.', bad=True)
             return
         ui.navigate.to(f'/report/{run.name}', new_tab=True)
 
@@ -279,12 +279,12 @@ class Runs:
         if self._process is not None:
             return
         if node is None or not node.controls:
-            el.tell('No node is selected whose values a run could use.', bad=True)
+            el.notify('No node is selected whose values a run could use.', bad=True)
             return
         if (self._bag.value or '') not in self._bags:
-            el.tell('Choose a recording first.', bad=True)
+            el.notify('Choose a recording first.', bad=True)
             return
-        with el.errors_told():
+        with el.errors_notified():
             if as_set:
                 save_set(self._page, node, name)
             if keep:

@@ -119,7 +119,7 @@ class Images:
 
     def _add(self, key: str) -> None:
         if len(self._tiles) >= MAX_STREAMS:
-            el.tell(f'At most {MAX_STREAMS} images can be shown.', bad=True)
+            el.notify(f'At most {MAX_STREAMS} images can be shown.', bad=True)
             return
         self._wish([*self._shown(), (key, 'm')])
 
@@ -203,7 +203,7 @@ class Tile:
     def _snapshot(self) -> None:
         image = self._part.page.services.feed.newest(self.stream.key)
         if image is None:
-            el.tell('There is no image yet.', bad=True)
+            el.notify('There is no image yet.', bad=True)
             return
         name = self.stream.key.strip('/').replace('/', '_').replace(' ', '_')
         ui.download.content(encode_png(image), f'{name}.png', 'image/png')

@@ -120,7 +120,7 @@ def show_keys() -> None:
 
 
 class View:
-    """Puts the parts together, for a browser tab that is connected, and tells them what changes."""
+    """Puts the parts together, for a browser tab that is connected, and passes on what changes."""
 
     def __init__(self, services: Services, client: Client, kept: MutableMapping[str, Any]) -> None:
         self._page, self._client = Page(services, kept, self._selected), client
