@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.report.comparison import (
     METHOD,
     SHIPPED,
@@ -14,7 +15,6 @@ from mvuav_ros.offline.report.comparison import (
     worst_first,
 )
 from mvuav_ros.offline.report.model import Claim, Figure, Report, Section, Table, is_number
-from mvuav_ros.recordings.foreign import visible
 
 _LONGEST_TEXT = 100_000
 

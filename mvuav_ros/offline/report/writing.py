@@ -7,10 +7,10 @@ import io
 import json
 from pathlib import Path
 
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.report.model import Report, Table
 from mvuav_ros.offline.report.page import render_page
-from mvuav_ros.recordings.foreign import visible
-from mvuav_ros.recordings.output_file import write_whole
+from mvuav_ros.recordings.remote import write_whole
 
 PAGE = 'index.html'
 DATA = 'report.json'

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mvuav_ros.messages.frame import Frame
 from mvuav_ros.offline.evaluation.stopwatch import Stopwatch
 from mvuav_ros.offline.report.comparison import SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Table
@@ -19,7 +20,6 @@ from mvuav_ros.offline.thesis import known
 from mvuav_ros.offline.thesis.plan import PROGRAM_OF, Plan, tracker
 from mvuav_ros.offline.thesis.videos import read_avi, write_avi
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five
