@@ -8,7 +8,6 @@ from pathlib import Path
 
 import cv2
 
-from mvuav_ros.offline.thesis.plan import Plan
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.simulation.runway import RunwayFlight
@@ -16,6 +15,7 @@ from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
+from mvuav_thesis.plan import Plan
 
 _UNCOMPRESSED = 'RGBA'
 LOW_PASS: Mapping[str, Value] = {
