@@ -17,7 +17,7 @@ from mvuav_ros.offline.evaluation.corners import (
     read_horizon,
     score_frame,
 )
-from mvuav_ros.vision.approach.derotation import line_through
+from mvuav_ros.vision.approach.attitude import line_through
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 HEADER = (
