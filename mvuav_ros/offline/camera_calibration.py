@@ -226,7 +226,6 @@ def report_of(
             'searched': search.searched,
             'board found': len(search.views),
         },
-        (),
         (
             Section('Camera', (), (parameters, models) if found.kept_back else (parameters,)),
             Section('Coverage and residuals', (), figures),

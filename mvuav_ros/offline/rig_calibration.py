@@ -208,7 +208,6 @@ def report_of(name: str, made: CalibratedRig) -> Report:
             'passes': made.passes,
             'fewest lights in an image': FEWEST_LIGHTS,
         },
-        (),
         (Section('Lights', (), (lights,)), Section('Residuals and shape', (), figures)),
     )
 

@@ -13,31 +13,31 @@ from typing import Any
 import cv2
 
 import mvuav_ros
-from mvuav_ros.offline.evaluation.identity_runs import fly_names
-from mvuav_ros.offline.evaluation.integrity_runs import fly_integrity
-from mvuav_ros.offline.evaluation.marker_runs import fly_markers
-from mvuav_ros.offline.evaluation.pose_runs import fly_poses
-from mvuav_ros.offline.evaluation.runway_runs import fly_runway
-from mvuav_ros.offline.report.comparison import EQUAL_SHARE
-from mvuav_ros.offline.report.model import Cell, Report
+from mvuav_ros.offline.report.model import Cell, Report, Table
 from mvuav_ros.offline.tasks import all_of
-from mvuav_ros.offline.thesis.beyond import (
+from mvuav_ros.parameters.declaration import ParameterSet
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_thesis.beyond import (
     beyond_section,
     identity_tasks,
     integrity_tasks,
     pose_tasks,
 )
-from mvuav_ros.offline.thesis.plan import PROGRAM, Plan, thesis_detector, tracker
-from mvuav_ros.offline.thesis.predictions import fly_paths, path_tasks, predictions_section
-from mvuav_ros.offline.thesis.roll_cells import noise_tasks, roll_tasks
-from mvuav_ros.offline.thesis.runway import runway_section, runway_tasks
-from mvuav_ros.offline.thesis.times import times_section
-from mvuav_ros.offline.thesis.tracking import tracking_section
-from mvuav_ros.offline.thesis.trials import tracking_tasks
-from mvuav_ros.offline.thesis.vibration import vibration_section
-from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_thesis.comparison import EQUAL_SHARE, Claim, compared_cells, summary
+from mvuav_thesis.identity_runs import fly_names
+from mvuav_thesis.integrity_runs import fly_integrity
+from mvuav_thesis.marker_runs import fly_markers
+from mvuav_thesis.plan import PROGRAM, Plan, thesis_detector, tracker
+from mvuav_thesis.pose_runs import fly_poses
+from mvuav_thesis.predictions import fly_paths, path_tasks, predictions_section
+from mvuav_thesis.roll_cells import noise_tasks, roll_tasks
+from mvuav_thesis.runway import runway_section, runway_tasks
+from mvuav_thesis.runway_runs import fly_runway
+from mvuav_thesis.times import times_section
+from mvuav_thesis.tracking import tracking_section
+from mvuav_thesis.trials import tracking_tasks
+from mvuav_thesis.vibration import vibration_section
 
 FLIGHTS: dict[str, tuple[Callable[[Any], Any], Callable[[Plan], Sequence[Any]]]] = {
     'runway': (fly_runway, runway_tasks),
@@ -74,13 +74,16 @@ def _fly(task: tuple[str, Any]) -> Any:
 
 def build_report(
     plan: Plan, advance: Callable[[], None] = lambda: None, command: str = ''
-) -> Report:
+) -> tuple[Report, list[Claim]]:
     """Fly and measure everything.
 
     Args:
         plan: how much.
         advance: called `steps_of` times.
         command: that was typed; kept among the settings.
+
+    Returns:
+        The report, and the thesis's conclusions beside ours.
     """
     # The times first, while nothing else runs.
     times = times_section(plan)
@@ -94,7 +97,16 @@ def build_report(
         runway_section(plan, flown['runway']),
         beyond_section(flown['names'], flown['integrity'], flown['poses']),
     )
-    return Report(
+    claims = [claim for _, chapter in chapters for claim in chapter]
+    sections = [section for section, _ in chapters]
+    cells = [
+        cell
+        for section in sections
+        for item in section.items
+        if isinstance(item, Table)
+        for cell in compared_cells(item)
+    ]
+    report = Report(
         "The thesis's experiments, with truth",
         (
             'Tables and figures of chapter 5 of Larry W. Rowe, machine vision for UAVs, West '
@@ -108,9 +120,13 @@ def build_report(
             'the simulator. All numbers here were measured when this page was made.',
         ),
         settings(plan, command),
-        tuple(claim for _, claims in chapters for claim in claims),
-        tuple(section for section, _ in chapters),
+        (summary(cells, claims), *sections),
+        {
+            'claims': [vars(claim) for claim in claims],
+            'comparisons': [cell.record() for cell in cells],
+        },
     )
+    return report, claims
 
 
 def settings(plan: Plan, command: str = '') -> dict[str, Cell]:

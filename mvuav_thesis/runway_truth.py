@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from mvuav_ros.offline.evaluation.line_errors import ALONG
-from mvuav_ros.offline.evaluation.runway_runs import FlownRunway
-from mvuav_ros.offline.report.comparison import SHIPPED
-from mvuav_ros.offline.report.model import Claim, Figure, Table
+from mvuav_ros.offline.report.model import Figure, Table
 from mvuav_ros.offline.report.style import drawing, label
-from mvuav_ros.offline.thesis.plan import words
-from mvuav_ros.offline.thesis.runway_stages import THESIS_YAML
+from mvuav_thesis.comparison import SHIPPED, Claim
+from mvuav_thesis.plan import words
+from mvuav_thesis.runway_runs import FlownRunway
+from mvuav_thesis.runway_stages import THESIS_YAML
 
 APPROACH = 'mode approach'
 FIRST_JUDGED = 25

@@ -3,17 +3,17 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation.marker_runs import MarkerTask, fly_markers
 from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.report.comparison import Compared
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import RUNS, Plan, tracker, tracking_pipelines
-from mvuav_ros.offline.thesis.tracking import claims_of, table_5_3
-from mvuav_ros.offline.thesis.trials import trials_of
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_thesis import known
+from mvuav_thesis.comparison import Compared
+from mvuav_thesis.marker_runs import MarkerTask, fly_markers
+from mvuav_thesis.plan import RUNS, Plan, tracker, tracking_pipelines
+from mvuav_thesis.tracking import claims_of, table_5_3
+from mvuav_thesis.trials import trials_of
 
 # Left wing, left stabilizer, rudder, right stabilizer, right wing.
 PLACES = ((60, 200), (150, 180), (200, 120), (250, 180), (340, 200))

@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation import identity_runs
-from mvuav_ros.offline.evaluation.identity_runs import (
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.simulation.settings import TankerSettings
+from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_thesis import identity_runs
+from mvuav_thesis.beyond import identity_table, pose_table
+from mvuav_thesis.identity_runs import (
     SCENES,
     IdentityTask,
     fly_names,
     identity_task,
 )
-from mvuav_ros.offline.evaluation.pose_runs import PoseTask, fly_poses
-from mvuav_ros.offline.thesis.beyond import identity_table, pose_table
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
-from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_thesis.pose_runs import PoseTask, fly_poses
 
 
 class Exchanging(MarkerTracker):

@@ -3,7 +3,7 @@
 import yaml
 from support.places import ROOT
 
-from mvuav_ros.offline.thesis.plan import PROGRAM, thesis_detector, tracker
+from mvuav_thesis.plan import PROGRAM, thesis_detector, tracker
 
 
 def test_the_report_uses_the_parameters_of_thesis_yaml():

@@ -13,12 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mvuav_ros.messages.frame import Frame
-from mvuav_ros.offline.evaluation.stopwatch import Stopwatch
-from mvuav_ros.offline.report.comparison import SHIPPED, Compared
 from mvuav_ros.offline.report.model import Cell, Table
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import PROGRAM_OF, Plan, tracker
-from mvuav_ros.offline.thesis.videos import read_avi, write_avi
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels
@@ -28,6 +23,11 @@ from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, threshold
+from mvuav_thesis import known
+from mvuav_thesis.comparison import SHIPPED, Compared
+from mvuav_thesis.plan import PROGRAM_OF, Plan, tracker
+from mvuav_thesis.stopwatch import Stopwatch
+from mvuav_thesis.videos import read_avi, write_avi
 
 WHOLE = 'whole'
 READING, PREPARING, SCANNING, WINDOWS, CENTROIDS, NAMING, REST, TOTAL = known.STAGES

@@ -9,22 +9,22 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
 from mvuav_ros.offline.evaluation.numbers import rms
-from mvuav_ros.offline.evaluation.runway_runs import FlownRunway, RunwayRun, RunwayTask
-from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Section, Table
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import Plan, thesis_detector
-from mvuav_ros.offline.thesis.runway_stages import THESIS_YAML
-from mvuav_ros.offline.thesis.runway_truth import (
+from mvuav_ros.offline.report.model import Cell, Section, Table
+from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_thesis import known
+from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
+from mvuav_thesis.plan import Plan, thesis_detector
+from mvuav_thesis.runway_runs import FlownRunway, RunwayRun, RunwayTask
+from mvuav_thesis.runway_stages import THESIS_YAML
+from mvuav_thesis.runway_truth import (
     APPROACH,
     approach_claims,
     approach_table,
     found_table,
     scene_figure,
 )
-from mvuav_ros.offline.thesis.videos import LOW_PASS
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_thesis.videos import LOW_PASS
 
 _SCENES: Mapping[str, Mapping[str, Value]] = {
     'low pass': LOW_PASS,

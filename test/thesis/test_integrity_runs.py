@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation import integrity_runs
-from mvuav_ros.offline.evaluation.integrity_runs import IntegrityTask, fly_integrity
-from mvuav_ros.offline.thesis.beyond import integrity_claims, integrity_table
 from mvuav_ros.vision.markers.results import MarkerResult
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_thesis import integrity_runs
+from mvuav_thesis.beyond import integrity_claims, integrity_table
+from mvuav_thesis.integrity_runs import IntegrityTask, fly_integrity
 
 
 @pytest.mark.parametrize(

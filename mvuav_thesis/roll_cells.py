@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers, MarkerTask
 from mvuav_ros.offline.evaluation.numbers import Interval, pooled_rms
-from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Figure, Table
+from mvuav_ros.offline.report.model import Cell, Column, Figure, Table
 from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below, plain_log
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import Plan, tracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
+from mvuav_thesis import known
+from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
+from mvuav_thesis.marker_runs import FlownMarkers, MarkerTask
+from mvuav_thesis.plan import Plan, tracker
 
 THESIS = "the thesis's program"
 """Appendix A; beside it the tracker as shipped."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mvuav_ros.offline.evaluation import integrity_runs
-from mvuav_ros.offline.evaluation.identity_runs import SCENES
-from mvuav_ros.offline.report.comparison import SHIPPED
-from mvuav_ros.offline.thesis import known
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import PREDICTIONS, MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
+from mvuav_thesis import integrity_runs, known
+from mvuav_thesis.comparison import SHIPPED
+from mvuav_thesis.identity_runs import SCENES
 
 METHODS = tuple(sorted(PREDICTIONS, key=lambda m: m == MarkerTrackerParameters().prediction))
 """Every method of prediction, the default last."""

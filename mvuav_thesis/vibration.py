@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
 from mvuav_ros.offline.evaluation.numbers import Spectrum, spectrum
-from mvuav_ros.offline.report.comparison import Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Figure, Section, Table
+from mvuav_ros.offline.report.model import Cell, Figure, Section, Table
 from mvuav_ros.offline.report.style import COLORS, quartet
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import Plan
-from mvuav_ros.offline.thesis.roll_cells import (
+from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
+from mvuav_thesis import known
+from mvuav_thesis.comparison import Claim, Compared
+from mvuav_thesis.marker_runs import FlownMarkers
+from mvuav_thesis.plan import Plan
+from mvuav_thesis.roll_cells import (
     cells_of,
     noise_table,
     roll_claims,
     roll_figure,
     roll_tables,
 )
-from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 
 SAMPLE_HZ = 200.0
 """Of the camera's attitude; Table 5.4 goes up to 66.58 Hz."""

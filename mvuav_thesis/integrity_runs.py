@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.evaluation.pose_runs import pose_error
 from mvuav_ros.simulation.light_flights import LightFlight, LightScene, LightTruth, random_rig
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
@@ -18,6 +17,7 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import TANKER_747
+from mvuav_thesis.pose_runs import pose_error
 
 TOLD_APART = 4.0
 """px from a marker's true place at which another light can be told apart."""

@@ -8,13 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mvuav_ros.offline.evaluation.stopwatch import Stopwatch
-from mvuav_ros.offline.report.comparison import METHOD, SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Table
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import Plan, thesis_detector
-from mvuav_ros.offline.thesis.stages import sum_text
-from mvuav_ros.offline.thesis.videos import read_avi, runway_images, write_avi
+from mvuav_ros.offline.report.model import Cell, Table
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.point_operations import Mask, Pixels
 from mvuav_ros.vision.runway.correction import RhoThetaCorrection
@@ -24,6 +18,12 @@ from mvuav_ros.vision.runway.hough import HoughGrid
 from mvuav_ros.vision.runway.overlay import draw_overlay
 from mvuav_ros.vision.runway.peaks import Peak, find_peaks
 from mvuav_ros.vision.runway.results import RunwayWorkings
+from mvuav_thesis import known
+from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
+from mvuav_thesis.plan import Plan, thesis_detector
+from mvuav_thesis.stages import sum_text
+from mvuav_thesis.stopwatch import Stopwatch
+from mvuav_thesis.videos import read_avi, runway_images, write_avi
 
 INITIALISING, READING, PREPARING, HOUGH, CORRECTING, DRAWING, REST, TOTAL = known.RUNWAY_STAGES
 _PROCESSING = 'processing'

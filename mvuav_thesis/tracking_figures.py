@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.marker_runs import FlownMarkers
 from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.comparison import SHIPPED
 from mvuav_ros.offline.report.model import Figure
 from mvuav_ros.offline.report.style import (
     COLORS,
@@ -19,9 +17,11 @@ from mvuav_ros.offline.report.style import (
     legend_below,
     quartet,
 )
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import PROGRAM, PROGRAM_OF
-from mvuav_ros.offline.thesis.trials import Trial, lengths
+from mvuav_thesis import known
+from mvuav_thesis.comparison import SHIPPED
+from mvuav_thesis.marker_runs import FlownMarkers
+from mvuav_thesis.plan import PROGRAM, PROGRAM_OF
+from mvuav_thesis.trials import Trial, lengths
 
 LEFT_WING = 0
 ESTIMATED, ACTUAL = COLORS[1], COLORS[0]

@@ -9,18 +9,19 @@ from itertools import pairwise
 import numpy as np
 from scipy import special
 
-from mvuav_ros.offline.evaluation import integrity_runs
-from mvuav_ros.offline.evaluation.identity_runs import (
+from mvuav_ros.offline.evaluation.numbers import Array, rms
+from mvuav_ros.offline.report.model import Cell, Column, Section, Table
+from mvuav_thesis import integrity_runs
+from mvuav_thesis.comparison import Claim
+from mvuav_thesis.identity_runs import (
     SCENES,
     IdentityTask,
     NamedFlight,
     identity_task,
 )
-from mvuav_ros.offline.evaluation.integrity_runs import IntegrityFlight, IntegrityTask
-from mvuav_ros.offline.evaluation.numbers import Array, rms
-from mvuav_ros.offline.evaluation.pose_runs import FlownPoses, PoseTask
-from mvuav_ros.offline.report.model import Cell, Claim, Column, Section, Table
-from mvuav_ros.offline.thesis.plan import Plan
+from mvuav_thesis.integrity_runs import IntegrityFlight, IntegrityTask
+from mvuav_thesis.plan import Plan
+from mvuav_thesis.pose_runs import FlownPoses, PoseTask
 
 EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
 """m; the pose is told between each two."""

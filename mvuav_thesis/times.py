@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.comparison import SHIPPED, Compared
-from mvuav_ros.offline.report.model import Cell, Claim, Figure, Section, Table
+from mvuav_ros.offline.report.model import Cell, Figure, Section, Table
 from mvuav_ros.offline.report.style import (
     THESIS,
     TRUTH,
@@ -22,11 +21,6 @@ from mvuav_ros.offline.report.style import (
     plain_log,
     quartet,
 )
-from mvuav_ros.offline.thesis import known
-from mvuav_ros.offline.thesis.plan import Plan, tracker
-from mvuav_ros.offline.thesis.runway_stages import runway_rate_claim, table_5_7, time_runway
-from mvuav_ros.offline.thesis.stages import PARAMETERS, ProgramTimes, table_5_2, time_programs
-from mvuav_ros.offline.thesis.videos import trial_images
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker import TankerFlight
@@ -34,6 +28,12 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_thesis import known
+from mvuav_thesis.comparison import SHIPPED, Claim, Compared
+from mvuav_thesis.plan import Plan, tracker
+from mvuav_thesis.runway_stages import runway_rate_claim, table_5_7, time_runway
+from mvuav_thesis.stages import PARAMETERS, ProgramTimes, table_5_2, time_programs
+from mvuav_thesis.videos import trial_images
 
 Frames = Sequence[tuple[Image, int]]
 NO_ESTIMATION, VELOCITY, FULL = known.PROGRAMS
