@@ -22,7 +22,7 @@ from mvuav_ros.panel.image_feed import MAX_STREAMS, ImageFeed, streams_of
 from mvuav_ros.panel.live_nodes import LiveSystem
 from mvuav_ros.panel.live_results import SeriesFeed
 from mvuav_ros.panel.page.context import Services
-from mvuav_ros.panel.page.view import View
+from mvuav_ros.panel.page.view import PanelView
 from mvuav_ros.panel.ros_thread import RosThread
 
 _CURVE_INTERVAL = 0.2
@@ -148,7 +148,7 @@ def make_application(services: Services, token: str) -> Guard:
     async def page(client: Client) -> None:
         # What nodes say goes over the WebSocket only; the page's own HTML holds nothing of it.
         await client.connected()
-        await View(services, client, app.storage.tab).images.restore()
+        await PanelView(services, client, app.storage.tab).images.restore()
 
     ui.run_with(
         application,

@@ -12,7 +12,7 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
-from mvuav_ros.panel import untrusted
+from mvuav_ros.panel import sanitized
 from mvuav_ros.parameters.declaration import DescriptorText, Value, default_text, read_description
 from mvuav_ros.parameters.parameter_file import is_every_nodes
 
@@ -78,7 +78,7 @@ class Control:
     @property
     def label(self) -> str:
         """The name for people."""
-        return untrusted.words(self.name)
+        return sanitized.words(self.name)
 
     @property
     def default(self) -> Value | None:
@@ -174,12 +174,12 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
 
 def control_of(descriptor: ParameterDescriptor) -> Control:
     """The control that fits a descriptor; of other packages' nodes as well."""
-    text = read_description(untrusted.words(descriptor.description, untrusted.LONGEST_DESCRIPTION))
+    text = read_description(sanitized.words(descriptor.description, sanitized.LONGEST_DESCRIPTION))
     short: dict[str, Any] = {
-        n: untrusted.words(getattr(text, n), _SHORT) for n in ('unit', 'default', 'stage')
+        n: sanitized.words(getattr(text, n), _SHORT) for n in ('unit', 'default', 'stage')
     }
-    text = replace(text, thesis=untrusted.words(text.thesis), **short)
-    constraint = untrusted.words(descriptor.additional_constraints, untrusted.LONGEST_DESCRIPTION)
+    text = replace(text, thesis=sanitized.words(text.thesis), **short)
+    constraint = sanitized.words(descriptor.additional_constraints, sanitized.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
     choices: tuple[str, ...] = ()
     kind, minimum, maximum = Kind.TEXT, math.nan, math.nan
@@ -212,5 +212,5 @@ def value_text(value: object) -> str:
     if value is None:
         return '-'
     if isinstance(value, (bool, int, float, str, tuple)):
-        return untrusted.words(default_text(value))
-    return untrusted.words(value)
+        return sanitized.words(default_text(value))
+    return sanitized.words(value)

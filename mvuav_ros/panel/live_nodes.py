@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
-from mvuav_ros.panel import untrusted
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import Control, control_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
@@ -79,12 +79,12 @@ class LiveNode:
     def image_topic(self) -> str:
         """Where its images come from."""
         said = self.status.get('image_topic', '')
-        return self.found.image_topic or (said if untrusted.is_ros_name(said) else '')
+        return self.found.image_topic or (said if sanitized.is_ros_name(said) else '')
 
     @property
     def image_size(self) -> int:
         """The longer side of its images, px; 0 while that is not known."""
-        sides = map(untrusted.number, self.status.get('image', '').split(' ')[0].split('x'))
+        sides = map(sanitized.number, self.status.get('image', '').split(' ')[0].split('x'))
         return max((int(side) for side in sides if 0 < side <= _MAX_SIDE), default=0)
 
     @property
@@ -118,7 +118,7 @@ class LiveNode:
         The controls come in the order of declaration where it keeps that.
         """
         said = dict.fromkeys((await self._ask(ListParameters)).result.names)
-        names = [n for n in said if 0 < len(n) <= untrusted.LONGEST_NAME][:_MAX_PARAMETERS]
+        names = [n for n in said if 0 < len(n) <= sanitized.LONGEST_NAME][:_MAX_PARAMETERS]
         described = (await self._ask(DescribeParameters, names=names)).descriptors
         controls = {each.name: control_of(each) for each in described}
         names = [name for name in names if name in controls]
@@ -135,9 +135,9 @@ class LiveNode:
         except NoAnswerError as error:
             return dict.fromkeys(values, str(error))
         except (AssertionError, OverflowError, TypeError, ValueError) as error:
-            return dict.fromkeys(values, f'cannot be sent: {untrusted.words(error)}')
+            return dict.fromkeys(values, f'cannot be sent: {sanitized.words(error)}')
         return {
-            name: untrusted.words(said.reason.removeprefix(f'{name}: '))
+            name: sanitized.words(said.reason.removeprefix(f'{name}: '))
             or 'refused without a reason'
             for name, said in zip(values, results, strict=False)
             if not said.successful
@@ -155,7 +155,7 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
     for name, namespace in dict.fromkeys(node.get_node_names_and_namespaces()):
         full = f'{namespace.rstrip("/")}/{name}'
         # Anybody on the network can announce anything; rcl then fails in its own way.
-        if not untrusted.is_ros_name(full) or len(found) >= _MAX_NODES:
+        if not sanitized.is_ros_name(full) or len(found) >= _MAX_NODES:
             continue
         try:
             published = dict(node.get_publisher_names_and_types_by_node(name, namespace))
@@ -174,7 +174,7 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
 def _input(subscribed: list[tuple[str, list[str]]]) -> tuple[str, bool]:
     """The topic of its images, and whether they are compressed."""
     for topic, types in subscribed:
-        if (_RAW in types or _COMPRESSED in types) and untrusted.is_ros_name(topic):
+        if (_RAW in types or _COMPRESSED in types) and sanitized.is_ros_name(topic):
             return topic, _COMPRESSED in types
     return '', False
 
@@ -182,7 +182,7 @@ def _input(subscribed: list[tuple[str, list[str]]]) -> tuple[str, bool]:
 def value_of(message: Any) -> Any:
     """A rcl_interfaces/ParameterValue; None where its type is none that there is."""
     try:
-        return untrusted.parameter_value(parameter_value_to_python(message))
+        return sanitized.parameter_value(parameter_value_to_python(message))
     except RuntimeError:
         return None
 
@@ -297,15 +297,15 @@ class LiveSystem:
             node, now = self.nodes.get(status.name), time.monotonic()
             if node is not None and now - node.heard > _MIN_INTERVAL:
                 node.heard = now
-                node.status = untrusted.key_values(status.values)
-                node.message, node.level = untrusted.words(status.message), status.level[0]
+                node.status = sanitized.key_values(status.values)
+                node.message, node.level = sanitized.words(status.message), status.level[0]
                 self.notify('status', node)
 
     def _on_statistics(self, node: LiveNode, message: DiagnosticArray) -> None:
         now = time.monotonic()
         if now - node.counted > _MIN_INTERVAL:
             node.counted = now
-            node.statistics = untrusted.statuses(message)
+            node.statistics = sanitized.statuses(message)
             self.notify('status', node)
 
     def _on_parameters(self, event: ParameterEvent) -> None:

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag

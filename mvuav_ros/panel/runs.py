@@ -21,12 +21,12 @@ from mvuav_ros.offline.processes import ProcessDiedError, Report, Told, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 from mvuav_ros.offline.report.model import Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.panel import untrusted
-from mvuav_ros.panel.untrusted import NameRefusedError, checked_name
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.content import BAG_SUFFIXES
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.layout import BAG_SUFFIXES
+from mvuav_ros.recordings.recording import RecordingError
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
@@ -152,7 +152,7 @@ class RunStore:
             except Exception as error:
                 # It may hold anything, and one such file must not hide the others.
                 said = f'{type(error).__name__}: {error}'
-                self.rejected[untrusted.words(path.parent.name)] = untrusted.words(said)
+                self.rejected[sanitized.words(path.parent.name)] = sanitized.words(said)
         return sorted(runs, key=lambda run: run.made)
 
     def free_name(self) -> str:
@@ -193,8 +193,8 @@ class RunStore:
 
 
 def _read(path: Path) -> Run:
-    content = json.loads(untrusted.file_text(path, _MAX_SUMMARY))
-    number, words = untrusted.number, untrusted.words
+    content = json.loads(sanitized.file_text(path, _MAX_SUMMARY))
+    number, words = sanitized.number, sanitized.words
     made, frames, answered = (number(content[key]) for key in ('made', 'frames', 'answered'))
     if not (0.0 <= made <= _MAX_TIME and 0.0 <= answered <= frames):
         raise ValueError('made at no time, or over an impossible number of frames')
@@ -202,11 +202,11 @@ def _read(path: Path) -> Run:
         # The folder's name counts: a user may have renamed it.
         name=checked_name(path.parent.name),
         kind=PROCESSORS[content['kind']].name,
-        source=words(content['source'], untrusted.LONGEST_DESCRIPTION),
+        source=words(content['source'], sanitized.LONGEST_DESCRIPTION),
         parameters={
             words(name): value
             for name, given in dict(content['parameters']).items()
-            if (value := untrusted.plain_value(given)) is not None
+            if (value := sanitized.plain_value(given)) is not None
         },
         metrics=tuple(
             Metric(words(m['group']), words(m['name']), words(m['unit']), number(m['value']))
@@ -248,5 +248,5 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
             if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MAX_BAGS:
                 name = str(path.relative_to(folder)) if path != folder else path.name
-                bags.setdefault(untrusted.words(name), path)
+                bags.setdefault(sanitized.words(name), path)
     return bags

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import yaml
 
-from mvuav_ros.panel import untrusted
-from mvuav_ros.panel.untrusted import NameRefusedError, checked_name
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
@@ -52,7 +52,7 @@ class SetStore:
                 if self.load(name, kind) and self._path(name).stem == name:
                     found.append(name)
             except (ParameterError, NameRefusedError) as error:
-                self.rejected[untrusted.words(name)] = untrusted.words(error)
+                self.rejected[sanitized.words(name)] = sanitized.words(error)
         return found
 
     def is_built_in(self, name: str) -> bool:
@@ -62,12 +62,12 @@ class SetStore:
     def load(self, name: str, kind: str) -> dict[str, Value]:
         """The values of a set for a kind of node; lists of anything but numbers are left out."""
         values = _values(self._path(name), kind)
-        known = {name: untrusted.plain_value(value) for name, value in values.items()}
+        known = {name: sanitized.plain_value(value) for name, value in values.items()}
         return {name: value for name, value in known.items() if value is not None}
 
     def content(self, name: str) -> bytes:
         """The file of a set."""
-        return untrusted.file_text(self._path(name), MAX_SET_BYTES).encode()
+        return sanitized.file_text(self._path(name), MAX_SET_BYTES).encode()
 
     def add(self, name: str, content: bytes) -> list[str]:
         """Take in a parameter file; returns the kinds of nodes that it says something of."""
@@ -116,7 +116,7 @@ class SetStore:
 def _values(path: Path, kind: str) -> dict[str, object]:
     """Of a file for a kind of node; what takes YAML's reader all memory or stack is refused."""
     try:
-        text, depth = untrusted.file_text(path, MAX_SET_BYTES), 0
+        text, depth = sanitized.file_text(path, MAX_SET_BYTES), 0
         for event in yaml.parse(text, yaml.SafeLoader):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
@@ -125,7 +125,7 @@ def _values(path: Path, kind: str) -> dict[str, object]:
                     path.stem, 'is not a parameter file: nested too deeply, or with aliases'
                 )
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(path.stem, f'cannot be read: {untrusted.words(error)}') from None
+        raise ParameterError(path.stem, f'cannot be read: {sanitized.words(error)}') from None
     return parameter_values(text, path.stem, kind)
 
 

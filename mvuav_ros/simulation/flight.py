@@ -127,7 +127,7 @@ class SimulatedFrame(Generic[TruthT]):
     truth: TruthT
 
 
-class SimulatedFlight(ABC, Generic[TruthT]):
+class Flight(ABC, Generic[TruthT]):
     """A sequence of frames that depends on the settings alone.
 
     Iterating again starts again and gives the same frames, bit for bit. Every frame is a

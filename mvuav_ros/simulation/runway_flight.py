@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.simulation.flight import (
+    Flight,
     RandomStream,
-    SimulatedFlight,
     SimulatedFrame,
     apply_gain,
     motion_blur,
@@ -255,7 +255,7 @@ class RunwayPath:
         return FLARE_HEIGHT + 0.5 * (above + math.hypot(above, 3.0)) + 0.5 * wander
 
 
-class RunwayFlight(SimulatedFlight[RunwayTruth]):
+class RunwayFlight(Flight[RunwayTruth]):
     """Images (bgr8) of a runway ahead, with truth.
 
     Attributes:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_mesh, place_boom, tanker_mesh
 from mvuav_ros.simulation.flight import (
+    Flight,
     RandomStream,
-    SimulatedFlight,
     SimulatedFrame,
     apply_gain,
     motion_blur,
@@ -254,7 +254,7 @@ _LONG_PATH = 0.25
 """A light that moves less than this during the exposure (px) is drawn standing still."""
 
 
-class TankerFlight(SimulatedFlight[TankerTruth]):
+class TankerFlight(Flight[TankerTruth]):
     """Images of a tanker's lights, with truth.
 
     The airframe never hides a light: all of them are drawn on top of it.

@@ -20,7 +20,7 @@ MIN_VIEWS = 5
 
 
 @dataclass(frozen=True)
-class CalibrationTuning:
+class LensCalibrationTuning:
     """When views are left out, and when a calibration is refused."""
 
     # Of the views' median rms residual, from where on a view is taken for blurred or wrong.
@@ -36,7 +36,7 @@ class CalibrationTuning:
     better: float = 0.01  # by which part a longer model must do better on views kept back
 
 
-TUNING = CalibrationTuning()
+TUNING = LensCalibrationTuning()
 
 
 @dataclass(frozen=True)

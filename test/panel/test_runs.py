@@ -29,7 +29,7 @@ from mvuav_ros.panel.runs import (
     run_table,
     varied,
 )
-from mvuav_ros.panel.untrusted import NameRefusedError
+from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
 

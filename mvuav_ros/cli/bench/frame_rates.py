@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Case
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.flight import SimulatedFlight
+from mvuav_ros.simulation.flight import Flight
 from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
@@ -59,7 +59,7 @@ def simulation_cases() -> list[Case]:
     """One case for each kind of flight; one OpenCV thread is the caller's to set."""
     size: dict[str, Any] = {'width': 640, 'height': 480, 'frames': _SIMULATED_FRAMES}
     docking = TankerSettings(motion='docking', encoding='bgr8', **size)
-    flights: dict[str, SimulatedFlight[Any]] = {
+    flights: dict[str, Flight[Any]] = {
         'tanker, mono8': TankerFlight(TankerSettings(**size)),
         'docking, bgr8': TankerFlight(docking),
         'runway, bgr8': RunwayFlight(RunwaySettings(**size)),
@@ -67,7 +67,7 @@ def simulation_cases() -> list[Case]:
     return [_simulation(name, flight) for name, flight in flights.items()]
 
 
-def _simulation(name: str, flight: SimulatedFlight[Any]) -> Case:
+def _simulation(name: str, flight: Flight[Any]) -> Case:
     indices = itertools.cycle(range(_SIMULATED_FRAMES))
     return Case(
         f'simulated 640x480 {name}',

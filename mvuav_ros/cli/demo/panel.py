@@ -14,8 +14,8 @@ from rich.console import Console
 from mvuav_ros.cli.demo.flights import sample_flights
 from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.offline.stopping import Interrupted
-from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
+from mvuav_ros.sources.source import SourceError
 
 _STARTING_TIME = 180.0
 _PREFIX = 'tuning_panel: '

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
-from mvuav_ros.panel import untrusted
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import Control, Kind, position_on, scale_of, value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.page import elements as el
@@ -73,7 +73,7 @@ class ParameterRow:
             field.on('keydown.esc', self._write)
         el.set_props(field, aria_label=f'{control.label}, new value')
         # What cannot be typed as it is must not be changed by being looked at.
-        strange = isinstance(self._new, str) and untrusted.words(self._new) != self._new
+        strange = isinstance(self._new, str) and sanitized.words(self._new) != self._new
         if control.read_only or strange or (control.type is tuple and isinstance(self._new, str)):
             field.disable()
         return field
@@ -90,7 +90,7 @@ class ParameterRow:
             return bool(self._new)
         if self.control.kind is Kind.MENU:
             return self._new
-        return untrusted.words(self._new) if isinstance(self._new, str) else value_text(self._new)
+        return sanitized.words(self._new) if isinstance(self._new, str) else value_text(self._new)
 
     def matches(self, words: str) -> bool:
         """Whether every typed word occurs in name, description or thesis."""
@@ -135,7 +135,7 @@ class ParameterRow:
 
     def refuse(self, reason: str) -> None:
         """Show why the edited value was not taken; it stays in its field."""
-        self._refused = untrusted.words(reason)
+        self._refused = sanitized.words(reason)
         self._say()
 
     def _show_new(self, value: Any, refused: str = '') -> None:
@@ -193,7 +193,7 @@ class ParameterRow:
         words += [said.unit, f'default {said.default}' if said.default else '']
         words += ['set at the start only'] if control.read_only else []
         plain = ' · '.join(word for word in words if word)
-        self._hint.set_text(self._refused or untrusted.words(plain or said.description))
+        self._hint.set_text(self._refused or sanitized.words(plain or said.description))
         el.set_class(self._hint, 'refused', bool(self._refused))
         el.set_class(self._row, 'off-set', bool(self._difference))
         pending = bool(self._refused) or not same_value(self._new, self._current)

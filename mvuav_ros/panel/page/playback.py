@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
-from mvuav_ros.panel import untrusted
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
@@ -133,7 +133,7 @@ class Frames:
         except ReelFailedError as error:
             self._timer.active = False
             if not self._words.is_deleted:
-                self._words.set_text(untrusted.words(error))
+                self._words.set_text(sanitized.words(error))
             return
         if not self._words.is_deleted:
             self._fill(shown, name)
@@ -141,7 +141,7 @@ class Frames:
             said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
             words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
             self._differing.set_text(
-                untrusted.words(words, untrusted.LONGEST_DESCRIPTION) if name else ''
+                sanitized.words(words, sanitized.LONGEST_DESCRIPTION) if name else ''
             )
 
     def _fill(self, shown: Shown, name: str) -> None:
@@ -174,12 +174,12 @@ class _ResultView:
         self._whole.set_visibility(result is not None)
         if result is None:
             return
-        self._title.set_text(untrusted.words(title))
+        self._title.set_text(sanitized.words(title))
         self._image.set_visibility(bool(result.jpeg))
         if result.jpeg:
             source = f'data:image/jpeg;base64,{base64.b64encode(result.jpeg).decode()}'
             el.set_props(self._image, src=source, alt=f'Result with {title}')
         state, words = result.said.get('trust', ('bad', ''))
-        self._trust.set_text(untrusted.words(result.reason or words))
+        self._trust.set_text(sanitized.words(result.reason or words))
         el.set_props(self._trust, data_trust='bad' if result.reason else state)
         el.fill(self._figures, result.said.get('figures', []))

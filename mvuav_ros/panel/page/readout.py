@@ -8,7 +8,7 @@ import numpy as np
 from nicegui import ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
-from mvuav_ros.panel import untrusted
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.image_feed import RESULT_OF_KIND
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.live_results import CURVES
@@ -196,8 +196,8 @@ def _statistics_rows(said: Mapping[str, Mapping[str, str]]) -> list[list[str]]:
     """All lines, and each; numbered from 1, as in the images."""
 
     def row(name: str, values: Mapping[str, str], frames: str) -> list[str]:
-        counts = [untrusted.fixed(values.get(key), 0) for key in (frames, *_COUNTS)]
-        means = [untrusted.fixed(values[key], 2) if key in values else '' for key in _MEANS]
+        counts = [sanitized.fixed(values.get(key), 0) for key in (frames, *_COUNTS)]
+        means = [sanitized.fixed(values[key], 2) if key in values else '' for key in _MEANS]
         return [name, *counts, *means]
 
     lines = [row(name, said[name], 'found') for name in said if name.startswith('line ')]

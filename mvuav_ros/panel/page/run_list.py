@@ -14,7 +14,7 @@ from nicegui import ui
 
 from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
 from mvuav_ros.offline.report.writing import csv_text
-from mvuav_ros.panel import untrusted
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Load, Page
@@ -23,7 +23,7 @@ from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags, run_table, varied
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 
 _FIRST = ('flag counts', 'markers by state')
 _ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
@@ -368,4 +368,4 @@ def _row(run: Run) -> dict[str, str]:
 
 
 def _number_text(value: float) -> str:
-    return untrusted.fixed(value, 0 if float(value).is_integer() else 3)
+    return sanitized.fixed(value, 0 if float(value).is_integer() else 3)

@@ -12,7 +12,7 @@ from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
 from mvuav_ros.panel.page.parameters import Parameters
 from mvuav_ros.panel.page.readout import PoseScene, Readout, Results
-from mvuav_ros.panel.page.recording import RecordingButton
+from mvuav_ros.panel.page.recorder import RecordingButton
 from mvuav_ros.panel.page.run_list import Runs
 from mvuav_ros.panel.page.tiles import Images
 from mvuav_ros.parameters.declaration import Value
@@ -119,7 +119,7 @@ def show_keys() -> None:
         el.fill(el.sheet('Keys', ('', '')), list(_KEYS.items()))
 
 
-class View:
+class PanelView:
     """Puts the parts together, for a browser tab that is connected, and passes on what changes."""
 
     def __init__(self, services: Services, client: Client, kept: MutableMapping[str, Any]) -> None:
