@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mvuav_ros.offline.report.model import Cell, Table
+from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image

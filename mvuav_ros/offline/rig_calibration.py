@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.offline.report.model import Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
+from mvuav_ros.offline.report import Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, legend_below
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.recordings.serialization.messages import is_rectified_topic
 from mvuav_ros.recordings.sources.bag import BagImages
