@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 
 from mvuav_ros.cli.terminal import say
-from mvuav_ros.recordings.shipped import shipped_folder
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.layout import shipped_folder
+from mvuav_ros.sources.source import SourceError
 
 
 def demo(

@@ -13,13 +13,13 @@ import numpy as np
 from rich.table import Table
 
 from mvuav_ros.cli.processes import NodeProcesses
-from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
-from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.messages.images import IMAGE
+from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import Processor
-from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
-from mvuav_ros.recordings.images import IMAGE
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag, LineRole
 

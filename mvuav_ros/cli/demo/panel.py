@@ -14,7 +14,7 @@ from rich.console import Console
 from mvuav_ros.cli.demo.flights import panel_flights
 from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.offline.stopping import Interrupted
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 
 _STARTING_TIME = 180.0
 _PREFIX = 'tuning_panel: '

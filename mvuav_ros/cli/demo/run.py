@@ -18,8 +18,8 @@ from mvuav_ros.cli.demo.flights import Flight, demo_flights
 from mvuav_ros.cli.demo.recorder import Recorder
 from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.nodes.transport import prepare_transport
-from mvuav_ros.recordings.sources.frame import SourceError
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.source import SourceError
 
 LONGEST = 50.0
 """Seconds; the demo ends by itself within a minute whatever happens."""

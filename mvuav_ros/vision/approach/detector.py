@@ -1,32 +1,42 @@
-"""The approach scheme behind one call per frame."""
+"""Mode approach behind one call per frame: the horizon, what lies below it, and its lines."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.attitude import (
     Attitude,
+    Derotation,
     HorizonLine,
     horizon_from,
+    line_through,
     mount_matrix,
 )
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.finders import Found, RunwayFinder, StripFinder
-from mvuav_ros.vision.approach.followed_strip import FollowedStrip
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.lines import LineFlags, Segment
+from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
+from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
+from mvuav_ros.vision.approach.road import TARGETS, shrink
+from mvuav_ros.vision.approach.road_tracker import Tracker
+from mvuav_ros.vision.approach.strips import FollowedStrip
+from mvuav_ros.vision.approach.tracker import RunwayTracker, SearchRange
+from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.runway.results import LineRole
+from mvuav_ros.vision.runway.correction import jumps
+from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
-
-_SMALLEST = 48
-"""Px, of the frame's shorter side."""
 
 
 class ApproachDetector:
@@ -114,7 +124,7 @@ class ApproachDetector:
         if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
             raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
         self._last_stamp_ns = stamp_ns
-        if min(height, width) < _SMALLEST:
+        if min(height, width) < DETECTOR.min_side:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, status)
         if self._finder is None:
@@ -259,3 +269,197 @@ def _across(found: Found) -> tuple[Point, Point] | None:
     down = (y2 - y1) / (x2 - x1)
     right = level.width * level.factor - 1.0
     return (0.0, y1 - down * x1), (right, y1 + down * (right - x1))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a frame shows.
+
+    Attributes:
+        track: of the target, if there is one.
+        confidence: of the track.
+        level: the frame's derotation.
+        horizon_row: on the levelled working image, if it is known.
+        unchanged: frames before this one that were the same, if they were counted.
+    """
+
+    track: FollowedStrip | None
+    confidence: float
+    level: Derotation
+    horizon_row: float | None
+    unchanged: int = 0
+
+
+class ImageHorizon:
+    """The horizon as the image shows it, followed from frame to frame."""
+
+    def __init__(self) -> None:
+        self._finder: HorizonFinder | None = None
+        self._last: Horizon | None = None
+        self._frames = 0
+
+    def find(self, pixels: NDArray[np.uint8]) -> Horizon | None:
+        """In a working image, (height, width, 3) uint8; None without one."""
+        if self._finder is None:
+            self._finder = HorizonFinder(*pixels.shape[:2])
+        near = None if self._frames % DETECTOR.horizon_period == 0 else self._last
+        self._frames += 1
+        horizon = self._finder.find(pixels, near)
+        self._last = horizon if horizon.trusted else None
+        return self._last
+
+
+class RunwayFinder:
+    """Finds a runway, with or without attitude."""
+
+    def __init__(self) -> None:
+        self._tracker = RunwayTracker()
+        self._horizon = ImageHorizon()
+
+    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+        pixels, factor = shrink_levels(image)
+        height, width = pixels.shape[:2]
+        if attitude is not None:
+            level = Derotation(width, height, factor, attitude.slope)
+            at = level.row_of((attitude.row + 0.5) / factor - 0.5)
+            row: float | None = at
+            reach = SEARCH.attitude_reach
+            ranges = [SearchRange(level.slope, at - reach, at + reach)]
+            known: tuple[float, float] | None = (at, SEARCH.attitude_sigma)
+        else:
+            level, ranges, seen = self._from_image(pixels, factor)
+            row, known = seen, self._agreed(seen)
+        frame = LevelledFrame(image, level)
+        track = self._tracker.step(frame, pixels, ranges, known, attitude=attitude is not None)
+        unchanged = self._tracker.unchanged
+        confidence = 0.0 if unchanged > DETECTOR.frozen_frames else self._tracker.confidence
+        return Found(track, confidence, level, row, unchanged)
+
+    @property
+    def report(self) -> Report | None:
+        """What the newest confidence was made of; None without a track."""
+        return self._tracker.report
+
+    def _from_image(
+        self, pixels: NDArray[Any], factor: int
+    ) -> tuple[Derotation, list[SearchRange], float | None]:
+        """Derotation, hypotheses, and the row of the horizon if one is seen."""
+        height, width = pixels.shape[:2]
+        levels = np.clip(pixels, 0, 255).astype(np.uint8)
+        colour = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
+        horizon = self._horizon.find(np.asarray(colour, np.uint8))
+        whole = SearchRange(0.0, DETECTOR.whole_range[0] * height, DETECTOR.whole_range[1] * height)
+        beyond = SearchRange(0.0, DETECTOR.range_above * height, DETECTOR.whole_range[0] * height)
+        if horizon is None:
+            return Derotation(width, height, factor, 0.0), [whole, beyond], None
+        level = Derotation(width, height, factor, horizon.slope)
+        row = level.row_of(horizon.row)
+        above, below = SEARCH.horizon_reach
+        near = SearchRange(level.slope, row - above, row + below)
+        return level, [near, whole, beyond], row
+
+    def _agreed(self, row: float | None) -> tuple[float, float] | None:
+        """The seen horizon where the runway's edges meet at it; a cloud's edge is none."""
+        best = self._tracker.best
+        if row is None or best is None:
+            return None
+        apart = abs(best.shape.vanishing_point[1] - row)
+        return (row, SEARCH.image_horizon_sigma) if apart < DETECTOR.max_off_horizon else None
+
+
+class StripFinder:
+    """Finds the lane of a road, or a pipeline."""
+
+    def __init__(self, target: str) -> None:
+        self._target = TARGETS[target]
+        self._tracker: Tracker | None = None
+        self._horizon = ImageHorizon()
+
+    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+        pixels, factor = shrink(image)
+        height, width = pixels.shape[:2]
+        horizon: HorizonLine | Horizon | None = None
+        if not self._target.look.painted:
+            horizon = self._horizon.find(pixels) if attitude is None else attitude
+        slope, row = 0.0, None
+        if horizon is not None:
+            slope, row = horizon.slope, horizon.row
+            if horizon is attitude:
+                row = (row + 0.5) / factor - 0.5
+        level = Derotation(width, height, factor, slope)
+        level_row = None if row is None else level.row_of(row)
+        if self._tracker is None:
+            self._tracker = Tracker(self._target, height, width)
+        track = self._tracker.step(LevelledFrame(image, level), pixels, level_row)
+        return Found(track, 0.0 if track is None else track.confidence, level, level_row)
+
+
+Segment = tuple[Point, Point]
+
+
+class LineFlags:
+    """Compares each role's line with the one before, as the thesis does (section 4.3.2.4).
+
+    A flagged line is reported as it is: the shape was followed as a whole, and an older line would
+    no longer be one of its edges.
+    """
+
+    def __init__(self, parameters: RunwayDetectorParameters) -> None:
+        self.configure(parameters)
+        self.reset()
+
+    def configure(self, parameters: RunwayDetectorParameters) -> None:
+        """Use other thresholds; the lines stay known."""
+        self._parameters = parameters
+
+    def reset(self) -> None:
+        """Forget the lines."""
+        self._last: dict[LineRole, NormalForm] = {}
+
+    def rows(
+        self,
+        segments: dict[LineRole, Segment],
+        votes: dict[LineRole, float],
+        confidence: float,
+        size: tuple[int, int],
+    ) -> tuple[RunwayLine, ...]:
+        """The result's rows, one for each of `ROLES`.
+
+        Args:
+            segments: ends of the lines that are there, px on the frame.
+            votes: edge points that speak for a line, where they were counted.
+            confidence: of the shape.
+            size: width and height of the frame, px.
+        """
+        found = []
+        for index, role in enumerate(ROLES):
+            segment = segments.get(role)
+            if segment is None:
+                self._last.pop(role, None)
+                found.append(RunwayLine(role=role))
+                continue
+            line = line_through(*segment[0], *segment[1])
+            last, self._last[role] = self._last.get(role, line), line
+            flags = jumps(line, last, self._parameters)
+            ends = _confine(line, segment, size)
+            number = votes.get(role, math.nan)
+            found.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
+        return tuple(found)
+
+
+def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:
+    """The part of a line that lies beside a segment and on the frame, upper end first."""
+    x, y, x2, y2 = segment_ends(line, *size)
+    if math.isnan(x):
+        return x, y, x2, y2
+    length = math.hypot(x2 - x, y2 - y)
+    if length == 0.0:
+        return x, y, x2, y2
+    across, down = (x2 - x) / length, (y2 - y) / length
+    along = sorted((px - x) * across + (py - y) * down for px, py in segment)
+    first, last = max(0.0, along[0]), min(length, along[1])
+    if first > last:
+        return math.nan, math.nan, math.nan, math.nan
+    return x + first * across, y + first * down, x + last * across, y + last * down
