@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mvuav_ros.messages.frame import Frame
 from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels
 from mvuav_ros.vision.markers.labelling import label_five

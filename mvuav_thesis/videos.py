@@ -8,8 +8,8 @@ from pathlib import Path
 
 import cv2
 
+from mvuav_ros.messages.frame import Frame
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.simulation.runway import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.tanker import TankerFlight

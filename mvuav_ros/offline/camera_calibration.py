@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.frame import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label
-from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.camera_calibration import (

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from mvuav_ros.recordings.foreign import visible
-from mvuav_ros.recordings.output_file import write_whole
+from mvuav_ros.messages.untrusted import visible
+from mvuav_ros.recordings.remote import write_whole
 
 
 class JudgedCell(ABC):

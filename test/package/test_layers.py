@@ -16,7 +16,7 @@ import mvuav_ros
 from mvuav_ros.parameters.nodes import NODE_PARAMETERS
 from mvuav_ros.parameters.parameter_file import read_parameter_values
 
-WITHOUT_ROS = ['parameters', 'vision', 'simulation', 'recordings']
+WITHOUT_ROS = ['parameters', 'vision', 'simulation', 'recordings', 'sources']
 BLOCKED = ['rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces', 'geometry_msgs']
 needs_dev = pytest.mark.skipif(
     find_spec('importlinter') is None, reason='the extra dev is not installed'
@@ -56,7 +56,7 @@ def test_imports_point_inward():
 @pytest.mark.parametrize(
     ('module', 'line'),
     [
-        ('vision/camera.py', 'from mvuav_ros.recordings.errors import RecordingError'),
+        ('vision/camera.py', 'from mvuav_ros.recordings.recording import RecordingError'),
         ('parameters/declaration.py', 'import mvuav_ros.vision.camera'),
         ('offline/replay/job.py', 'def late():\n    from mvuav_ros.nodes import transport'),
         ('offline/plots.py', 'def late():\n    import mvuav_thesis.plan'),
