@@ -18,8 +18,8 @@ import typer
 from mvuav_ros.cli.options import AsJson, MaxSize, Strict
 from mvuav_ros.cli.terminal import tell_account
 from mvuav_ros.recordings.account import Account, collecting
-from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.limits import allowing
+from mvuav_ros.recordings.recording import RecordingError
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""

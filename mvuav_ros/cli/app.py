@@ -18,8 +18,8 @@ from mvuav_ros.cli.typer_annotations import spell_unions_out
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.sources.source import SourceError
 
 COMMANDS = (
     'replay',

@@ -12,7 +12,7 @@ import tempfile
 import time
 from contextlib import AbstractContextManager
 
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 
 _LOOK = 0.02
 _ENDING_TIME = 10.0

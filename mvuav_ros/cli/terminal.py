@@ -20,8 +20,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.foreign import visible
 
 
 class _Rate(ProgressColumn):

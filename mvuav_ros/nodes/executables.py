@@ -24,11 +24,11 @@ def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
     handed_over = SOURCE in names
     processors: list[type[Processor]] = []
     if MARKERS in names:
-        from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+        from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 
         processors.append(MarkerTrackerProcessor)
     if RUNWAY in names:
-        from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
+        from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 
         processors.append(RunwayDetectorProcessor)
     if handed_over:

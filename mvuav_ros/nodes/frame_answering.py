@@ -9,22 +9,20 @@ from threading import Lock
 
 from rclpy.node import Node
 
+from mvuav_ros.messages.frame import BadFrame, Frame, RawImageDecoder, VideoTopic
+from mvuav_ros.messages.images import (
+    VideoPacket,
+    codec_of,
+    decode_compressed_image,
+    view_compressed_image,
+    view_compressed_video,
+    view_ffmpeg_packet,
+)
+from mvuav_ros.messages.sensors import decode_camera_info
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes, StampMonitor
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.publishing import ResultPublishers
 from mvuav_ros.processing.processor import DuplicateStampError, Processor
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image
-from mvuav_ros.recordings.serialization.messages import decode_camera_info
-from mvuav_ros.recordings.serialization.raw_image import RawImageDecoder
-from mvuav_ros.recordings.serialization.serialized_image import view_compressed_image
-from mvuav_ros.recordings.serialization.video_packet import (
-    VideoPacket,
-    codec_of,
-    view_compressed_video,
-    view_ffmpeg_packet,
-)
-from mvuav_ros.recordings.sources.coded_video import VideoTopic
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
 from mvuav_ros.vision.image import ImageError
 
 _MOST_REMEMBERED = 64

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable
 from threading import Condition, Thread
 
+from mvuav_ros.messages.frame import Frame
 from mvuav_ros.nodes.image_input import InputEvents, InputState, ReceivedImage
-from mvuav_ros.recordings.sources.frame import Frame
 
 _DEPTH = 5
 """Frames that wait at most, as many as in the queue of a sensor subscription."""

@@ -14,17 +14,13 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 from std_msgs.msg import Header
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
+from mvuav_ros.messages.sensors import decode_camera_info, encode_camera_info, make_header
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.video_source import VideoSourceParameters
-from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.processing.processor import Output, Processor, resolve
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.messages import decode_camera_info
-from mvuav_ros.recordings.serialization.serialized_image import (
-    serialize_compressed_image,
-    serialize_image,
-)
-from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 

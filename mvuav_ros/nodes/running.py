@@ -21,7 +21,7 @@ from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.process_tuning import freeze_garbage, tune_process
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 
 _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.frame import BadFrame
 from mvuav_ros.offline.report.model import Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, INK, drawing, label
-from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.camera_calibration import (
@@ -225,7 +226,6 @@ def report_of(
             'searched': search.searched,
             'board found': len(search.views),
         },
-        (),
         (
             Section('Camera', (), (parameters, models) if found.kept_back else (parameters,)),
             Section('Coverage and residuals', (), figures),

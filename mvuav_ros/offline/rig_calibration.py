@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.offline.report.model import Figure, Report, Section, Table
 from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.serialization.messages import is_rectified_topic
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.markers.results import Label, MarkerState
@@ -207,7 +208,6 @@ def report_of(name: str, made: CalibratedRig) -> Report:
             'passes': made.passes,
             'fewest lights in an image': FEWEST_LIGHTS,
         },
-        (),
         (Section('Lights', (), (lights,)), Section('Residuals and shape', (), figures)),
     )
 

@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
-from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag

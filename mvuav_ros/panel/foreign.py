@@ -16,8 +16,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.recordings.foreign import LONGEST_WORDS as LONGEST_WORDS
-from mvuav_ros.recordings.foreign import words as words
+from mvuav_ros.messages.untrusted import LONGEST_WORDS as LONGEST_WORDS
+from mvuav_ros.messages.untrusted import words as words
 
 LONGEST_DESCRIPTION = 2000
 LONGEST_NAME = 255

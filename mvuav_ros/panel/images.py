@@ -15,10 +15,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
+from mvuav_ros.messages import images as serialized_image
+from mvuav_ros.messages.images import decode_compressed_image, decode_image
 from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
-from mvuav_ros.recordings.serialization import serialized_image
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
 from mvuav_ros.vision.image import Image, ImageError
 
 HIGHEST_RATE = 10.0

@@ -12,11 +12,11 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel.live_node import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.serialization.messages import type_name
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.writing import RecordingWriter
 
 LONGEST = 600.0

@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 
+from mvuav_ros.messages import images as serialized_image
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import decode_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.frames import make_processors, process
 from mvuav_ros.offline.stopping import Stop
@@ -19,12 +22,8 @@ from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization import serialized_image
-from mvuav_ros.recordings.serialization.image_decoding import decode_image
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.recordings.sources.selection import Selection
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.source import EncodedFrame, Selection, SourceError
 
 MOST_BYTES = 256_000_000
 """Of the frames kept in memory; of a longer recording a stretch is shown."""

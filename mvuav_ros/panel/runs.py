@@ -26,8 +26,8 @@ from mvuav_ros.panel.foreign import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.descriptor_text import default_text
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.content import BAG_SUFFIXES
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.layout import BAG_SUFFIXES
+from mvuav_ros.recordings.recording import RecordingError
 
 RESULTS = 'results.mcap'
 REPORT = 'report'

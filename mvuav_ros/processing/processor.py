@@ -9,10 +9,10 @@ from typing import Any, ClassVar, NamedTuple
 
 from sensor_msgs.msg import Image
 
+from mvuav_ros.messages import transforms
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import Frame
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.processing.messages import transforms
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CameraModel
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple
 
-from mvuav_ros.recordings.foreign import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import LONGEST_LINE, words
 
 _MOST_TEXTS = 200
 _MOST_ENTRIES = 10_000

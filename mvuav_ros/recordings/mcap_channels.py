@@ -14,10 +14,16 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Statistics
 from mcap.records import Schema as SchemaRecord
 
-from mvuav_ros.recordings.foreign import words
+from mvuav_ros.messages.definitions import (
+    Ros1Type,
+    Schema,
+    UnknownTypeError,
+    normalised_type,
+    ros1_type,
+)
+from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.mcap_records import HEADER, MAGIC, is_intact, summary_start
-from mvuav_ros.recordings.recording import Schema, TopicInfo, normalised_type
-from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
+from mvuav_ros.recordings.recording import TopicInfo
 
 PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)

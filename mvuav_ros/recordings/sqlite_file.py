@@ -17,15 +17,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from mvuav_ros.messages.definitions import Schema, normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
-    RecordedMessage,
-    Schema,
-    TopicInfo,
-    counted,
-    normalised_type,
-)
+from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
 
 _FIRST = -(1 << 63)

@@ -10,22 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from mvuav_ros.recordings.errors import MalformedMessageError
-from mvuav_ros.recordings.images import (
-    decode_message,
+from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.frame import BadFrame, VideoTopic
+from mvuav_ros.messages.images import (
+    VideoPacket,
+    check_compressed_image,
+    codec_of,
+    decode_image,
     is_image_type,
     video_packet,
 )
+from mvuav_ros.messages.sensors import stamp_ns_of
+from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.image_decoding import (
-    check_compressed_image,
-    decode_image,
-)
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
-from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
-from mvuav_ros.recordings.sources.coded_video import VideoTopic
-from mvuav_ros.recordings.sources.frame import BadFrame
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from support.live_stream import KEEP_EVERYTHING, Stream
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.recordings.serialization.serialized_image import (
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import (
+    decode_compressed_image,
+    decode_image,
     serialize_compressed_image,
     serialize_image,
     view_compressed_image,

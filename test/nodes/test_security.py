@@ -13,10 +13,10 @@ import pytest
 from sensor_msgs.msg import CompressedImage
 from support.graph import ROOT
 
-from mvuav_ros.processing.messages import detections, transforms
+from mvuav_ros.messages import detections, transforms
+from mvuav_ros.messages.image_files import compressed_size
+from mvuav_ros.messages.images import decode_compressed_image
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.serialization.compressed_size import compressed_size
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image
 from mvuav_ros.vision.image import ImageError
 
 POLICIES = sorted((ROOT / 'sros2').glob('*.policy.xml'))

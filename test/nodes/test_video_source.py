@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from support.graph import ROOT, image_message
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.messages.images import decode_compressed_image, decode_image
 from mvuav_ros.recordings.writing import RecordingWriter
 
 NODE = 'video_source'

@@ -9,10 +9,10 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.points import PointLayout
+from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.panel.figures import BAD, DOUBTFUL, GOOD, Figures, rotation_of
-from mvuav_ros.processing.messages.points import PointLayout
-from mvuav_ros.processing.messages.runway import LINE
-from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.vision.runway.results import LineFlag
 
 APPROACH = {'mode': 'approach', 'runway_width': 30.0}

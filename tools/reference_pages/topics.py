@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mvuav_ros.processing.messages.markers import NUMBERED_POINT
-from mvuav_ros.processing.messages.runway import LINE
+from mvuav_ros.messages.marker_messages import NUMBERED_POINT
+from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.processing.registry import PROCESSORS
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -74,9 +74,9 @@ def calibrate(options: CalibrateOptions) -> None:
     """
     from mvuav_ros.offline import camera_calibration as work
     from mvuav_ros.offline.report.writing import write_report
-    from mvuav_ros.recordings.sources.calibration import save_calibration
-    from mvuav_ros.recordings.sources.frame import SourceError
-    from mvuav_ros.recordings.sources.opening import open_source
+    from mvuav_ros.sources.calibration import save_calibration
+    from mvuav_ros.sources.opening import open_source
+    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
 

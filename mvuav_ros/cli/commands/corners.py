@@ -14,7 +14,7 @@ import typer
 from mvuav_ros.cli.options import Json, Param, ParamsFile, takes
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.node_parameters import resolve_parameters
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore

@@ -22,8 +22,7 @@ from mvuav_ros.cli.options import (
     takes,
 )
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
-from mvuav_ros.recordings.sources.frame import SourceError
-from mvuav_ros.recordings.sources.selection import Selection
+from mvuav_ros.sources.source import Selection, SourceError
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.offline.replay.outputs import plan
-    from mvuav_ros.recordings.sources.calibration import load_calibration
+    from mvuav_ros.sources.calibration import load_calibration
 
     nodes = node_names(options.nodes)
     assignments = list(options.param or [])

@@ -135,10 +135,10 @@ def calibrate(options: CalibrateOptions) -> None:
     from mvuav_ros.offline.node_parameters import resolve_parameters
     from mvuav_ros.offline.report.writing import write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-    from mvuav_ros.recordings.output_file import write_whole
-    from mvuav_ros.recordings.sources.calibration import load_calibration
-    from mvuav_ros.recordings.sources.frame import SourceError
-    from mvuav_ros.recordings.sources.opening import open_source
+    from mvuav_ros.recordings.remote import write_whole
+    from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.opening import open_source
+    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.rig import RigError, load_rig, rig_text
     from mvuav_ros.vision.rig_calibration import RigCalibrationError
 

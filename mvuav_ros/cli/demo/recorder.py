@@ -13,7 +13,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 
-from mvuav_ros.recordings.serialization.messages import type_name
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.recordings.writing import RecordingWriter
 
 RATE_WINDOW = 2.0

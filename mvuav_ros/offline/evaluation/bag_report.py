@@ -41,7 +41,6 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         f'Results against truth: {run.name}',
         tuple(f'Could not be read: {error}' for error in run.errors),
         {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
-        (),
         tuple(sections),
     )
 

@@ -313,7 +313,6 @@ def protection_report(
             'noise [px]': _NOISE,
             **vars(budget),
         },
-        (),
         (Section('Results', (), tuple(items)),),
     )
 

@@ -12,6 +12,8 @@ from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from mvuav_ros.messages.definitions import typestore
+from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.offline.processes import Done, Report, Worker
 from mvuav_ros.offline.replay.frames import FrameResults, conclude, merged, process
 from mvuav_ros.offline.replay.inputs import Item
@@ -19,9 +21,7 @@ from mvuav_ros.offline.replay.shared_buffer import SharedBuffer, Sizes
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.schemas import typestore
-from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.sources.source import EncodedFrame
 
 _SLOTS = 16
 """Frames under way at a time."""

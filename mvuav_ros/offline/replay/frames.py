@@ -7,13 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.messages import type_name
-from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.sources.source import EncodedFrame
 from mvuav_ros.vision.image import ImageError
 
 DEFECT = 'internal error of'

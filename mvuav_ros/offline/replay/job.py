@@ -20,15 +20,12 @@ from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
 from mvuav_ros.recordings.remote import is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
-from mvuav_ros.recordings.sources.frame import SourceError
-from mvuav_ros.recordings.sources.gamma import gamma_corrected
-from mvuav_ros.recordings.sources.opening import looks_like_bag
-from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.opening import looks_like_bag
+from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError, gamma_corrected
 from mvuav_ros.vision.camera import CameraModel
 
 PROGRESS_INTERVAL = 0.1

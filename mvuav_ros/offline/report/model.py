@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice, takewhile
+from typing import Literal
 
-from mvuav_ros.offline.report.comparison import Compared, ComparedCell
 
-Cell = str | float | int | Compared | None
+class JudgedCell(ABC):
+    """A cell with a verdict beside it."""
+
+    value: str | float
+    """What CSV and JSON hold."""
+
+    @property
+    @abstractmethod
+    def mark(self) -> Literal['good', 'bad', 'neutral']:
+        """The verdict's colour."""
+
+    @abstractmethod
+    def parts(self, digits: int) -> tuple[str, str, str]:
+        """Value, its interval, and the verdict as people read them; any may be empty."""
+
+
+Cell = str | float | int | JudgedCell | None
 _GROUPED = 10_000
 """Counts from here on are written with commas."""
 
@@ -85,20 +101,11 @@ class Table:
         value = _known(given)
         if value is None:
             return '–'  # noqa: RUF001
-        if isinstance(given, Compared):
-            return given.text(digits)
+        if isinstance(given, JudgedCell):
+            return ' '.join(filter(None, given.parts(digits)))
         if isinstance(value, float):
             return f'{value:.{digits}f}'
         return f'{value:,}' if isinstance(value, int) and value >= _GROUPED else str(value)
-
-    def comparisons(self) -> list[ComparedCell]:
-        """Every cell that is held against the thesis, in order."""
-        return [
-            ComparedCell(self.title.partition(':')[0], _row_name(row), column.name, cell)
-            for row in self.rows
-            for column, cell in zip(self.columns, row, strict=True)
-            if isinstance(cell, Compared)
-        ]
 
 
 @dataclass(frozen=True)
@@ -110,16 +117,6 @@ class Figure:
     png: bytes = field(repr=False)
     alt: str = ''
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A statement, the thesis's number for it and ours; ``holds`` is None if it cannot be told."""
-
-    statement: str
-    thesis: str
-    ours: str
-    holds: bool | None
 
 
 @dataclass(frozen=True)
@@ -139,15 +136,15 @@ class Report:
         title: of the page.
         lead: paragraphs at its beginning.
         settings: what made it, by name; shown and kept as JSON.
-        claims: the summary; may be empty.
         sections: in order.
+        data: what report.json holds besides settings, tables and figures.
     """
 
     title: str
     lead: tuple[str, ...]
     settings: Mapping[str, Cell]
-    claims: tuple[Claim, ...] = ()
     sections: tuple[Section, ...] = ()
+    data: Mapping[str, object] = field(default_factory=dict)
 
     def tables(self) -> list[Table]:
         """All tables in order."""
@@ -157,16 +154,6 @@ class Report:
         """All figures in order."""
         return [i for section in self.sections for i in section.items if isinstance(i, Figure)]
 
-    def comparisons(self) -> list[ComparedCell]:
-        """Every cell that is held against the thesis, in order."""
-        return [cell for table in self.tables() for cell in table.comparisons()]
-
-
-def _row_name(row: tuple[Cell, ...]) -> str:
-    """The words with which a row begins, at most three."""
-    words = takewhile(lambda cell: isinstance(cell, str) and not is_number(cell), row)
-    return ', '.join(map(str, islice(words, 3)))
-
 
 def is_number(text: str) -> bool:
     """Whether a text is a number as somebody else prints it, with its interval or its bound."""
@@ -174,7 +161,7 @@ def is_number(text: str) -> bool:
 
 
 def _known(value: Cell) -> str | float | int | None:
-    if isinstance(value, Compared):
+    if isinstance(value, JudgedCell):
         value = value.value
     if isinstance(value, float) and not math.isfinite(value):
         return None

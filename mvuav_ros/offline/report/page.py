@@ -5,16 +5,8 @@ from __future__ import annotations
 import base64
 import html
 
-from mvuav_ros.offline.report.comparison import (
-    METHOD,
-    SHIPPED,
-    Compared,
-    ComparedCell,
-    count_text,
-    worst_first,
-)
-from mvuav_ros.offline.report.model import Claim, Figure, Report, Section, Table, is_number
-from mvuav_ros.recordings.foreign import visible
+from mvuav_ros.messages.untrusted import visible
+from mvuav_ros.offline.report.model import Figure, JudgedCell, Report, Section, Table, is_number
 
 _LONGEST_TEXT = 100_000
 
@@ -56,16 +48,13 @@ tbody tr:nth-child(even) { background: var(--band); }
 tr.first td { border-top: 2px solid var(--line); }
 td .range { display: block; color: var(--soft); font-size: .9em; white-space: nowrap; }
 td .verdict { display: block; font-size: .9em; }
-.equal { color: var(--soft); font-weight: 600; white-space: nowrap; }
-ol.worse { padding-left: 1.6rem; font-size: .9rem; }
-ol.worse li { margin: .15rem 0; }
-.yes { color: var(--good); font-weight: 600; white-space: nowrap; }
-.no { color: var(--bad); font-weight: 600; white-space: nowrap; }
-.unknown { color: var(--soft); font-weight: 600; white-space: nowrap; }
+.verdict { font-weight: 600; white-space: nowrap; }
+.good { color: var(--good); }
+.bad { color: var(--bad); }
+.neutral { color: var(--soft); }
 @media screen and (max-width: 600px) {
   main { padding: 1.25rem .75rem 3rem; } h1 { font-size: 1.5rem; }
   th, td { padding: .28rem .45rem; } td.word { min-width: 6.5rem; white-space: normal; }
-  .claims td.word { min-width: 0; } .claims span { white-space: normal; }
   figure img { width: 720px; max-width: none; }
   nav a { display: inline-block; padding: .2rem 0; } }
 footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
@@ -83,7 +72,7 @@ footer { margin-top: 3rem; color: var(--soft); font-size: .85rem; }
   th, td { padding: .15rem .38rem; }
   .wide { page: wide; }
   .wide table { font-size: 7.5pt; }
-  figcaption, .note, ol.worse { font-size: 8pt; max-width: none; }
+  figcaption, .note { font-size: 8pt; max-width: none; }
   thead { display: table-header-group; }
   tr { break-inside: avoid; }
   figure img { border: 0; padding: 0; width: auto; max-width: 100%; max-height: 108mm;
@@ -106,18 +95,13 @@ def escape(text: object) -> str:
 
 def render_page(report: Report) -> str:
     """The whole page."""
-    cells = report.comparisons()
-    sections = [('summary', 'Summary')] if report.claims or cells else []
-    sections += [(_anchor(s.title), s.title) for s in report.sections]
+    sections = [(_anchor(s.title), s.title) for s in report.sections]
     sections.append(('settings', 'Settings'))
     links = ' '.join(f'<a href="#{anchor}">{escape(title)}</a>' for anchor, title in sections)
     body = [
         f'<h1>{escape(report.title)}</h1>',
         *(f'<p class="lead">{escape(text)}</p>' for text in report.lead),
         f'<nav>{links}</nav>',
-        '<h2 id="summary">Summary</h2>' if report.claims or cells else '',
-        _comparisons(cells),
-        _claims(report.claims),
         *map(_section, report.sections),
         _settings(report),
     ]
@@ -127,54 +111,6 @@ def render_page(report: Report) -> str:
         f'<title>{escape(report.title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n'
         + '\n'.join(part for part in body if part)
         + '\n</main>\n</body>\n</html>\n'
-    )
-
-
-def _comparisons(cells: list[ComparedCell]) -> str:
-    """The worse cells by name, then how many there are of each kind."""
-    if not cells:
-        return ''
-    parts = []
-    for by in (METHOD, SHIPPED):
-        chosen = [cell for cell in cells if cell.compared.by == by]
-        worse = worst_first(chosen)
-        parts.append(
-            f'<p id="count-{by.split()[-1]}"><strong>{escape(by.capitalize())}</strong>: of '
-            f'{len(chosen)} cells beside the thesis {count_text(chosen)}'
-            f'{". The worse ones, the worst first:" if worse else "."}</p>'
-        )
-        if worse:
-            items = ''.join(f'<li>{escape(cell.text)}</li>' for cell in worse)
-            parts.append(f'<ol class="worse">{items}</ol>')
-    return '\n'.join(parts)
-
-
-def _claims(claims: tuple[Claim, ...]) -> str:
-    if not claims:
-        return ''
-    rows = ''.join(
-        f'<tr><td class="word">{escape(c.statement)}</td><td class="word">{escape(c.thesis)}</td>'
-        f'<td class="word">{escape(c.ours)}</td><td class="word">{_verdict(c.holds)}</td></tr>'
-        for c in sorted(claims, key=lambda c: _ORDER[c.holds])
-    )
-    heads = ''.join(
-        f'<th class="word">{text}</th>' for text in ('statement', 'thesis, or limit', 'here', '')
-    )
-    return (
-        f'<div class="table short claims">{_SCROLL}<table>'
-        f'<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></div>'
-    )
-
-
-_ORDER: dict[bool | None, int] = {False: 0, None: 1, True: 2}
-"""What fails is read first."""
-
-
-def _verdict(holds: bool | None) -> str:
-    if holds is None:
-        return '<span class="unknown">? undecided</span>'
-    return (
-        '<span class="yes">✓ holds</span>' if holds else '<span class="no">✗ does not hold</span>'
     )
 
 
@@ -217,21 +153,12 @@ def _table(table: Table) -> str:
 
 def _cell(table: Table, row: int, column: int, word: bool) -> str:
     value = table.rows[row][column]
-    if isinstance(value, Compared):
-        return f'<td>{_compared(value, table.columns[column].digits)}</td>'
-    text = table.text(row, column)
-    return f'<td{_word(word, text)}>{escape(text)}</td>'
-
-
-_CLASSES = {'better': 'yes', 'equal': 'equal', 'worse': 'no'}
-
-
-def _compared(cell: Compared, digits: int) -> str:
-    number, _, rest = cell.text(digits).partition(' ')
-    verdict = cell.verdict.value
-    interval = rest.removesuffix(verdict).strip()
-    shown = f'<span class="range">{escape(interval)}</span>' if interval else ''
-    return f'{number}{shown} <span class="verdict {_CLASSES[verdict]}">{verdict}</span>'
+    if not isinstance(value, JudgedCell):
+        text = table.text(row, column)
+        return f'<td{_word(word, text)}>{escape(text)}</td>'
+    number, interval, verdict = map(escape, value.parts(table.columns[column].digits))
+    shown = f'<span class="range">{interval}</span>' if interval else ''
+    return f'<td>{number}{shown} <span class="verdict {value.mark}">{verdict}</span></td>'
 
 
 def _word(word: bool, text: str = '') -> str:

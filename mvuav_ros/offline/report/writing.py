@@ -7,10 +7,10 @@ import io
 import json
 from pathlib import Path
 
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.report.model import Report, Table
 from mvuav_ros.offline.report.page import render_page
-from mvuav_ros.recordings.foreign import visible
-from mvuav_ros.recordings.output_file import write_whole
+from mvuav_ros.recordings.remote import write_whole
 
 PAGE = 'index.html'
 DATA = 'report.json'
@@ -58,12 +58,11 @@ def csv_text(table: Table) -> str:
 
 
 def as_data(report: Report) -> dict[str, object]:
-    """Settings, claims and tables as JSON knows them."""
+    """Settings, tables and the report's own data as JSON knows them."""
     return {
         'title': report.title,
         'settings': dict(report.settings),
-        'claims': [vars(claim) for claim in report.claims],
-        'comparisons': [cell.record() for cell in report.comparisons()],
+        **report.data,
         'tables': {table.key: table.records() for table in report.tables()},
         'figures': {figure.key: f'{figure.key}.png' for figure in report.figures()},
     }

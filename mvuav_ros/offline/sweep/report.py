@@ -62,7 +62,6 @@ def sweep_report(
         'Parameter sweep',
         lead,
         {'version': f'mvuav_ros {mvuav_ros.__version__}', **settings},
-        (),
         tuple(sections),
     )
 

@@ -17,7 +17,7 @@ from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recordings.shipped import shipped_folder
+from mvuav_ros.recordings.layout import shipped_folder
 
 _ONE_MOVEMENT = 1.0
 """Seconds; quicker changes of one parameter are one movement of a hand."""

@@ -10,7 +10,7 @@ from mvuav_ros.panel import foreign
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.recorder import Recorder
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 
 
 class RecordingButton:

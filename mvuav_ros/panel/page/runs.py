@@ -19,7 +19,7 @@ from mvuav_ros.panel.page.trends import Trends
 from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 
 _HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
 # Quasar's own checkboxes in a table have no name for who cannot see them.

@@ -6,8 +6,8 @@ import pytest
 from support.boards import BOARD
 from support.commands import mvuav
 
-from mvuav_ros.recordings.sources.calibration import load_calibration
 from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.sources.calibration import load_calibration
 
 FRAMES = 12  # Different places
 

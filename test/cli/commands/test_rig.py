@@ -8,7 +8,7 @@ import yaml
 from support.commands import mvuav
 from support.places import ROOT
 
-from mvuav_ros.recordings.sources.calibration import save_calibration
+from mvuav_ros.sources.calibration import save_calibration
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import load_rig
 

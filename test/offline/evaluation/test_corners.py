@@ -165,7 +165,7 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
 
 def test_a_missing_image_is_a_users_mistake(labelled):
     from mvuav_ros.cli.app import application
-    from mvuav_ros.recordings.sources.frame import SourceError
+    from mvuav_ros.sources.source import SourceError
 
     (labelled.parent / '7.png').unlink()
     with pytest.raises(SourceError, match=r'7\.png'):

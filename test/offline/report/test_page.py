@@ -3,11 +3,10 @@ import math
 
 import pytest
 
-from mvuav_ros.offline.report.comparison import SHIPPED, Compared, Verdict, worst_first
 from mvuav_ros.offline.report.model import (
-    Claim,
     Column,
     Figure,
+    JudgedCell,
     Report,
     Section,
     Table,
@@ -24,14 +23,13 @@ def small_report(**changes):
 
 
 def test_text_is_escaped_and_missing_numbers_are_dashes(tmp_path):
-    report = small_report(claims=(Claim('<claim>', 'a', 'b', False),))
+    report = small_report()
     page = render_page(report)
     for raw, escaped in (('<x>', '&lt;x&gt;'), ('<lead>', '&lt;lead&gt;'), ('A & B', 'A &amp; B')):
         assert escaped in page
         assert raw not in page
     assert '<td>–</td>' in page  # noqa: RUF001
     assert '>1.2<' in page
-    assert '✗ does not hold' in page
     write_report(report, tmp_path)
     assert (tmp_path / 't.csv').read_text().splitlines() == ['a,b [px]', '<x>,1.25', 'y,']
     assert json.loads((tmp_path / 't.json').read_text())[1] == {'a': 'y', 'b [px]': None}
@@ -62,42 +60,22 @@ def test_the_same_data_make_the_same_image():
     assert draw(2).png == draw(2).png != draw(3).png
 
 
-@pytest.mark.parametrize(
-    ('cell', 'verdict'),
-    [
-        (Compared(0.5, 1.0), Verdict.BETTER),
-        (Compared(0.995, 1.0), Verdict.EQUAL),
-        (Compared(1.02, 1.0), Verdict.WORSE),
-        (Compared(1.2, 1.0, low=0.9, high=1.5), Verdict.EQUAL),
-        (Compared(1.2, 1.0, low=1.1, high=1.3), Verdict.WORSE),
-        (Compared(0.005, 0.01, is_bound=True), Verdict.EQUAL),
-        (Compared(0.02, 0.01, is_bound=True), Verdict.WORSE),
-        (Compared(11.05, 11.06, tolerance=0.06), Verdict.EQUAL),
-        (Compared(10.9, 11.06, tolerance=0.06), Verdict.WORSE),
-    ],
-)
-def test_verdicts(cell, verdict):
-    assert cell.verdict is verdict
+class Judged(JudgedCell):
+    value = 2.5
+    mark = 'bad'
+
+    def parts(self, digits):
+        return f'{self.value:.{digits}f}', '[2, 3]', 'too <much>'
 
 
-def test_the_summary_counts_the_cells_and_begins_with_the_worst():
-    cells = (0.5, 1.0, 1.5, 3.0)
-    rows = (
-        *(('r', f'row {v:g}', Compared(v, 1.0)) for v in cells),
-        ('r', 's', Compared(2.0, 1.0, SHIPPED)),
-    )
-    columns = (Column('a'), Column('b'), Column('c'))
-    report = small_report(
-        sections=(Section('S', (), (Table('t', 'Table 9: T', columns, rows),)),),
-        claims=(Claim('good', '', '', True), Claim('bad', '', '', False), Claim('?', '', '', None)),
-    )
+def test_a_cell_with_a_verdict(tmp_path):
+    table = Table('t', 'T', (Column('a'), Column('b', '', 2)), (('x', Judged()),))
+    report = small_report(sections=(Section('S', (), (table,)),), data={'more': [1]})
     page = render_page(report)
-    assert 'of 4 cells beside the thesis 1 better, 1 equal, 2 worse' in page
-    assert 'of 1 cells beside the thesis 0 better, 0 equal, 1 worse' in page
-    worst = worst_first([c for c in report.comparisons() if c.compared.by != SHIPPED])
-    assert [c.compared.value for c in worst] == [3.0, 1.5]
-    assert page.index('Table 9, r, row 3, c: 3 against 1') < page.index(
-        'Table 9, r, row 1.5, c: 1.5'
-    )
-    assert page.index('>bad<') < page.index('>?<') < page.index('>good<')
-    assert report.tables()[0].records()[0]['c'] == 0.5
+    assert '<td>2.50<span class="range">[2, 3]</span>' in page
+    assert '<span class="verdict bad">too &lt;much&gt;</span></td>' in page
+    assert table.text(0, 1) == '2.50 [2, 3] too <much>'
+    write_report(report, tmp_path)
+    data = json.loads((tmp_path / 'report.json').read_text())
+    assert data['tables']['t'] == [{'a': 'x', 'b': 2.5}]
+    assert data['more'] == [1]
