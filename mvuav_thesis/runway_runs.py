@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.line_errors import ALONG, LineErrors, LineMatch, TrueLine
+from mvuav_ros.offline.evaluation.metrics import ALONG, LineErrors, LineMatch, TrueLine
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.runway_flight import LineTruth, RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mvuav_ros.offline.report.model import Cell, Table
+from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.point_operations import Mask, Pixels
 from mvuav_ros.vision.runway.correction import RhoThetaCorrection

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.model import Cell, Figure, Section, Table
-from mvuav_ros.offline.report.style import (
+from mvuav_ros.offline.evaluation.metrics import Array
+from mvuav_ros.offline.report import Cell, Figure, Section, Table
+from mvuav_ros.offline.report_figures import (
     THESIS,
     TRUTH,
     drawing,

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.frame import BadFrame
-from mvuav_ros.offline.report.model import Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, INK, drawing, label
+from mvuav_ros.offline.report import Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
 from mvuav_ros.vision.camera import CalibrationError

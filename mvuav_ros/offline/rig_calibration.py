@@ -9,8 +9,8 @@ import numpy as np
 
 from mvuav_ros.messages.frame import BadFrame
 from mvuav_ros.messages.sensors import is_rectified_topic
-from mvuav_ros.offline.report.model import Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
+from mvuav_ros.offline.report import Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, legend_below
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.bag import BagImages
 from mvuav_ros.sources.source import FrameSource, SourceError

@@ -19,7 +19,7 @@ import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Told, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
-from mvuav_ros.offline.report.model import Cell, Column, Table
+from mvuav_ros.offline.report import Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
@@ -110,7 +110,7 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     from mvuav_ros.offline.evaluation.bag_report import bag_report
     from mvuav_ros.offline.evaluation.evaluation_run import read_bag
     from mvuav_ros.offline.evaluation.metrics import metrics_of
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
 
     os.nice(_NICENESS)
     run, folder = task

@@ -17,7 +17,7 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.report.writing import csv_text
+from mvuav_ros.offline.report import csv_text
 from mvuav_ros.panel.page.run_list import grouped_options, line_options
 from mvuav_ros.panel.runs import (
     RESULTS,

@@ -73,7 +73,7 @@ def calibrate(options: CalibrateOptions) -> None:
     camera_calibration writes; nothing is written if the views do not determine the camera.
     """
     from mvuav_ros.offline import camera_calibration as work
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.sources.calibration import save_calibration
     from mvuav_ros.sources.opening import open_source
     from mvuav_ros.sources.source import SourceError

@@ -138,7 +138,7 @@ def calibrate(options: CalibrateOptions) -> None:
     """
     from mvuav_ros.offline import rig_calibration as work
     from mvuav_ros.offline.node_parameters import resolve_parameters
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
     from mvuav_ros.recordings.remote import write_whole
     from mvuav_ros.sources.calibration import load_calibration

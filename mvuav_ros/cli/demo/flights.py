@@ -1,10 +1,10 @@
-"""What the demo shows: for each sample bag its node, topics, table and figures."""
+"""What the demo shows: for each node its sample bag, topics and table."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,10 @@ from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.results import Label, MarkerState
-from mvuav_ros.vision.runway.results import LineFlag
+from mvuav_ros.vision.runway.results import LineFlag, LineRole
+
+_INPUTS = ('image_raw', 'camera_info')
+_SIDES = {LineRole.LEFT_EDGE: 'left edge', LineRole.RIGHT_EDGE: 'right edge'}
 
 
 @dataclass(frozen=True)
@@ -30,15 +33,21 @@ class Flight:
 
     Attributes:
         bag: the file, whose name is the namespace of its images.
-        processor: the node.
+        processor: what the node runs.
+        node_name: the node's name.
         main_topic: result topic that has one message per frame.
         make_table: from the newest message of each topic below ``~/`` what the terminal shows.
+        parameters: of the node.
+        title: what the terminal shows behind the node's name.
     """
 
     bag: Path
     processor: type[Processor]
+    node_name: str
     main_topic: str
     make_table: Callable[[dict[str, Any]], Table]
+    parameters: dict[str, str] = field(default_factory=dict)
+    title: str = ''
 
     @cached_property
     def frames(self) -> int:
@@ -59,7 +68,7 @@ class Flight:
     @property
     def node(self) -> str:
         """The node's fully qualified name."""
-        return f'/{self.processor.name}'
+        return f'/{self.node_name}'
 
     @property
     def main(self) -> str:
@@ -70,13 +79,15 @@ class Flight:
         """A result topic's full name."""
         return f'{self.node}/{suffix}'
 
-    def start_node(self, nodes: NodeProcesses, **parameters: str) -> None:
-        """Start the node that looks at the bag's images, with some parameters."""
-        remapping = ('--ros-args', '-r', f'image_raw:={self.image_topic}')
+    def start_node(self, nodes: NodeProcesses) -> None:
+        """Start the node that looks at the bag's images."""
+        renaming = ('--ros-args', '-r', f'__node:={self.node_name}')
+        remapping = [word for end in _INPUTS for word in ('-r', f'{end}:=/{self.name}/{end}')]
         images = _losing_nothing([self.image_topic], 'subscription')
         results = _losing_nothing(map(self.topic, self.processor.topics), 'publisher')
-        given = [word for name in parameters for word in ('-p', f'{name}:={parameters[name]}')]
-        nodes.start('mvuav_ros', self.processor.name, *remapping, *images, *results, *given)
+        given = [word for item in self.parameters.items() for word in ('-p', ':='.join(item))]
+        arguments = (*renaming, *remapping, *images, *results, *given)
+        nodes.start('mvuav_ros', self.processor.name, *arguments)
 
     def start_source(self, nodes: NodeProcesses, **parameters: str) -> None:
         """Start the node that plays the bag."""
@@ -114,7 +125,30 @@ def marker_table(newest: dict[str, Any]) -> Table:
     return table
 
 
-def runway_table(newest: dict[str, Any]) -> Table:
+def approach_table(newest: dict[str, Any]) -> Table:
+    """The runway's two edges, and where the aircraft is."""
+    table = _table('line', 'confidence', 'far end x, y px', 'near end x, y px')
+    for row in decode_points(newest['line_params']) if 'line_params' in newest else ():
+        if row['role'] in _SIDES:
+            far, near = (_place(row[x], row[y]) for x, y in (('x', 'y'), ('x2', 'y2')))
+            table.add_row(_SIDES[LineRole(row['role'])], _share(row['confidence']), far, near)
+    if 'pose' in newest:
+        place = newest['pose'].pose.pose.position
+        if math.isfinite(place.y):
+            side = 'left' if place.y > 0 else 'right'
+            table.caption = f'{abs(place.y):.1f} m {side} of the centreline, {place.z:.1f} m high'
+    return table
+
+
+def _place(x: float, y: float) -> str:
+    return f'{_number(x)}, {_number(y)}'
+
+
+def _share(value: float) -> str:
+    return '-' if math.isnan(value) else f'{100 * value:.0f} %'
+
+
+def thesis_table(newest: dict[str, Any]) -> Table:
     """One row per line, with its flags."""
     table = _table('line', 'state', 'rho px', 'theta °', 'votes')
     rows = decode_points(newest['line_params']) if 'line_params' in newest else ()
@@ -144,16 +178,44 @@ def _number(value: float) -> str:
     return '-' if math.isnan(value) else f'{value:.1f}'
 
 
-def sample_flights(bags: Path) -> list[Flight]:
-    """The flights whose bags lie in a folder.
+def panel_flights(bags: Path) -> list[Flight]:
+    """One node for each sample bag in a folder.
 
     Raises:
         SourceError: there are none.
     """
+    tanker, runway = bags / 'tanker.mcap', bags / 'runway.mcap'
+    # The bag has a calibration; the width of its runway makes a pose of the lines.
+    approach = {'mode': 'approach', 'runway_width': '30.0'}
     flights = [
-        Flight(bags / 'tanker.mcap', MarkerTrackerProcessor, 'markers', marker_table),
-        Flight(bags / 'runway.mcap', RunwayDetectorProcessor, 'line_params', runway_table),
+        Flight(
+            *(tanker, MarkerTrackerProcessor, 'marker_tracker', 'markers', marker_table),
+            title='five lights',
+        ),
+        Flight(
+            *(runway, RunwayDetectorProcessor, 'runway_detector', 'line_params', approach_table),
+            parameters=approach,
+            title='approach',
+        ),
     ]
+    return _present(flights, bags)
+
+
+def demo_flights(bags: Path) -> list[Flight]:
+    """The same, and the thesis's runway scheme beside mode approach.
+
+    Raises:
+        SourceError: there are none.
+    """
+    thesis = Flight(
+        *(bags / 'runway.mcap', RunwayDetectorProcessor, 'runway_thesis', 'line_params'),
+        make_table=thesis_table,
+        title='thesis',
+    )
+    return _present([*panel_flights(bags), thesis], bags)
+
+
+def _present(flights: list[Flight], bags: Path) -> list[Flight]:
     present = [flight for flight in flights if flight.bag.is_file()]
     if not present:
         raise SourceError(f'{bags}: no sample bags there')

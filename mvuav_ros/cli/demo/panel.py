@@ -11,16 +11,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mvuav_ros.cli.demo.flights import sample_flights
+from mvuav_ros.cli.demo.flights import panel_flights
 from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.offline.stopping import Interrupted
-from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.sources.source import SourceError
 
 _STARTING_TIME = 180.0
 _PREFIX = 'tuning_panel: '
-_APPROACH = {'mode': 'approach', 'runway_width': '30.0'}
-"""The bag has a calibration, and the width of its runway (m) makes guidance of the lines."""
 
 
 def run_panel(bags: Path, console: Console) -> None:
@@ -37,12 +34,11 @@ def run_panel(bags: Path, console: Console) -> None:
 
 
 def _run(bags: Path, console: Console) -> None:
-    flights = sample_flights(bags)
+    flights = panel_flights(bags)
     with NodeProcesses() as nodes:
         panel = nodes.start('mvuav_ros', 'tuning_panel', '--port', '0', '--bags', str(bags))
         for flight in flights:
-            approach = _APPROACH if flight.processor is RunwayDetectorProcessor else {}
-            flight.start_node(nodes, **approach)
+            flight.start_node(nodes)
             flight.start_source(nodes, loop='true')
         url = panel.wait_for(_PREFIX, _STARTING_TIME).removeprefix(_PREFIX)
         console.print('The tuning panel is at', style='bold')

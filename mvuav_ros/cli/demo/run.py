@@ -13,8 +13,8 @@ from rich.live import Live
 from rich.text import Text
 from sensor_msgs.msg import Image
 
-from mvuav_ros.cli.demo.figures import save_image, save_roll_plot
-from mvuav_ros.cli.demo.flights import Flight, sample_flights
+from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
+from mvuav_ros.cli.demo.flights import Flight, demo_flights
 from mvuav_ros.cli.demo.recorder import Recorder
 from mvuav_ros.cli.processes import NodeProcesses
 from mvuav_ros.nodes.transport import prepare_transport
@@ -30,12 +30,12 @@ SILENCE = 0.5
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
-    """Show the demo and leave a bag, annotated images and a plot in ``out``; returns the files.
+    """Show the demo and leave a bag and three figures in ``out``; returns the files.
 
     Raises:
         SourceError: a bag is missing, or a node failed.
     """
-    flights = sample_flights(bags)
+    flights = demo_flights(bags)
     out.mkdir(parents=True, exist_ok=True)
     bag = out / 'demo.mcap'
     prepare_transport()
@@ -50,7 +50,7 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
             recorder.destroy_node()
         finally:
             rclpy.try_shutdown(context=context)
-    return [bag, *_make_images(flights, bag, out)]
+    return [bag, *_make_figures(flights, bag, out)]
 
 
 def _topics(flights: list[Flight]) -> dict[str, type]:
@@ -81,9 +81,7 @@ def _watch(
                 ready_at = now
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True
-                for flight in flights:
-                    # The node and the recorder.
-                    flight.start_source(nodes, wait_for_subscribers='2')
+                _start_sources(flights, nodes)
             if reason := nodes.failure():
                 raise SourceError(reason)
             answered = all(recorder.counts[flight.main] >= flight.frames for flight in flights)
@@ -92,7 +90,15 @@ def _watch(
     executor.shutdown()
     for flight in flights:
         if not recorder.counts[flight.main]:
-            raise SourceError(f'{flight.processor.name} published nothing within {LONGEST:.0f} s')
+            raise SourceError(f'{flight.node_name} published nothing within {LONGEST:.0f} s')
+
+
+def _start_sources(flights: list[Flight], nodes: NodeProcesses) -> None:
+    """Play each bag once, however many nodes look at it."""
+    by_bag = {flight.bag: flight for flight in flights}
+    for bag, flight in by_bag.items():
+        listeners = sum(other.bag == bag for other in flights) + 1  # the recorder
+        flight.start_source(nodes, wait_for_subscribers=str(listeners))
 
 
 def _screen(flights: list[Flight], recorder: Recorder) -> Group:
@@ -105,7 +111,7 @@ def _screen(flights: list[Flight], recorder: Recorder) -> Group:
             if topic.startswith(start)
         }
         words = (
-            f'{flight.processor.name}   frame {recorder.counts[flight.main]} of '
+            f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
             f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
             f'latency {recorder.latency_ms.get(flight.node) or "-"} ms'
         )
@@ -113,13 +119,12 @@ def _screen(flights: list[Flight], recorder: Recorder) -> Group:
     return Group(*parts)
 
 
-def _make_images(flights: list[Flight], bag: Path, out: Path) -> list[Path]:
+def _make_figures(flights: list[Flight], bag: Path, out: Path) -> list[Path]:
+    flown = {flight.name: flight.bag for flight in flights}
     made = []
-    for flight in flights:
-        for name in flight.processor.debug_topics[-1:]:
-            target = out / f'{flight.name}.png'
-            save_image(bag, flight.topic(name), target)
-            made.append(target)
-    plot = out / 'roll.png'
-    save_roll_plot(bag, plot)
-    return [*made, plot]
+    if 'tanker' in flown:
+        made += [save_tanker(bag, out / 'tanker.png')]
+        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
+    if 'runway' in flown:
+        made += [save_runway(bag, flown['runway'], out / 'runway.png')]
+    return made

@@ -13,7 +13,7 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
-from mvuav_ros.offline.report.writing import csv_text
+from mvuav_ros.offline.report import csv_text
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el

@@ -27,17 +27,16 @@ def test_demo_leaves_every_frame_and_the_images(tmp_path):
     counts = {topic['name']: topic['count'] for topic in info['topics']}
     for topic in ('/tanker/image_raw', '/marker_tracker/markers', '/marker_tracker/rpy'):
         assert counts[topic] == 180
-    for topic in ('/runway/image_raw', '/runway_detector/line_params', '/runway_detector/lines'):
+    for topic in ('/runway/image_raw', '/runway_detector/pose', '/runway_thesis/line_params'):
         assert counts[topic] == 150
     # The left stabilizer's light fails for 0.3 s and is predicted meanwhile.
     assert counts['/marker_tracker/marker/left_stabilizer'] == 180
-    for name, size in (('tanker', (480, 640)), ('runway', (240, 320))):
+    assert 'of the centreline' in result.stdout
+    for name in ('tanker', 'runway', 'roll'):
         image = cv2.imread(str(tmp_path / f'{name}.png'))
-        assert image.shape[:2] == size
-        # Something is drawn in colour on what is grey or green and dark.
-        saturated = np.ptp(image.astype(int), axis=2) > 150
-        assert saturated.sum() > 50
-    assert cv2.imread(str(tmp_path / 'roll.png')).shape[1] > 800
+        assert image.shape[0] >= 480 and image.shape[1] >= 800
+        # Something is drawn in colour.
+        assert (np.ptp(image.astype(int), axis=2) > 80).sum() > 500
 
 
 def test_a_missing_folder_of_bags_is_one_clear_line(tmp_path):

@@ -235,7 +235,7 @@ def test_a_shape_that_became_impossible_is_let_go(images, frames):
     """Young tracks are weighed in every frame, older ones not; neither may report NaN."""
     pipeline = ApproachDetector(APPROACH)
     run(pipeline, images[:frames])
-    tracker = pipeline._finder._tracker
+    tracker = pipeline._finder.tracker
     broken = tracker.best
     broken.shape.state[:] = math.nan
     result = pipeline.process(images[frames], frames)

@@ -1,16 +1,15 @@
-"""The statistics that the tables show."""
+"""Confidence intervals over flights, and spectra."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.floating[Any]]
+from mvuav_ros.offline.evaluation.metrics import Array
 
 
 class Interval(NamedTuple):
@@ -26,22 +25,6 @@ class Interval(NamedTuple):
         if math.isnan(self.low):
             return value
         return f'{value} [{self.low:.{digits}f}, {self.high:.{digits}f}]'
-
-
-def rms(values: Array) -> float:
-    """Root mean square of the numbers that are not NaN; NaN if there are none."""
-    known = values[np.isfinite(values)]
-    return math.sqrt(float(np.mean(known**2))) if known.size else math.nan
-
-
-def distance_rms(errors: Array) -> float:
-    """Root mean square of the lengths of vectors (..., 2); those with NaN do not count."""
-    return rms(np.hypot(errors[..., 0], errors[..., 1]))
-
-
-def angle_difference(a: Array, b: Array) -> Array:
-    """A minus b, rad, in [-pi, pi)."""
-    return np.asarray((a - b + math.pi) % (2 * math.pi) - math.pi)
 
 
 def pooled_rms(repeats: Sequence[Array]) -> Interval:

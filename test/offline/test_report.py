@@ -3,17 +3,17 @@ import math
 
 import pytest
 
-from mvuav_ros.offline.report.model import (
+from mvuav_ros.offline.report import (
     Column,
     Figure,
     JudgedCell,
     Report,
     Section,
     Table,
+    render_page,
+    write_report,
 )
-from mvuav_ros.offline.report.page import render_page
-from mvuav_ros.offline.report.style import drawing, label, legend_below
-from mvuav_ros.offline.report.writing import write_report
+from mvuav_ros.offline.report_figures import drawing, label, legend_below
 
 
 def small_report(**changes):

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from mvuav_ros.offline.report import model
+from mvuav_ros.offline import report
 
 mpl.use('Agg')
 
@@ -69,9 +69,9 @@ class Canvas:
         self.figure = figure
         self.png = b''
 
-    def as_figure(self, key: str, title: str, alt: str, *notes: str) -> model.Figure:
+    def as_figure(self, key: str, title: str, alt: str, *notes: str) -> report.Figure:
         """What was drawn, for a report; ``alt`` says what it shows."""
-        return model.Figure(key, title, self.png, alt, notes)
+        return report.Figure(key, title, self.png, alt, notes)
 
 
 @contextmanager
