@@ -17,7 +17,7 @@ from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
 from mvuav_ros.cli.demo.flights import Flight, demo_flights
 from mvuav_ros.cli.demo.recorder import Recorder
 from mvuav_ros.cli.processes import NodeProcesses
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
