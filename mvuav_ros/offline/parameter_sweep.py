@@ -19,8 +19,7 @@ from mvuav_ros.offline.processes import Done, each
 from mvuav_ros.offline.replay.cluster import connect
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
-from mvuav_ros.parameters.parameter_file import parse_assignment
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
 from mvuav_ros.recordings.recording import counted
 
 if TYPE_CHECKING:

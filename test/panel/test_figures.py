@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.points import PointLayout
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.panel.figures import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
 from mvuav_ros.vision.runway.results import LineFlag
 
 APPROACH = {'mode': 'approach', 'runway_width': 30.0}

@@ -72,7 +72,7 @@ def test_going_back_and_on_gives_the_same_again():
 
 
 def test_of_a_recording_too_long_for_memory_a_stretch_is_shown(monkeypatch):
-    monkeypatch.setattr(reel, 'MOST_BYTES', 640 * 480 * 10)
+    monkeypatch.setattr(reel, 'MAX_BYTES', 640 * 480 * 10)
     shown = show(Reel(), 500)
     assert (shown.count, shown.index, shown.is_whole) == (10, 9, False)
     later = show(Reel(), 0, start_s=4.0)

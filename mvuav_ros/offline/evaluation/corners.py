@@ -18,9 +18,9 @@ from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult
+from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.normal_form import NormalForm
-from mvuav_ros.vision.runway.overlay import draw_overlay
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 
 

@@ -6,7 +6,7 @@ import pytest
 from support.image_measuring import edge_offsets
 
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RUNWAY_MOTIONS, RunwaySettings
 from mvuav_ros.vision.runway.results import LineRole
 

@@ -1,19 +1,30 @@
-"""A node's newest results as a few large figures, how far to trust them, and a pose in space."""
+"""A node's newest results: a few large figures, how far to trust them, a pose in space, curves.
+
+Subscribed only while somebody looks.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import PointCloud2
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.live_nodes import LiveNode, same_value
+from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
-from mvuav_ros.vision.markers.results import Label, MarkerState
+from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
 TOPICS: dict[str, dict[str, type]] = {
@@ -26,10 +37,10 @@ TOPICS: dict[str, dict[str, type]] = {
 }
 """What figures are made of, below a node's name."""
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
-_MOST_ROWS = 12
-_MOST_VALUES = 100_000
-_LARGEST = 1e9
-_WIDEST = 10.0
+_MAX_ROWS = 12
+_MAX_VALUES = 100_000
+_MAX_VALUE = 1e9
+_MAX_RANGE = 10.0
 """Half of a view's width over its distance; no calibration of a camera is wider."""
 
 Figure = tuple[str, str, str]
@@ -57,7 +68,7 @@ class Figures:
                 message.width / 2 / message.k[0],
                 message.height / 2 / message.k[4],
             )
-            if 0 < half_width < _WIDEST and 0 < half_height < _WIDEST:
+            if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
                 self._view = half_width, half_height
         elif topic == 'rpy':
             self._roll = float(message.vector.x)
@@ -116,10 +127,10 @@ class Figures:
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = message.pose.pose
         place = np.array([pose.position.x, pose.position.y, pose.position.z])
-        self._place = np.where(np.abs(place) < _LARGEST, place, math.nan)
+        self._place = np.where(np.abs(place) < _MAX_VALUE, place, math.nan)
         self._turn = rotation_of(pose.orientation)
         variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
-        known = (variances > 0) & (variances < _LARGEST)
+        known = (variances > 0) & (variances < _MAX_VALUE)
         self._deviations = np.sqrt(np.where(known, variances, math.nan))
         if self._kind == 'marker_tracker':
             self._place = OPTICAL_FROM_BODY.T @ self._place
@@ -149,9 +160,9 @@ class Figures:
 
 def rows_of(message: PointCloud2) -> Any:
     """The first rows; a message says itself how large it is."""
-    if len(message.fields) > 50 or message.width * message.height > _MOST_VALUES:
+    if len(message.fields) > 50 or message.width * message.height > _MAX_VALUES:
         raise ValueError('no result of our nodes')
-    return decode_points(message)[:_MOST_ROWS]
+    return decode_points(message)[:_MAX_ROWS]
 
 
 def rotation_of(quaternion: Any) -> NDArray[np.float64]:
@@ -194,3 +205,113 @@ def _written(value: float, unit: str, sign: str) -> str:
         return '' if sign else '-'
     # Adding 0 makes -0.0 a 0.0.
     return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
+
+
+CURVES = {
+    'marker_tracker': {'roll': ('Roll', '°'), 'x': ('Marker x', 'px'), 'y': ('Marker y', 'px')},
+    'runway_detector': {'rho': ('Line rho', 'px'), 'theta': ('Line theta', '°')},
+}
+"""Charts of each kind of node: title and unit."""
+_MAX_RATE = 30.0
+"""Points per second of a curve; a screen shows no more."""
+
+Curves = dict[str, float | None]
+"""Values by curve; None where there is none."""
+
+
+class SeriesFeed:
+    """Follows one node's results until `close` and keeps them until they are sent.
+
+    Called from the loop; ``heard`` is, too, whenever there is something to be sent.
+    """
+
+    def __init__(self, ros: RosThread, node: LiveNode, heard: Callable[[], None]) -> None:
+        self.name = node.name
+        self._ros, self._node, self._heard = ros, node, heard
+        self._figures = Figures(node.kind, lambda: node.values)
+        self._points: list[tuple[float, str, Curves]] = []
+        self._values = dict(node.values)
+        self._marks: list[tuple[float, str]] = []
+        self._due: dict[str, float] = {}
+        self._new = False
+        self._subscriptions = ExitStack()
+        topics = {
+            topic: (kind, f'{node.name}/{topic}') for topic, kind in TOPICS[node.kind].items()
+        }
+        if node.image_topic:
+            base = node.image_topic.removesuffix('/compressed').rpartition('/')[0]
+            topics['camera_info'] = CameraInfo, f'{base}/camera_info'
+        # Best effort connects to every publisher and never slows one down.
+        qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+        for topic, (kind, name) in topics.items():
+            arrived = partial(self._arrived, topic)
+            self._subscriptions.callback(ros.subscribe(kind, name, arrived, qos))
+        self.close = self._subscriptions.close
+
+    def take(self) -> str:
+        """What was heard since the last time; empty where nothing was.
+
+        As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "marks": [[time,
+        change], …]}`` and what `Figures.said` gives.
+        """
+        if not self._new:
+            return ''
+        said = {'series': self.name, 'points': self._points, 'marks': self._marks}
+        self._points, self._marks, self._new = [], [], False
+        return json.dumps({**said, **self._figures.said()})
+
+    def _arrived(self, topic: str, message: Any) -> None:
+        now = time.monotonic()
+        if now >= self._due.get(topic, 0.0):
+            self._due[topic] = now + 0.5 / _MAX_RATE
+            self._ros.call_in_loop(self._keep, topic, message, round(now, 3))
+
+    def _keep(self, topic: str, message: Any, now: float) -> None:
+        # What is no such message of our nodes says nothing.
+        with suppress(ArithmeticError, ValueError, LookupError, TypeError):
+            self._figures.take(topic, message)
+            if topic in _CHARTS:
+                self._points += [(now, *chart) for chart in _CHARTS[topic](message).items()]
+        for name, value in self._node.values.items():
+            if not same_value(self._values.get(name, value), value):
+                self._marks.append((now, f'{name} {value_text(value)}'))
+        self._values = dict(self._node.values)
+        self._new = True
+        self._heard()
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 3) if abs(value) < _MAX_VALUE else None
+
+
+def _markers(message: Any) -> dict[str, Curves]:
+    charts: dict[str, Curves] = {'x': {}, 'y': {}}
+    for index, row in enumerate(rows_of(message), 1):
+        label = int(row['label'])
+        known = label != Label.UNLABELLED and label < len(TANKER_NAMES)
+        name = TANKER_NAMES[label].replace('_', ' ') if known else f'marker {index}'
+        lost = row['state'] == MarkerState.LOST
+        for axis in ('x', 'y'):
+            charts[axis][name] = None if lost else _number(row[axis])
+    return charts
+
+
+def _roll(message: Any) -> dict[str, Curves]:
+    return {'roll': {'roll': _number(math.degrees(message.vector.x))}}
+
+
+def _lines(message: Any) -> dict[str, Curves]:
+    charts: dict[str, Curves] = {'rho': {}, 'theta': {}}
+    # From 1, as the lines are numbered in the images.
+    for index, row in enumerate(rows_of(message), 1):
+        charts['rho'][f'line {index}'] = _number(row['rho'])
+        charts['theta'][f'line {index}'] = _number(math.degrees(row['theta']))
+    return charts
+
+
+_CHARTS: dict[str, Callable[[Any], dict[str, Curves]]] = {
+    'markers': _markers,
+    'rpy': _roll,
+    'line_params': _lines,
+}
+"""The topics with curves."""

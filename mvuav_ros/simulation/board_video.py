@@ -92,7 +92,7 @@ class BoardVideo:
     def images(self) -> Iterator[Pixels]:
         """Grey images, with corners beside their places, motion blur and a sensor's noise."""
         rng = np.random.default_rng((self.seed, 3))
-        lens, ground = _Lens(self.camera), rng.uniform(60, 160)
+        lens, ground = _BentPinhole(self.camera), rng.uniform(60, 160)
         for pose, step in self.poses():
             squares = pose[5] / self.camera.k[0] / self.square  # per pixel
             noise = rng.normal(0, self.corner_noise * squares, (self.rows, self.columns, 2))
@@ -137,7 +137,7 @@ class BoardVideo:
         return np.asarray(plane @ np.array([(1, 0, first), (0, 1, first), (0, 0, scale)]))
 
 
-class _Lens:
+class _BentPinhole:
     """A pinhole camera, twice as fine as the image, whose picture is then bent."""
 
     def __init__(self, camera: CameraModel) -> None:

@@ -1,15 +1,16 @@
-"""The pinhole camera with optional lens distortion."""
+"""The simulator's camera: a pinhole with lens distortion, and where it is over the ground."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.frames import Matrix, read_only
+from mvuav_ros.vision.frames import Matrix, Vector, read_only
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -98,6 +99,35 @@ class PinholeCamera:
         r2 = np.linspace(0.0, corner, 200) ** 2
         if np.any(1.0 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0.0):
             raise CameraError('folds the image onto itself within the field of view')
+
+
+class CameraPose(NamedTuple):
+    """The camera in the runway's frame.
+
+    The frame: origin on the centreline at the near end, x along the centreline towards the far
+    end, y left, z up.
+
+    Attributes:
+        position: (3,), m.
+        roll: rad, right wing down positive.
+        pitch: rad, REP-103: positive looking down.
+        yaw: rad, REP-103: positive looking left of the runway's direction.
+        rotation: (3, 3), runway's from the camera's optical frame.
+    """
+
+    position: Vector
+    roll: float
+    pitch: float
+    yaw: float
+    rotation: Matrix
+
+
+def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
+    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
+    forward = pose.rotation[:, 2] * (1.0, 1.0, 0.0)
+    up = pose.rotation[2]
+    ((x, y),) = camera.project((pose.rotation.T @ forward)[None]).tolist()
+    return x, y, math.atan2(up[0], -up[1])
 
 
 def parse_distortion(text: str) -> tuple[float, float, float, float, float]:

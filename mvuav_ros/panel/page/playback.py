@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
-from mvuav_ros.panel import foreign
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
@@ -45,7 +45,7 @@ class Frames:
                 self._set.classes('grow').style('min-width: 160px')
             self._differing = el.text('', 'small soft breaks')
         with el.box('lanes'):
-            self._lanes = [_Lane(), _Lane()]
+            self._lanes = [_ResultView(), _ResultView()]
         self._timer = ui.timer(_PLAYING_INTERVAL, self._next, active=False)
         self.reload_sets()
 
@@ -122,7 +122,7 @@ class Frames:
         live = node.own_values
         sets = [live]
         if name:
-            with el.errors_told():
+            with el.errors_notified():
                 sets.append({**live, **self._page.services.sets.load(name, node.kind)})
         values = tuple(settable(node.kind, each) for each in sets)
         wanted = Wanted(str(path), float(self._from.value or 0.0), node.kind, self._index, values)
@@ -133,7 +133,7 @@ class Frames:
         except ReelFailedError as error:
             self._timer.active = False
             if not self._words.is_deleted:
-                self._words.set_text(foreign.words(error))
+                self._words.set_text(sanitized.words(error))
             return
         if not self._words.is_deleted:
             self._fill(shown, name)
@@ -141,7 +141,7 @@ class Frames:
             said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
             words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
             self._differing.set_text(
-                foreign.words(words, foreign.LONGEST_DESCRIPTION) if name else ''
+                sanitized.words(words, sanitized.LONGEST_DESCRIPTION) if name else ''
             )
 
     def _fill(self, shown: Shown, name: str) -> None:
@@ -157,7 +157,7 @@ class Frames:
             lane.show(title, result)
 
 
-class _Lane:
+class _ResultView:
     """One of the two images, with its figures."""
 
     def __init__(self) -> None:
@@ -174,12 +174,12 @@ class _Lane:
         self._whole.set_visibility(result is not None)
         if result is None:
             return
-        self._title.set_text(foreign.words(title))
+        self._title.set_text(sanitized.words(title))
         self._image.set_visibility(bool(result.jpeg))
         if result.jpeg:
             source = f'data:image/jpeg;base64,{base64.b64encode(result.jpeg).decode()}'
             el.set_props(self._image, src=source, alt=f'Result with {title}')
         state, words = result.said.get('trust', ('bad', ''))
-        self._trust.set_text(foreign.words(result.reason or words))
+        self._trust.set_text(sanitized.words(result.reason or words))
         el.set_props(self._trust, data_trust='bad' if result.reason else state)
         el.fill(self._figures, result.said.get('figures', []))

@@ -22,11 +22,11 @@ from mvuav_ros.messages.untrusted import words as words
 LONGEST_DESCRIPTION = 2000
 LONGEST_NAME = 255
 """Characters of a ROS name; DDS itself allows no more."""
-_MOST_VALUES = 100
-_MOST_STATUSES = 100
-_MOST_NUMBERS = 16
+_MAX_VALUES = 100
+_MAX_STATUSES = 100
+_MAX_NUMBERS = 16
 """Of one parameter; a user does not type more."""
-_LARGEST_INTEGER = 2**63
+_MAX_INTEGER = 2**63
 """Of a ROS parameter; a larger one does not fit a float either."""
 _FILE_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 _.-]{0,63}', re.ASCII)
 _ROS_NAME = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
@@ -56,12 +56,12 @@ def is_ros_name(text: str) -> bool:
 
 def key_values(pairs: Iterable[Any]) -> dict[str, str]:
     """Keys and values of a diagnostic status, diagnostic_msgs/KeyValue."""
-    return {words(pair.key): words(pair.value) for pair in islice(pairs, _MOST_VALUES)}
+    return {words(pair.key): words(pair.value) for pair in islice(pairs, _MAX_VALUES)}
 
 
 def statuses(message: Any) -> dict[str, dict[str, str]]:
     """The statuses of a DiagnosticArray by name, each with its keys and values."""
-    return {words(each.name): key_values(each.values) for each in message.status[:_MOST_STATUSES]}
+    return {words(each.name): key_values(each.values) for each in message.status[:_MAX_STATUSES]}
 
 
 def parameter_value(value: Any) -> Any:
@@ -69,15 +69,15 @@ def parameter_value(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     items: Sequence[Any] = value
-    if len(items) <= _MOST_NUMBERS and all(type(item) is float for item in items):
+    if len(items) <= _MAX_NUMBERS and all(type(item) is float for item in items):
         return tuple(items)
-    return words(', '.join(words(item) for item in items[:_MOST_VALUES]))
+    return words(', '.join(words(item) for item in items[:_MAX_VALUES]))
 
 
 def plain_value(value: object) -> Any:
     """A parameter's value in a file: a scalar as it is, numbers as a tuple; None where neither."""
     numbers = value if isinstance(value, list) else [value]
-    if any(isinstance(each, int) and abs(each) > _LARGEST_INTEGER for each in numbers):
+    if any(isinstance(each, int) and abs(each) > _MAX_INTEGER for each in numbers):
         return None
     if isinstance(value, (bool, int, float, str)):
         return value

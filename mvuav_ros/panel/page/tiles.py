@@ -1,4 +1,4 @@
-"""The part with the images, chosen and arranged by the user."""
+"""The part with images: tiles of one image each."""
 
 from __future__ import annotations
 
@@ -12,8 +12,14 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from mvuav_ros.panel.images import INPUT, RESULT_OF_KIND, Stream, encode_png, streams_of
-from mvuav_ros.panel.live_socket import MOST_STREAMS
+from mvuav_ros.panel.image_feed import (
+    INPUT,
+    MAX_STREAMS,
+    RESULT_OF_KIND,
+    ImageStream,
+    encode_png,
+    streams_of,
+)
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.parameters.declaration import Value
@@ -51,11 +57,11 @@ class Images:
         with suppress(TimeoutError, TypeError, ValueError, RecursionError):
             script = f'return localStorage.getItem({json.dumps(_KEPT)})'
             kept = json.loads(await ui.run_javascript(script, timeout=10.0))
-            wishes = [(str(key), str(size)) for key, size in kept][:MOST_STREAMS]
+            wishes = [(str(key), str(size)) for key, size in kept][:MAX_STREAMS]
             self._wished = [wish for wish in wishes if wish[1] in _SIZES]
             self.refresh()
 
-    def _streams(self) -> dict[str, Stream]:
+    def _streams(self) -> dict[str, ImageStream]:
         nodes = self.page.services.system.nodes.values()
         return {stream.key: stream for node in nodes for stream in streams_of(node)}
 
@@ -112,8 +118,8 @@ class Images:
                 el.text('All are shown' if shown else 'No node yet', 'q-pa-sm soft')
 
     def _add(self, key: str) -> None:
-        if len(self._tiles) >= MOST_STREAMS:
-            el.tell(f'At most {MOST_STREAMS} images can be shown.', bad=True)
+        if len(self._tiles) >= MAX_STREAMS:
+            el.notify(f'At most {MAX_STREAMS} images can be shown.', bad=True)
             return
         self._wish([*self._shown(), (key, 'm')])
 
@@ -126,7 +132,7 @@ class Images:
 class Tile:
     """One image."""
 
-    def __init__(self, stream: Stream, part: Images, size: str) -> None:
+    def __init__(self, stream: ImageStream, part: Images, size: str) -> None:
         self.stream, self.size, self._part = stream, size, part
         change = partial(part.rearrange, self)
         named = f'{stream.title} of {stream.node}'
@@ -197,7 +203,7 @@ class Tile:
     def _snapshot(self) -> None:
         image = self._part.page.services.feed.newest(self.stream.key)
         if image is None:
-            el.tell('There is no image yet.', bad=True)
+            el.notify('There is no image yet.', bad=True)
             return
         name = self.stream.key.strip('/').replace('/', '_').replace(' ', '_')
         ui.download.content(encode_png(image), f'{name}.png', 'image/png')

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from support.places import ROOT
 
-from mvuav_ros.simulation.camera import PinholeCamera, parse_distortion
-from mvuav_ros.simulation.runway_truth import clip_segment, normal_form
+from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
+from mvuav_ros.simulation.runway_flight import clip_segment, normal_form
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.frames import from_rpy
 from mvuav_ros.vision.rig import TANKER_747, RigError, load_rig, parse_rig
 

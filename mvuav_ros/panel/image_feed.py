@@ -17,19 +17,21 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.messages import images as serialized_image
 from mvuav_ros.messages.images import decode_compressed_image, decode_image
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.vision.image import Image, ImageError
 
-HIGHEST_RATE = 10.0
+MAX_RATE = 10.0
 """Images per second, Hz."""
-LARGEST_SIDE = 640
+MAX_SIDE = 640
 """Of what is sent, px."""
 _QUALITY = 80
 _RATE_WINDOW = 2.0
-_OLDEST_LIVE = 10.0
+_MAX_LIVE_AGE = 10.0
 """Seconds; a stamp from longer ago is a recording's."""
 
+MAX_STREAMS = 16
+"""Shown on one page."""
 INPUT = 'input'
 TITLES = {
     INPUT: 'Input',
@@ -47,7 +49,7 @@ _DRAWN = {
 }
 
 
-class Stream(NamedTuple):
+class ImageStream(NamedTuple):
     """An image that can be shown: a node's input or one of its debug images.
 
     ``topic`` is empty while it has none; ``compressed`` says whether that has compressed images.
@@ -69,14 +71,14 @@ class Stream(NamedTuple):
         return TITLES.get(self.name, self.name)
 
 
-def streams_of(node: LiveNode) -> list[Stream]:
+def streams_of(node: LiveNode) -> list[ImageStream]:
     """The images of a node."""
-    given = Stream(node.name, INPUT, node.image_topic, node.found.compressed)
+    given = ImageStream(node.name, INPUT, node.image_topic, node.found.compressed)
     drawn = _DRAWN[node.kind]
-    return [given, *(Stream(node.name, name, f'{node.name}/{name}') for name in drawn)]
+    return [given, *(ImageStream(node.name, name, f'{node.name}/{name}') for name in drawn)]
 
 
-def decode(stream: Stream, data: bytes) -> Image:
+def decode(stream: ImageStream, data: bytes) -> Image:
     """A serialized message's image; ImageError where it cannot be used."""
     if stream.compressed:
         return decode_compressed_image(serialized_image.view_compressed_image(data))
@@ -84,10 +86,10 @@ def decode(stream: Stream, data: bytes) -> Image:
 
 
 def encode_jpeg(image: Image) -> bytes:
-    """An image as JPEG with sides of at most `LARGEST_SIDE`."""
+    """An image as JPEG with sides of at most `MAX_SIDE`."""
     pixels = _eight_bit(image)
     height, width = pixels.shape[:2]
-    factor = LARGEST_SIDE / max(height, width)
+    factor = MAX_SIDE / max(height, width)
     if factor < 1.0:
         size = (max(round(width * factor), 1), max(round(height * factor), 1))
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
@@ -115,9 +117,9 @@ class ImageFeed:
 
     def __init__(self, ros: RosThread) -> None:
         self._ros = ros
-        self._taps: dict[Stream, _Tap] = {}
+        self._taps: dict[ImageStream, _Tap] = {}
 
-    def look(self, viewer: Look, streams: set[Stream]) -> None:
+    def look(self, viewer: Look, streams: set[ImageStream]) -> None:
         """Have a viewer see these streams and no others."""
         for stream in streams:
             if stream not in self._taps:
@@ -139,7 +141,7 @@ class ImageFeed:
 class _Tap:
     """One subscription, with the rate capped before anything is decoded."""
 
-    def __init__(self, ros: RosThread, stream: Stream) -> None:
+    def __init__(self, ros: RosThread, stream: ImageStream) -> None:
         self.viewers: set[Look] = set()
         self.data = b''
         self._ros, self._stream = ros, stream
@@ -155,7 +157,7 @@ class _Tap:
         if now < self._due:
             return
         # The mean is capped, not each interval: of 15 Hz two thirds are taken, not half.
-        self._due = max(self._due + 1.0 / HIGHEST_RATE, now)
+        self._due = max(self._due + 1.0 / MAX_RATE, now)
         try:
             image = decode(self._stream, data)
             jpeg = encode_jpeg(image)
@@ -165,7 +167,7 @@ class _Tap:
         self.data = data
         header = {'key': self._stream.key, 'width': image.width, 'height': image.height}
         text = json.dumps({**header, 'words': self._rate(now) + _age(data)}).encode()
-        self._ros.tell(self._show, struct.pack('<I', len(text)) + text + jpeg)
+        self._ros.call_in_loop(self._show, struct.pack('<I', len(text)) + text + jpeg)
 
     def _show(self, message: bytes) -> None:
         for viewer in list(self.viewers):
@@ -182,4 +184,4 @@ class _Tap:
 def _age(data: bytes) -> str:
     """From a message's stamp until now, ms, where the stamp is of now."""
     age = time.time() - 1e-9 * serialized_image.stamp_ns_in(data)
-    return f' · {1e3 * age:.0f} ms' if 0.0 <= age < _OLDEST_LIVE else ''
+    return f' · {1e3 * age:.0f} ms' if 0.0 <= age < _MAX_LIVE_AGE else ''

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.hough_image import draw_hough
-from mvuav_ros.vision.runway.overlay import (
+from mvuav_ros.vision.runway.debug_images import (
     AMBER,
     GREEN,
     MAGENTA,
     RED,
     draw_confined,
     draw_edges,
+    draw_hough,
     draw_overlay,
     line_color,
 )
+from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.results import LineFlag
 
 ALL = [draw_confined, draw_edges, draw_overlay, draw_hough]

@@ -6,7 +6,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from mvuav_ros.panel import foreign
+from mvuav_ros.panel import sanitized
 
 
 @pytest.mark.parametrize(
@@ -24,35 +24,35 @@ from mvuav_ros.panel import foreign
     ],
 )
 def test_words_are_one_visible_line(said, shown):
-    assert foreign.words(said) == shown
-    assert len(foreign.words(said)) <= foreign.LONGEST_WORDS
+    assert sanitized.words(said) == shown
+    assert len(sanitized.words(said)) <= sanitized.LONGEST_WORDS
 
 
 def test_a_flood_costs_little():
     before = time.process_time()
     for letter in ('x', '\u200b', '\n', '\u0300'):
-        foreign.words(letter * 10_000_000)
+        sanitized.words(letter * 10_000_000)
     assert time.process_time() - before < 1.0
 
 
 @pytest.mark.parametrize('said', ['', 'abc', 'nan', 'inf', '1e999', '²', '0x1', None])
 def test_what_is_no_number_is_nan(said):
-    assert math.isnan(foreign.number(said)) and foreign.fixed(said, 2) == '-'
+    assert math.isnan(sanitized.number(said)) and sanitized.fixed(said, 2) == '-'
 
 
 def test_numbers_are_of_bounded_length():
-    assert foreign.fixed('2.345', 2) == '2.35' or foreign.fixed('2.345', 2) == '2.34'
-    assert len(foreign.fixed('1e300', 2)) < 12
+    assert sanitized.fixed('2.345', 2) == '2.35' or sanitized.fixed('2.345', 2) == '2.34'
+    assert len(sanitized.fixed('1e300', 2)) < 12
 
 
 @pytest.mark.parametrize('name', ['/a', '/tanker/marker_tracker', 'image_raw'])
 def test_ros_names_pass(name):
-    assert foreign.is_ros_name(name)
+    assert sanitized.is_ros_name(name)
 
 
 @pytest.mark.parametrize('name', ['', '/', '/a b', '/a/', '/<b>', '/1', '/a\n', '/é', 'a' * 300])
 def test_other_names_do_not(name):
-    assert not foreign.is_ros_name(name)
+    assert not sanitized.is_ros_name(name)
 
 
 def test_statuses_are_bounded_in_number_and_length():
@@ -60,21 +60,21 @@ def test_statuses_are_bounded_in_number_and_length():
     message = DiagnosticArray(
         status=[DiagnosticStatus(name=f's{n}', values=pairs) for n in range(300)]
     )
-    found = foreign.statuses(message)
+    found = sanitized.statuses(message)
     assert len(found) == 100
     assert all(len(values) == 100 for values in found.values())
     assert all(len(value) <= 200 for values in found.values() for value in values.values())
 
 
 def test_a_few_numbers_stay_numbers_and_other_lists_are_a_line():
-    assert foreign.parameter_value([0.0, -10.5, 3.0]) == (0.0, -10.5, 3.0)
+    assert sanitized.parameter_value([0.0, -10.5, 3.0]) == (0.0, -10.5, 3.0)
     for items in ([1, 2], ['a', 'b'], [0.0] * 1000, [True, False]):
-        line = foreign.parameter_value(items)
-        assert isinstance(line, str) and len(line) <= foreign.LONGEST_WORDS
+        line = sanitized.parameter_value(items)
+        assert isinstance(line, str) and len(line) <= sanitized.LONGEST_WORDS
 
 
 def test_values_of_a_file():
     given = {'a': 1, 'b': 'x', 'c': [1, 2.5], 'd': ['x'], 'e': {'f': 1}, 'g': None, 'h': [True]}
-    taken = {name: foreign.plain_value(value) for name, value in given.items()}
+    taken = {name: sanitized.plain_value(value) for name, value in given.items()}
     nothing = dict.fromkeys('degh')
     assert taken == {'a': 1, 'b': 'x', 'c': (1.0, 2.5), **nothing}
