@@ -9,9 +9,9 @@ from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
 from mvuav_ros.vision.approach.candidates import LevelledImage
-from mvuav_ros.vision.approach.detector import ImageHorizon, RunwayFinder
 from mvuav_ros.vision.approach.edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
+from mvuav_ros.vision.approach.horizon import HorizonTracker
 from mvuav_ros.vision.approach.side_lines import LineChoice, _Side
 from mvuav_ros.vision.approach.strips import Shape
 from mvuav_ros.vision.approach.track import EdgeTrack
@@ -26,8 +26,8 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'tracks hidden by overlays': [(LevelledImage, 'share_hidden', _returns(0.0))],
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
-    'horizon in the image': [(ImageHorizon, 'find', _returns(None))],
-    'meeting at the horizon': [(RunwayFinder, '_agreed', _returns(None))],
+    'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
+    'meeting at the horizon': [(tuning.DETECTOR, 'max_off_horizon', -1.0)],
     'side lines': [(EdgeTrack, '_lines_along', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines over many frames': [(tuning.LINES, 'memory', 1.0)],

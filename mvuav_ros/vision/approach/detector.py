@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.attitude import (
@@ -22,14 +19,13 @@ from mvuav_ros.vision.approach.attitude import (
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.horizon import Horizon, HorizonFinder
-from mvuav_ros.vision.approach.probability import Report
+from mvuav_ros.vision.approach.horizon import Horizon, HorizonTracker
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
-from mvuav_ros.vision.approach.road import TARGETS, shrink
-from mvuav_ros.vision.approach.road_tracker import Tracker
+from mvuav_ros.vision.approach.road import TARGETS
+from mvuav_ros.vision.approach.road_tracker import RoadTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
-from mvuav_ros.vision.approach.tracker import RunwayTracker, SearchRange
-from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH
+from mvuav_ros.vision.approach.tracker import RunwayTracker, Sight
+from mvuav_ros.vision.approach.tuning import DETECTOR
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
@@ -37,6 +33,8 @@ from mvuav_ros.vision.runway.correction import jumps
 from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
+
+Segment = tuple[Point, Point]
 
 
 class ApproachDetector:
@@ -83,7 +81,7 @@ class ApproachDetector:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
-        self._finder: RunwayFinder | StripFinder | None = None
+        self._finder: Finder | None = None
         self._had_attitude = False
         self._shown: FollowedStrip | None = None
         self._lines.reset()
@@ -128,8 +126,7 @@ class ApproachDetector:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, status)
         if self._finder is None:
-            target = self._parameters.target
-            self._finder = RunwayFinder() if target == 'runway' else StripFinder(target)
+            self._finder = Finder(self._parameters.target)
         found = self._finder.step(image, self._horizon_of(attitude))
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
@@ -280,123 +277,45 @@ class Found:
         confidence: of the track.
         level: the frame's derotation.
         horizon_row: on the levelled working image, if it is known.
-        unchanged: frames before this one that were the same, if they were counted.
+        unchanged: frames before this one that were the same.
     """
 
     track: FollowedStrip | None
     confidence: float
     level: Derotation
     horizon_row: float | None
-    unchanged: int = 0
+    unchanged: int
 
 
-class ImageHorizon:
-    """The horizon as the image shows it, followed from frame to frame."""
+class Finder:
+    """From a frame to the track of the target in it: the horizon first, then what lies below it."""
 
-    def __init__(self) -> None:
-        self._finder: HorizonFinder | None = None
-        self._last: Horizon | None = None
-        self._frames = 0
-
-    def find(self, pixels: NDArray[np.uint8]) -> Horizon | None:
-        """In a working image, (height, width, 3) uint8; None without one."""
-        if self._finder is None:
-            self._finder = HorizonFinder(*pixels.shape[:2])
-        near = None if self._frames % DETECTOR.horizon_period == 0 else self._last
-        self._frames += 1
-        horizon = self._finder.find(pixels, near)
-        self._last = horizon if horizon.trusted else None
-        return self._last
-
-
-class RunwayFinder:
-    """Finds a runway, with or without attitude."""
-
-    def __init__(self) -> None:
-        self._tracker = RunwayTracker()
-        self._horizon = ImageHorizon()
+    def __init__(self, target: str) -> None:
+        self.tracker: RunwayTracker | RoadTracker
+        self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
+        self._horizon = HorizonTracker()
 
     def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
         """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
         pixels, factor = shrink_levels(image)
         height, width = pixels.shape[:2]
-        if attitude is not None:
-            level = Derotation(width, height, factor, attitude.slope)
-            at = level.row_of((attitude.row + 0.5) / factor - 0.5)
-            row: float | None = at
-            reach = SEARCH.attitude_reach
-            ranges = [SearchRange(level.slope, at - reach, at + reach)]
-            known: tuple[float, float] | None = (at, SEARCH.attitude_sigma)
-        else:
-            level, ranges, seen = self._from_image(pixels, factor)
-            row, known = seen, self._agreed(seen)
-        frame = LevelledFrame(image, level)
-        track = self._tracker.step(frame, pixels, ranges, known, attitude=attitude is not None)
-        unchanged = self._tracker.unchanged
-        confidence = 0.0 if unchanged > DETECTOR.frozen_frames else self._tracker.confidence
-        return Found(track, confidence, level, row, unchanged)
-
-    @property
-    def report(self) -> Report | None:
-        """What the newest confidence was made of; None without a track."""
-        return self._tracker.report
-
-    def _from_image(
-        self, pixels: NDArray[Any], factor: int
-    ) -> tuple[Derotation, list[SearchRange], float | None]:
-        """Derotation, hypotheses, and the row of the horizon if one is seen."""
-        height, width = pixels.shape[:2]
-        levels = np.clip(pixels, 0, 255).astype(np.uint8)
-        colour = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
-        horizon = self._horizon.find(np.asarray(colour, np.uint8))
-        whole = SearchRange(0.0, DETECTOR.whole_range[0] * height, DETECTOR.whole_range[1] * height)
-        beyond = SearchRange(0.0, DETECTOR.range_above * height, DETECTOR.whole_range[0] * height)
-        if horizon is None:
-            return Derotation(width, height, factor, 0.0), [whole, beyond], None
-        level = Derotation(width, height, factor, horizon.slope)
-        row = level.row_of(horizon.row)
-        above, below = SEARCH.horizon_reach
-        near = SearchRange(level.slope, row - above, row + below)
-        return level, [near, whole, beyond], row
-
-    def _agreed(self, row: float | None) -> tuple[float, float] | None:
-        """The seen horizon where the runway's edges meet at it; a cloud's edge is none."""
-        best = self._tracker.best
-        if row is None or best is None:
-            return None
-        apart = abs(best.shape.vanishing_point[1] - row)
-        return (row, SEARCH.image_horizon_sigma) if apart < DETECTOR.max_off_horizon else None
-
-
-class StripFinder:
-    """Finds the lane of a road, or a pipeline."""
-
-    def __init__(self, target: str) -> None:
-        self._target = TARGETS[target]
-        self._tracker: Tracker | None = None
-        self._horizon = ImageHorizon()
-
-    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
-        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
-        pixels, factor = shrink(image)
-        height, width = pixels.shape[:2]
+        sight = Sight.unknown(height)
+        level = Derotation(width, height, factor, 0.0)
         horizon: HorizonLine | Horizon | None = None
-        if not self._target.look.painted:
-            horizon = self._horizon.find(pixels) if attitude is None else attitude
-        slope, row = 0.0, None
+        if self.tracker.below_horizon:
+            horizon = attitude or self._horizon.find(pixels)
         if horizon is not None:
-            slope, row = horizon.slope, horizon.row
+            level = Derotation(width, height, factor, horizon.slope)
             if horizon is attitude:
-                row = (row + 0.5) / factor - 0.5
-        level = Derotation(width, height, factor, slope)
-        level_row = None if row is None else level.row_of(row)
-        if self._tracker is None:
-            self._tracker = Tracker(self._target, height, width)
-        track = self._tracker.step(LevelledFrame(image, level), pixels, level_row)
-        return Found(track, 0.0 if track is None else track.confidence, level, level_row)
-
-
-Segment = tuple[Point, Point]
+                row = level.row_of((horizon.row + 0.5) / factor - 0.5)
+                sight = Sight.from_attitude(row, level.slope)
+            else:
+                row = level.row_of(horizon.row)
+                sight = Sight.from_image(row, level.slope, height, self.tracker.best)
+        track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
+        frozen = self.tracker.unchanged > DETECTOR.frozen_frames
+        confidence = 0.0 if frozen else self.tracker.confidence
+        return Found(track, confidence, level, sight.row, self.tracker.unchanged)
 
 
 class LineFlags:

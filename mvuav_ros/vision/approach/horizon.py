@@ -178,3 +178,24 @@ def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
     on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * HORIZON.min_strength)
     found = horizon._replace(row=float(row), slope=math.atan(tangent))
     return found, float(on_line.mean())
+
+
+class HorizonTracker:
+    """The horizon as the image shows it, followed from frame to frame."""
+
+    def __init__(self) -> None:
+        self._finder: HorizonFinder | None = None
+        self._last: Horizon | None = None
+        self._frames = 0
+
+    def find(self, pixels: NDArray[Any]) -> Horizon | None:
+        """In a working image of grey levels, or colours blue first; None without one."""
+        levels = np.clip(pixels, 0, 255).astype(np.uint8)
+        pixels = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
+        if self._finder is None:
+            self._finder = HorizonFinder(*pixels.shape[:2])
+        near = None if self._frames % HORIZON.full_period == 0 else self._last
+        self._frames += 1
+        horizon = self._finder.find(pixels, near)
+        self._last = horizon if horizon.trusted else None
+        return self._last

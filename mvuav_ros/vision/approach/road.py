@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.evidence import OPPONENT, Table, grey_levels, shrunk
+from mvuav_ros.vision.approach.evidence import OPPONENT, Table, grey_levels
 from mvuav_ros.vision.approach.numeric import best_run, in_common
 from mvuav_ros.vision.approach.tuning import ROAD
-from mvuav_ros.vision.point_operations import Pixels
 
 
 @dataclass(frozen=True)
@@ -123,17 +122,7 @@ class Colours:
 PLAIN = Colours()
 
 
-def shrink(image: Pixels) -> tuple[NDArray[np.uint8], int]:
-    """A frame as `shrunk` gives it, (height, width, 3) uint8, and px of the frame per px of it."""
-    image, factor = shrunk(image)
-    if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
-    if image.ndim == 2:
-        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return np.ascontiguousarray(image, np.uint8), factor
-
-
-def white_of(pixels: NDArray[np.uint8]) -> tuple[float, float, float]:
+def white_of(pixels: NDArray[Any]) -> tuple[float, float, float]:
     """Factors of blue, green and red that take the tint from the brightest pixels."""
     some = pixels[:: ROAD.white_step, :: ROAD.white_step].reshape(-1, 3).astype(np.float32)
     brightness = some @ OPPONENT[0]

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.edges import Edges, LevelledFrame, Strip, sample_edges
 from mvuav_ros.vision.approach.evidence import Table, row_sums
+from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.road import (
     PLAIN,
     Colours,
@@ -26,7 +26,10 @@ from mvuav_ros.vision.approach.road import (
     white_of,
 )
 from mvuav_ros.vision.approach.strips import FollowedStrip
+from mvuav_ros.vision.approach.tracker import Sight, StripTracker
 from mvuav_ros.vision.approach.tuning import ROAD
+
+_NOTHING = 1e-6
 
 
 class View(NamedTuple):
@@ -38,6 +41,7 @@ class View(NamedTuple):
         horizon_row: of the levelled working image, px, if it is seen.
         look: of the target, on this land.
         colours: with which the features were made.
+        registration: of the working images.
     """
 
     frame: LevelledFrame
@@ -45,51 +49,58 @@ class View(NamedTuple):
     horizon_row: float | None
     look: EdgeProfile
     colours: Colours
+    registration: Registration
 
 
-class Track(FollowedStrip):
+class RoadTrack(FollowedStrip):
     """A strip, what it looks like, and how well it has done.
 
     Attributes:
         contrast: (channels,) inside minus outside.
         quality: strip score times the support of the edges, averaged over the last frames.
-        merit: the same, less for what is unusual.
+        merit: the same, less for what is unusual; the log odds are its logarithm.
         evidence: sum of merit above the target's ``start_score``, limited.
     """
 
-    MOST_MISSES = 10
+    max_misses = 10
 
-    def __init__(self, target: Target, strip: Strip, contrast: NDArray[np.float64]) -> None:
-        super().__init__(strip)
+    def __init__(
+        self, target: Target, strip: Strip, score: float, contrast: NDArray[np.float64]
+    ) -> None:
+        """Begin with a candidate and its score."""
+        super().__init__(strip, math.log(score))
         self.target = target
         self.contrast = contrast
         self.quality = self.merit = self.evidence = 0.0
 
     @property
-    def width(self) -> float:
-        """Of the near end, px of the levelled working image."""
+    def standing(self) -> float:
+        """What is unusual weighs against what is new, not against what has long been followed."""
+        certain = self.evidence >= ROAD.certain
+        return math.log(max(self.quality, _NOTHING)) if certain else self.log_odds
+
+    @property
+    def showable(self) -> bool:
+        """Enough frames have spoken for it, and the newest do as well."""
+        believed = self.evidence >= ROAD.convincing and self.age >= ROAD.min_age
+        return believed and self.merit >= self.target.start_score
+
+    def covers(self, strip: Strip) -> bool:
+        """Whether a strip is as wide and at the same place: lanes lie beside and within roads."""
         left, right = self.shape.slopes
-        return (right - left) * self.near
+        share = float(strip[3] - strip[2]) / max(right - left, 1e-6)
+        return 1 / ROAD.max_wider < share < ROAD.max_wider and super().covers(strip)
 
-    def same_as(self, other: Track) -> bool:
-        """Whether both are the same strip on the ground."""
-        width = min(self.width, other.width)
-        (middle, row), (its_middle, its_row) = self._near_end(), other._near_end()
-        return (
-            abs(middle - its_middle) < 0.4 * width
-            and max(self.width, other.width) < 1.5 * width
-            and abs(row - its_row) < 0.5 * width + 4
-        )
-
-    def _near_end(self) -> tuple[float, float]:
-        x, y, left, right, _, near = (float(value) for value in self.strip())
-        return x + 0.5 * (left + right) * near, y + near
+    @property
+    def confidence(self) -> float:
+        """0 to 1: less while it is not seen."""
+        return self.quality / (self.quality + 1.0) * ROAD.fades**self.misses
 
     def step(self, view: View) -> None:
         """Follow it into the next frame."""
         self.age += 1
         shape, target = self.shape, self.target
-        shape.predict()
+        shape.predict(*view.registration.shift(self.strip(), view.frame.level))
         strip = self.strip()
         if not np.isfinite(strip).all():
             self.give_up()
@@ -111,6 +122,9 @@ class Track(FollowedStrip):
         score = float(scores.score[0]) * sharp * credible
         self.quality += max(ROAD.memory, 1.0 / self.age) * (score - self.quality)
         self.merit = self.quality * self._likelihood()
+        self.log_odds = math.log(max(self.merit, _NOTHING))
+        change = self.merit - target.start_score
+        self.evidence = min(max(self.evidence + change, 0.0), ROAD.certain)
         seen = score > 0.5 * target.keep_score and sharp > ROAD.min_sharp
         self.points = edges if seen else None
         self.misses = 0 if seen else self.misses + 1
@@ -118,27 +132,6 @@ class Track(FollowedStrip):
             self.contrast = self.contrast + ROAD.memory * (scores.contrast[0] - self.contrast)
             self.follow_ends(float(scores.far[0]), float(scores.near[0]))
             self.open_end = bool(scores.open_end[0])
-
-    def weigh(self, *, steady: bool) -> None:
-        """Let the newest frame speak for or against the track; in a turn only against it."""
-        change = self.merit - self.target.start_score
-        if steady or change < 0:
-            self.evidence = min(max(self.evidence + change, 0.0), ROAD.certain)
-
-    @property
-    def believed(self) -> bool:
-        """Enough frames have spoken for it."""
-        return self.evidence >= ROAD.convincing and self.age >= ROAD.min_age
-
-    @property
-    def certain(self) -> bool:
-        """So many frames have spoken for it that more would not count."""
-        return self.evidence >= ROAD.certain
-
-    @property
-    def confidence(self) -> float:
-        """0 to 1: one half where it is just believed, less while it is not seen."""
-        return self.quality / (self.quality + 1.0) * ROAD.fades**self.misses
 
     def _plausible(self, strip: Strip, table: Table) -> bool:
         if not np.isfinite(strip).all():
@@ -201,78 +194,54 @@ def find_edges(
     return sampled.fit(steps_of(1), steps_of(ROAD.colour_smoothing), size)
 
 
-class Tracker:
-    """Finds and follows the target on the levelled working images of one size."""
+class RoadTracker(StripTracker[RoadTrack]):
+    """Finds and follows a lane or a pipeline on the levelled working images of one size."""
 
-    def __init__(self, target: Target, height: int, width: int) -> None:
+    def __init__(self, target: Target) -> None:
+        super().__init__(ROAD.max_tracks, ROAD.switch_margin)
         self.target = target
+        self.below_horizon = not target.look.painted
         self._look = target.look
         self._colours = PLAIN
-        self._search = Search(target.look, height, width)
-        self.tracks: list[Track] = []
-        self.best: Track | None = None
-        self._level: Derotation | None = None
-        self._horizon_row: float | None = None
+        self._search: Search | None = None
         self._table: Table | None = None
-        self._frame = 0
 
-    def step(
-        self, frame: LevelledFrame, pixels: NDArray[np.uint8], horizon_row: float | None
-    ) -> Track | None:
-        """The confirmed track in the next frame, if there is one.
+    @property
+    def confidence(self) -> float:
+        """Of the best track."""
+        return 0.0 if self.best is None else self.best.confidence
 
-        Args:
-            frame: the next one.
-            pixels: its working image.
-            horizon_row: of the levelled working image, px, if it is seen.
-        """
-        first_row, level = 0, frame.level
-        if horizon_row is not None:
+    def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RoadTrack | None:
+        """The track that is shown in the next frame, of which ``pixels`` are the working image."""
+        self._registration.take(pixels)
+        first_row, level, row = 0, frame.level, sight.row
+        if row is not None:
             # Nothing is looked for in the sky.
-            first_row = min(
-                max(0, int(horizon_row) - ROAD.rows_above_horizon), level.height - ROAD.min_land
-            )
+            first_row = max(0, int(row) - ROAD.rows_above_horizon)
+            first_row = min(first_row, level.height - ROAD.min_land)
         colours = self._colours_of(pixels)
         features = features_of(level.turned(pixels, first_row), colours)
         self._table = table = row_sums(features, first_row, self._table)
-        if horizon_row is not None:
-            self._adapt(features[:, max(0, int(horizon_row) - first_row) :])
-        view = View(frame, table, horizon_row, self._look, colours)
-        self._follow(view)
+        if row is not None:
+            self._adapt(features[:, max(0, int(row) - first_row) :])
+        view = View(frame, table, row, self._look, colours, self._registration)
+        self._turn(level)
+        for track in self.tracks:
+            track.step(view)
+        self.tracks = [track for track in self.tracks if self._promising(track)]
+        self._merge()
         self._frame += 1
-        certain = self.best is not None and self.best.certain
-        if (
-            self.best is None
-            or self._frame % (ROAD.period_certain if certain else ROAD.period_believed) == 0
-        ):
+        if self.best is None or self._frame % ROAD.search_period == 0:
             self._start(view)
+        if self.best is not None and self.best.quality < self.target.keep_score:
+            self.best = None
         self._choose()
         return self.best
 
-    def _follow(self, view: View) -> None:
-        """Take all tracks into the next frame, and drop those that are lost or hopeless."""
-        level, row = view.frame.level, view.horizon_row
-        old, self._level = self._level, level
-        steady = old is not None and _steady(old.slope, level.slope)
-        lift = 0.0
-        if row is not None and self._horizon_row is not None:
-            lift = row - self._horizon_row
-        self._horizon_row = row
-        for track in self.tracks:
-            if old is not None:
-                track.turn(old, level)
-            if abs(lift) > ROAD.min_lift:
-                track.shape.reference += lift
-            track.step(view)
-            track.weigh(steady=steady)
-        hopeless = ROAD.min_merit * self.target.start_score
-        self.tracks = [
-            track
-            for track in self.tracks
-            if not track.lost
-            and (track is self.best or track.age < ROAD.trial_frames or track.merit > hopeless)
-        ]
-        self._merge()
+    def _promising(self, track: RoadTrack) -> bool:
+        tried = track is not self.best and track.age >= ROAD.trial_frames
+        hopeless = track.merit <= ROAD.min_merit * self.target.start_score
+        return not (track.lost or (tried and hopeless))
 
     def _adapt(self, land: Features) -> None:
         """Weigh and limit contrasts by what the land ahead looks like."""
@@ -298,8 +267,8 @@ class Tracker:
         gain = min(max(weak, 1.0), ROAD.max_colour_gain)
         self._colours = replace(self._colours, gain=self._blend(self._colours.gain, gain))
 
-    def _colours_of(self, pixels: NDArray[np.uint8]) -> Colours:
-        if not self._look.painted:
+    def _colours_of(self, pixels: NDArray[Any]) -> Colours:
+        if not self._look.painted and pixels.ndim == 3:
             blue, green, red = map(self._blend, self._colours.white, white_of(pixels))
             self._colours = replace(self._colours, white=(blue, green, red))
         return self._colours
@@ -308,56 +277,22 @@ class Tracker:
         """What colours are like does not change fast; the first image counts alone."""
         return new if self._frame == 0 else old + ROAD.colour_memory * (new - old)
 
-    def _merge(self) -> None:
-        """Of tracks that have become the same one keep the believed one, or the better."""
-        kept: list[Track] = []
-        ranked = sorted(self.tracks, key=lambda t: (t is not self.best, -t.merit * min(t.age, 10)))
-        for track in ranked:
-            if not any(track.same_as(other) for other in kept):
-                kept.append(track)
-        self.tracks = kept
-
     def _start(self, view: View) -> None:
+        """Follow the best candidates that are not followed yet."""
         if self._look.painted:
             candidates = find_lanes(view.table, self.target)
         elif view.horizon_row is not None:
+            self._search = self._search or Search(self.target.look, *view.frame.level.size)
             candidates = self._search.find(view.table, self._look, view.horizon_row)
         else:
             return
         if not len(candidates):
             return
         scores = score_strips(view.table, candidates, self._look)
-        for index in np.argsort(-scores.score)[:3]:
+        for index in np.argsort(-scores.score)[: ROAD.max_started]:
             score = float(scores.score[index])
             if score < self.target.start_score:
                 return
             strip = np.array([*candidates[index], scores.far[index], scores.near[index]])
-            track = Track(self.target, strip, scores.contrast[index])
-            if any(track.same_as(other) for other in self.tracks):
-                continue
-            if len(self.tracks) >= ROAD.max_tracks:
-                worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.quality)
-                if worst.merit > 0.6 * score or worst.age < 5:
-                    continue
-                self.tracks.remove(worst)
-            self.tracks.append(track)
-
-    def _choose(self) -> None:
-        target = self.target
-        best = self.best
-        if best is not None and (best not in self.tracks or best.quality < target.keep_score):
-            best = None
-        for track in self.tracks:
-            if track is best or not track.believed or track.merit < target.start_score:
-                continue
-            # What is unusual weighs against what is new, not against what has long been followed.
-            if best is None or track.merit > ROAD.switch_ratio * (
-                best.quality if best.certain else best.merit
-            ):
-                best = track
-        self.best = best
-
-
-def _steady(old: float, new: float) -> bool:
-    """Whether the horizon's slopes, rad, are those of an aircraft that flies to a runway."""
-    return abs(new) < ROAD.max_bank and abs(new - old) < ROAD.max_roll
+            if not any(track.covers(strip) for track in self.tracks):
+                self._admit(RoadTrack(self.target, strip, score, scores.contrast[index]))

@@ -229,7 +229,7 @@ class Shape:
 
 
 class FollowedStrip:
-    """What both kinds of tracks are.
+    """A strip that is followed, whatever it is: what the tracker needs to know of it.
 
     Attributes:
         shape: its edges.
@@ -240,30 +240,51 @@ class FollowedStrip:
         age: frames.
         misses: looks in a row in which it was not seen.
         points: of the edges in the newest frame, if seen.
+        log_odds: how likely it is what is looked for, averaged over the last frames.
     """
 
-    MOST_MISSES: ClassVar[int]
+    max_misses: ClassVar[int]
 
-    def __init__(self, strip: Strip) -> None:
+    def __init__(self, strip: Strip, log_odds: float) -> None:
         self.shape = Shape(strip)
         self.far, self.near = float(strip[4]), float(strip[5])
         self.near_seen = self.near
         self.open_end = False
         self.age = self.misses = 0
         self.points: Edges | None = None
+        self.log_odds = log_odds
+
+    @property
+    def rank(self) -> float:
+        """Log odds with which it stands against other tracks."""
+        return self.log_odds
+
+    @property
+    def standing(self) -> float:
+        """Log odds that another track must exceed, while this is the one that is shown."""
+        return self.log_odds
+
+    @property
+    def showable(self) -> bool:
+        """Enough frames have spoken for it."""
+        return True
 
     @property
     def lost(self) -> bool:
         """It has not been seen for too long."""
-        return self.misses > self.MOST_MISSES
+        return self.misses > self.max_misses
 
     def give_up(self) -> None:
         """Count it as lost."""
-        self.misses = self.MOST_MISSES + 1
+        self.misses = self.max_misses + 1
 
     def strip(self) -> Strip:
         """(6,) where it is."""
         return np.array([*self.shape.vanishing_point, *self.shape.slopes, self.far, self.near])
+
+    def covers(self, strip: Strip) -> bool:
+        """Whether a strip may be the same: around, within or beside it."""
+        return overlap(self.strip(), strip)
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Go over to another derotation."""

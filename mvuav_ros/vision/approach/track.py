@@ -30,7 +30,6 @@ from mvuav_ros.vision.approach.strips import (
     apart,
     columns_at,
     is_plausible,
-    overlap,
     points_along,
     strip_through,
     strips_through,
@@ -179,8 +178,8 @@ class EdgeTrack(FollowedStrip):
         shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
     """
 
-    def __init__(self, strip: Strip) -> None:
-        super().__init__(strip)
+    def __init__(self, strip: Strip, log_odds: float) -> None:
+        super().__init__(strip, log_odds)
         self.distinct = self.shoulders = 0.0
         self._look, self._lines = EdgeLook(), LinedEdges()
         self._clear = False
@@ -310,18 +309,16 @@ class RunwayTrack(EdgeTrack):
     """The mean of strips that overlap, and how likely one of them is the runway.
 
     Attributes:
-        log_odds: that one of the strips is the runway, averaged over the last frames.
         moved: frames that differed from the one before.
         locked: it is followed by its edges alone.
         agreement: probability of the strips that are where the mean is.
     """
 
-    MOST_MISSES = 4
+    max_misses = 4
 
     def __init__(self, strip: Strip, log_odds: float) -> None:
         """Begin with a candidate."""
-        super().__init__(strip)
-        self.log_odds = log_odds
+        super().__init__(strip, log_odds)
         self.moved = 0
         self.locked = False
         self.agreement = 1.0
@@ -330,10 +327,6 @@ class RunwayTrack(EdgeTrack):
         self._spread = np.zeros((2, 2))
         self._rested = self._unseen = 0
         self._sharp = 0.0
-
-    def covers(self, strip: Strip) -> bool:
-        """Whether a strip may be the same runway: around, within or beside the mean."""
-        return overlap(self.strip(), strip)
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import islice, zip_longest
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
 from mvuav_ros.vision.approach.search import fan_jobs
+from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
-from mvuav_ros.vision.approach.tuning import SEARCH, TRACKER
+from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
 
 
 class SearchRange(NamedTuple):
@@ -51,51 +52,137 @@ def _by_turns(ranges: list[list[_Chunk]]) -> Iterator[_Chunk]:
         yield from (chunk for chunk in together if chunk is not None)
 
 
-class RunwayTracker:
+class Sight(NamedTuple):
+    """Where edges may meet on the levelled working image.
+
+    Attributes:
+        row: of the horizon, px, if it is known.
+        ranges: hypotheses of where it is; the first has the frame's slope.
+        meeting: row of the vanishing point and its standard deviation, if known, px.
+        attitude: whether that comes from an attitude sensor.
+    """
+
+    row: float | None
+    ranges: list[SearchRange]
+    meeting: tuple[float, float] | None = None
+    attitude: bool = False
+
+    @classmethod
+    def unknown(cls, height: int) -> Sight:
+        """No horizon is in view: anywhere in, or somewhat above, an image of a height, px."""
+        first, last = (share * height for share in DETECTOR.whole_range)
+        beyond = SearchRange(0.0, DETECTOR.range_above * height, first)
+        return cls(None, [SearchRange(0.0, first, last), beyond])
+
+    @classmethod
+    def from_attitude(cls, row: float, slope: float) -> Sight:
+        """A sensor has told the horizon's row and slope."""
+        reach = SEARCH.attitude_reach
+        ranges = [SearchRange(slope, row - reach, row + reach)]
+        return cls(row, ranges, (row, SEARCH.attitude_sigma), True)
+
+    @classmethod
+    def from_image(cls, row: float, slope: float, height: int, best: FollowedStrip | None) -> Sight:
+        """The image shows a horizon, or the edge of clouds or hills.
+
+        It is the horizon if the best track's edges meet there.
+        """
+        above, below = SEARCH.horizon_reach
+        ranges = [SearchRange(slope, row - above, row + below), *cls.unknown(height).ranges]
+        meeting = None
+        if best is not None:
+            off = abs(best.shape.vanishing_point[1] - row)
+            if off < DETECTOR.max_off_horizon:
+                meeting = row, SEARCH.image_horizon_sigma
+        return cls(row, ranges, meeting)
+
+
+TrackT = TypeVar('TrackT', bound=FollowedStrip)
+
+
+class StripTracker(Generic[TrackT]):
+    """Several strips followed at a time: a runway, a road or a pipeline.
+
+    Attributes:
+        tracks: those that are followed.
+        best: the one that is shown.
+        below_horizon: whether the target is looked for below the horizon alone.
+    """
+
+    below_horizon = True
+
+    def __init__(self, max_tracks: int, switch_margin: float) -> None:
+        """How many are followed, and by what log odds another must be better than that shown."""
+        self.tracks: list[TrackT] = []
+        self.best: TrackT | None = None
+        self._max_tracks, self._switch_margin = max_tracks, switch_margin
+        self._level: Derotation | None = None
+        self._registration = Registration()
+        self._frame = 0
+
+    @property
+    def unchanged(self) -> int:
+        """Frames before the newest that were the same."""
+        return self._registration.unchanged
+
+    def _turn(self, level: Derotation) -> None:
+        """Go over to the next frame's derotation."""
+        if self._level is not None:
+            for track in self.tracks:
+                track.turn(self._level, level)
+        self._level = level
+
+    def _admit(self, track: TrackT) -> bool:
+        """Follow another one, for which the worst may have to go; whether there is room."""
+        if len(self.tracks) >= self._max_tracks:
+            worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.rank)
+            if worst.rank > track.rank:
+                return False
+            self.tracks.remove(worst)
+        self.tracks.append(track)
+        return True
+
+    def _merge(self) -> None:
+        """Of tracks that have become the same one keep the one shown, or the better."""
+        kept: list[TrackT] = []
+        for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.rank)):
+            if not any(other.covers(track.strip()) for other in kept):
+                kept.append(track)
+        self.tracks = kept
+
+    def _choose(self) -> None:
+        """Show another track if it is clearly better."""
+        if self.best not in self.tracks:
+            self.best = None
+        for track in self.tracks:
+            better = self.best is None or track.rank > self.best.standing + self._switch_margin
+            if better and track.showable:
+                self.best = track
+
+
+class RunwayTracker(StripTracker[RunwayTrack]):
     """Finds and follows the runway on the levelled working images of one size."""
 
     def __init__(self) -> None:
-        self.tracks: list[RunwayTrack] = []
-        self.best: RunwayTrack | None = None
-        self._level: Derotation | None = None
+        super().__init__(TRACKER.max_tracks, TRACKER.switch_margin)
         self._attitude = False
         self._scene: Scene | None = None
-        self._registration = Registration()
         self._overlaid = Overlaid()
-        self._frame = 0
         self._job = self._rounds = 0
 
-    def step(
-        self,
-        frame: LevelledFrame,
-        pixels: NDArray[Any],
-        ranges: list[SearchRange],
-        horizon: tuple[float, float] | None,
-        *,
-        attitude: bool = False,
-    ) -> RunwayTrack | None:
-        """The likeliest track in the next frame, if there is one.
-
-        Args:
-            frame: the next one.
-            pixels: its working image.
-            ranges: hypotheses of where the horizon is; the first has the frame's slope.
-            horizon: row of the vanishing point and its standard deviation, if known, px.
-            attitude: whether that comes from an attitude sensor.
-        """
+    def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RunwayTrack | None:
+        """The likeliest track in the next frame, of which ``pixels`` are the working image."""
         if self._frame % TRACKER.scene_frames == 0:
             self._scene = None
         self._registration.take(pixels)
         self._overlaid.take(self._registration.gray)
-        level = frame.level
-        working = LevelledImage(pixels, level, self._scene, self._overlaid.mask)
-        view = View(frame, working, horizon, self._registration)
+        self._attitude = sight.attitude
+        self._turn(frame.level)
+        working = LevelledImage(pixels, frame.level, self._scene, self._overlaid.mask)
+        view = View(frame, working, sight.meeting, self._registration)
         for track in self.tracks:
-            if self._level is not None:
-                track.turn(self._level, level)
-            period = TRACKER.best_period if track is self.best else TRACKER.others_period
-            track.step(view, period)
-        self._level, self._attitude = level, attitude
+            best = track is self.best
+            track.step(view, TRACKER.best_period if best else TRACKER.others_period)
         self.tracks = [
             track
             for track in self.tracks
@@ -104,26 +191,20 @@ class RunwayTracker:
             and working.share_hidden(track.strip()) < TRACKER.max_hidden
         ]
         self._merge()
-        certain = self.best is not None and self.best.log_odds > 0
-        period = (
-            TRACKER.period_certain
-            if certain
-            else TRACKER.period_first
-            if self._rounds < TRACKER.first_rounds
-            else TRACKER.period_later
-        )
-        if self._frame % period == 0:
-            self._start(self._search(view, ranges), view)
+        if self._frame % self._search_period() == 0:
+            self._start(self._search(view, sight.ranges), view)
         self._frame += 1
         if working.used:
             self._scene = working.whole_scene
         self._choose()
         return self.best
 
-    @property
-    def unchanged(self) -> int:
-        """Frames before the newest that were the same."""
-        return self._registration.unchanged
+    def _search_period(self) -> int:
+        """Frames from one share of the search to the next."""
+        if self.best is not None and self.best.log_odds > 0:
+            return TRACKER.period_certain
+        first = self._rounds < TRACKER.first_rounds
+        return TRACKER.period_first if first else TRACKER.period_later
 
     @property
     def report(self) -> Report | None:
@@ -194,31 +275,5 @@ class RunwayTracker:
                 track.add(strip)
                 return
         track = RunwayTrack(strip, odds)
-        if self._room_for(track):
-            self.tracks.append(track)
+        if self._admit(track):
             fresh.append(track)
-
-    def _room_for(self, track: RunwayTrack) -> bool:
-        """Whether it may be followed, for which the worst one may have to go."""
-        if len(self.tracks) < TRACKER.max_tracks:
-            return True
-        worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.log_odds)
-        if worst.log_odds > track.log_odds:
-            return False
-        self.tracks.remove(worst)
-        return True
-
-    def _merge(self) -> None:
-        """Of tracks that have become the same one keep the one shown, or the better."""
-        kept: list[RunwayTrack] = []
-        for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.log_odds)):
-            if not any(other.covers(track.strip()) for other in kept):
-                kept.append(track)
-        self.tracks = kept
-
-    def _choose(self) -> None:
-        if self.best not in self.tracks:
-            self.best = None
-        for track in self.tracks:
-            if self.best is None or track.log_odds > self.best.log_odds + TRACKER.switch_margin:
-                self.best = track

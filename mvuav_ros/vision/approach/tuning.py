@@ -17,7 +17,6 @@ class DetectorTuning:
 
     # frames that are all the same, from which a picture shows nothing: two seconds
     frozen_frames: int = 50
-    horizon_period: int = 10  # frames between two looks for the horizon at any slope
     # px between a runway's vanishing point and a seen horizon that are taken for the same
     max_off_horizon: float = 10.0
     # shares of the height searched for vanishing points without a horizon
@@ -59,6 +58,7 @@ class HorizonTuning:
     # grey levels of step per grey level of texture above: haze is smoother than fields
     texture_cost: float = 1.0
     max_texture_cost: float = 6.0  # grey levels of texture; more counts as that
+    full_period: int = 10  # frames between two looks for the horizon at any slope
     row_cost: float = 0.03  # grey levels per row: of steps alike the upper one
 
 
@@ -403,13 +403,10 @@ class RoadTuning:
     fades: float = 0.8  # factor of the confidence for a frame in which it is not seen
     width_spread: float = 0.6  # natural logarithm, standard deviation of widths beyond the usual
     max_tracks: int = 4  # followed at a time
-    max_bank: float = math.radians(10.0)  # rad, up to which flight is steady
-    max_roll: float = math.radians(0.5)  # rad per frame, likewise
-    # of merits, by which another track must be better than the one shown
-    switch_ratio: float = 1.3
-    period_believed: int = 3  # frames from one search to the next while a track is believed
-    period_certain: int = 6  # the same while it is certain
-    min_lift: float = 1.5  # px; less may be the horizon's noise
+    switch_margin: float = 0.26  # log odds by which another track must be better than that shown
+    search_period: int = 4  # frames from one search to the next while a track is shown
+    max_wider: float = 2.0  # widths of one strip over another, up to which both may be the same
+    max_started: int = 3  # candidates of a search that are followed
     grey_land: float = 8.0  # grey levels of colourfulness of land
     colourful_land: float = 20.0  # likewise, where brightness alone makes no strip
     texture_reach: int = 15  # px over which land is compared with itself

@@ -8,13 +8,12 @@ import pytest
 
 from mvuav_ros.vision.approach.attitude import Derotation, line_through, turn_edge
 from mvuav_ros.vision.approach.edges import LevelledFrame
-from mvuav_ros.vision.approach.evidence import row_sums
+from mvuav_ros.vision.approach.evidence import row_sums, shrink_levels
 from mvuav_ros.vision.approach.road import (
     Colours,
     EdgeProfile,
     features_of,
     score_strips,
-    shrink,
     white_of,
 )
 from mvuav_ros.vision.approach.road_tracker import find_edges
@@ -71,15 +70,14 @@ def test_an_edge_stays_on_the_ground_when_the_level_turns():
 
 
 @pytest.mark.parametrize('channels', [1, 3])
-@pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
-def test_frames_of_every_format_become_three_channels_of_eight_bits(channels, dtype):
-    scale = 257 if dtype == np.uint16 else 1
-    image = np.full((480, 640, channels), 77 * scale, dtype).squeeze()
-    pixels, factor = shrink(image)
-    assert pixels.shape == (240, 320, 3)
-    assert pixels.dtype == np.uint8
+@pytest.mark.parametrize(('dtype', 'level'), [(np.uint8, 77), (np.uint16, 230)])
+def test_frames_of_every_format_become_256_grey_levels(channels, dtype, level):
+    """The brightest of 16 bits are raised: cameras of 10 to 14 bits use the lower part."""
+    image = np.full((480, 640, channels), 77 if dtype == np.uint8 else 9000, dtype).squeeze()
+    pixels, factor = shrink_levels(image)
+    assert pixels.shape[:2] == (240, 320)
     assert factor == 2
-    assert (pixels == 77).all()
+    assert np.allclose(pixels, level, atol=0.5)
 
 
 def test_the_true_shape_scores_and_others_do_not():
