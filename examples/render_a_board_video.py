@@ -7,7 +7,7 @@ import sys
 
 import av
 
-from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.sources.opening import open_source
 
 if len(sys.argv) != 3:

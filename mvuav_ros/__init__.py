@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mvuav_ros.parameters.nodes import load_parameters
+    from mvuav_ros.parameters.parameter_file import load_parameters
     from mvuav_ros.processing.tracking import draw, track
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.opening import open_source
@@ -60,7 +60,7 @@ _MODULES = {
     'RunwayDetector': 'vision.runway.detector',
     'load_calibration': 'sources.calibration',
     'draw': 'processing.tracking',
-    'load_parameters': 'parameters.nodes',
+    'load_parameters': 'parameters.parameter_file',
     'load_rig': 'vision.rig',
     'open_source': 'sources.opening',
     'track': 'processing.tracking',

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import special
 
-from mvuav_ros.offline.evaluation.numbers import Array, rms
-from mvuav_ros.offline.report.model import Cell, Column, Section, Table
+from mvuav_ros.offline.evaluation.metrics import Array, rms
+from mvuav_ros.offline.report import Cell, Column, Section, Table
 from mvuav_thesis import integrity_runs
 from mvuav_thesis.comparison import Claim
 from mvuav_thesis.identity_runs import (

@@ -9,8 +9,8 @@ from enum import Enum
 from itertools import islice, takewhile
 from typing import Literal
 
-from mvuav_ros.offline.evaluation.numbers import Interval
-from mvuav_ros.offline.report.model import Cell, JudgedCell, Section, Table, is_number
+from mvuav_ros.offline.report import Cell, JudgedCell, Section, Table, is_number
+from mvuav_thesis.statistics_of_flights import Interval
 
 EQUAL_SHARE = 0.01
 """Numbers that differ by at most this part of the published one are equal."""

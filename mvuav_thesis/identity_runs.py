@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
-from mvuav_ros.simulation.tanker_truth import MarkerTruth
+from mvuav_ros.simulation.tanker_flight import MarkerTruth, TankerFlight
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array
+from mvuav_ros.offline.evaluation.metrics import Array
 from mvuav_ros.simulation.light_flights import LightFlight, LightScene, LightTruth, random_rig
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.numbers import Array, angle_difference
+from mvuav_ros.offline.evaluation.metrics import Array, angle_difference
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array
+from mvuav_ros.offline.evaluation.metrics import Array
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.frames import Matrix, Vector
 from mvuav_ros.vision.pose import Pose, PoseEstimator

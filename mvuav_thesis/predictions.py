@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array, distance_rms
-from mvuav_ros.offline.report.model import Section, Table
+from mvuav_ros.offline.evaluation.metrics import Array, distance_rms
+from mvuav_ros.offline.report import Section, Table
 from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
 from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
 from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Interval, pooled_rms
-from mvuav_ros.offline.report.model import Cell, Column, Figure, Table
-from mvuav_ros.offline.report.style import COLORS, drawing, label, legend_below, plain_log
+from mvuav_ros.offline.report import Cell, Column, Figure, Table
+from mvuav_ros.offline.report_figures import COLORS, drawing, label, legend_below, plain_log
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.shake import VIBRATIONS
@@ -17,6 +16,7 @@ from mvuav_thesis import known
 from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
 from mvuav_thesis.marker_runs import FlownMarkers, MarkerTask
 from mvuav_thesis.plan import Plan, tracker
+from mvuav_thesis.statistics_of_flights import Interval, pooled_rms
 
 THESIS = "the thesis's program"
 """Appendix A; beside it the tracker as shipped."""

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.line_errors import DISTANCE_LIMIT, THETA_LIMIT
-from mvuav_ros.offline.evaluation.numbers import rms
-from mvuav_ros.offline.report.model import Cell, Section, Table
+from mvuav_ros.offline.evaluation.metrics import DISTANCE_LIMIT, THETA_LIMIT, rms
+from mvuav_ros.offline.report import Cell, Section, Table
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_thesis import known

@@ -11,15 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.line_errors import ALONG, LineErrors, LineMatch, TrueLine
+from mvuav_ros.offline.evaluation.metrics import ALONG, LineErrors, LineMatch, TrueLine
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.runway import RunwayFlight
-from mvuav_ros.simulation.runway_truth import LineTruth
+from mvuav_ros.simulation.runway_flight import LineTruth, RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.normal_form import NormalForm
-from mvuav_ros.vision.runway.overlay import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 from mvuav_ros.vision.runway.statistics import RunwaySummary
 

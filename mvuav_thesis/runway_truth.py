@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from mvuav_ros.offline.evaluation.line_errors import ALONG
-from mvuav_ros.offline.report.model import Figure, Table
-from mvuav_ros.offline.report.style import drawing, label
+from mvuav_ros.offline.evaluation.metrics import ALONG
+from mvuav_ros.offline.report import Figure, Table
+from mvuav_ros.offline.report_figures import drawing, label
 from mvuav_thesis.comparison import SHIPPED, Claim
 from mvuav_thesis.plan import words
 from mvuav_thesis.runway_runs import FlownRunway

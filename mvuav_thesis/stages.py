@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mvuav_ros.messages.frame import Frame
-from mvuav_ros.offline.report.model import Cell, Table
+from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels

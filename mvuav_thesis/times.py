@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.model import Cell, Figure, Section, Table
-from mvuav_ros.offline.report.style import (
+from mvuav_ros.offline.evaluation.metrics import Array
+from mvuav_ros.offline.report import Cell, Figure, Section, Table
+from mvuav_ros.offline.report_figures import (
     THESIS,
     TRUTH,
     drawing,
@@ -23,7 +23,7 @@ from mvuav_ros.offline.report.style import (
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TRIALS
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array, distance_rms, rms
-from mvuav_ros.offline.report.model import Cell, Section, Table
+from mvuav_ros.offline.evaluation.metrics import Array, distance_rms, rms
+from mvuav_ros.offline.report import Cell, Section, Table
 from mvuav_thesis import known
 from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
 from mvuav_thesis.marker_runs import FlownMarkers

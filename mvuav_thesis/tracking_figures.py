@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.model import Figure
-from mvuav_ros.offline.report.style import (
+from mvuav_ros.offline.evaluation.metrics import Array
+from mvuav_ros.offline.report import Figure
+from mvuav_ros.offline.report_figures import (
     COLORS,
     THESIS,
     TRUTH,

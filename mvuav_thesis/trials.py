@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Array, Interval, distance_rms, pooled_rms
+from mvuav_ros.offline.evaluation.metrics import Array, distance_rms
 from mvuav_ros.simulation.settings import TRIALS
 from mvuav_ros.simulation.shake import VIBRATIONS
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 from mvuav_thesis.marker_runs import FlownMarkers, MarkerTask
 from mvuav_thesis.plan import Plan, tracking_pipelines, words
+from mvuav_thesis.statistics_of_flights import Interval, pooled_rms
 
 
 @dataclass(frozen=True, eq=False)

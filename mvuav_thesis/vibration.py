@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.offline.evaluation.numbers import Spectrum, spectrum
-from mvuav_ros.offline.report.model import Cell, Figure, Section, Table
-from mvuav_ros.offline.report.style import COLORS, quartet
+from mvuav_ros.offline.report import Cell, Figure, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, quartet
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 from mvuav_thesis import known
 from mvuav_thesis.comparison import Claim, Compared
@@ -22,6 +21,7 @@ from mvuav_thesis.roll_cells import (
     roll_figure,
     roll_tables,
 )
+from mvuav_thesis.statistics_of_flights import Spectrum, spectrum
 
 SAMPLE_HZ = 200.0
 """Of the camera's attitude; Table 5.4 goes up to 66.58 Hz."""

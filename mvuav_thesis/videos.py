@@ -10,9 +10,9 @@ import cv2
 
 from mvuav_ros.messages.frame import Frame
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import TRIALS
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_thesis.plan import Plan

@@ -98,7 +98,7 @@ MUTATIONS = (
         'mvuav_ros/vision/frames.py',
         '[(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]',
         '[(0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]',
-        ('test/vision/test_pose.py', 'test/simulation/test_camera.py'),
+        ('test/vision/test_pose.py', 'test/simulation/test_pinhole.py'),
     ),
 )
 

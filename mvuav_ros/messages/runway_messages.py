@@ -12,7 +12,7 @@ from mvuav_ros.messages.statuses import OK, WARN, Status, encode_statuses, texts
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.runway.overlay import line_color
+from mvuav_ros.vision.runway.debug_images import line_color
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine, RunwayResult
 from mvuav_ros.vision.runway.statistics import LineSummary, RunwaySummary
 

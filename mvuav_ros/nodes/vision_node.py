@@ -29,8 +29,7 @@ from mvuav_ros.nodes.intra_process import IntraProcessInput
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.publishing import ResultPublishers
-from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.parameters.descriptor_text import condition_text
+from mvuav_ros.parameters.declaration import ParameterSet, condition_text
 from mvuav_ros.processing.processor import Processor
 
 

@@ -19,10 +19,9 @@ from mvuav_ros.messages.points import PointLayout
 from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.attitude_sensor import measured_attitude
 from mvuav_ros.simulation.flight import SimulatedFrame
-from mvuav_ros.simulation.runway_truth import RunwayTruth
-from mvuav_ros.simulation.tanker_truth import TankerTruth
+from mvuav_ros.simulation.runway_flight import RunwayTruth, measured_attitude
+from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.markers.results import MarkerState

@@ -33,9 +33,8 @@ from mvuav_ros.vision.approach.results import ApproachResult, Guidance
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
+from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.hough_image import draw_hough
-from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 
 # The thesis's video windows two to five.

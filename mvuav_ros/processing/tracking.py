@@ -27,7 +27,7 @@ from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import MarkerRig, load_rig
-from mvuav_ros.vision.runway.overlay import draw_overlay
+from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 
 

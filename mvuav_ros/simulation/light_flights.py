@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.waves import Wave, random_wave
+from mvuav_ros.simulation.shake import Wave, random_wave
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig

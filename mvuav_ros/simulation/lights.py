@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.camera import PinholeCamera
+from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.vision.frames import read_only
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -152,7 +152,7 @@ class _Window:
         if self.part.ndim == 3:
             light = light[:, :, None] * np.array(TINT, np.float32)
         # A response with a shoulder, as a camera's knee: a hard limit's edges are so steep that
-        # pixels cannot tell where within them the light lies.
+        # pixels cannot show where within them the light lies.
         dark = np.exp(light * (-1.0 / 255.0))
         self.part[...] = np.rint(255.0 - (255.0 - self.part) * dark).astype(np.uint8)
 

@@ -17,10 +17,10 @@ from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
 from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.remote import fetch, is_url
-from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera, CameraSettings

@@ -17,7 +17,7 @@ from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image

@@ -24,9 +24,9 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import TANKER_NAMES

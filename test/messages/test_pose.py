@@ -11,7 +11,7 @@ from mvuav_ros.messages.frame import Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 
 FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3, failures='all@0.2-9'))

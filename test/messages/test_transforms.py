@@ -22,9 +22,9 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, about_x, about_y, about_z

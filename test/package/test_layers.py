@@ -13,8 +13,7 @@ import pytest
 from support.places import ROOT
 
 import mvuav_ros
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
-from mvuav_ros.parameters.parameter_file import read_parameter_values
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, read_parameter_values
 
 WITHOUT_ROS = ['parameters', 'vision', 'simulation', 'recordings', 'sources']
 BLOCKED = ['rclpy', 'sensor_msgs', 'std_msgs', 'builtin_interfaces', 'geometry_msgs']

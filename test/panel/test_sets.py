@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mvuav_ros.panel.foreign import NameRefusedError, checked_name
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters

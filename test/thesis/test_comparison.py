@@ -1,6 +1,6 @@
 import pytest
 
-from mvuav_ros.offline.report.model import Column, Table
+from mvuav_ros.offline.report import Column, Table
 from mvuav_thesis.comparison import SHIPPED, Claim, Compared, Verdict, compared_cells, summary
 
 

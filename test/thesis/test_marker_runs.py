@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
+from mvuav_ros.offline.evaluation.metrics import distance_rms, rms
 from mvuav_ros.simulation.settings import TRIALS, TankerSettings
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState

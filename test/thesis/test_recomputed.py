@@ -6,7 +6,7 @@ import statistics
 import numpy as np
 import pytest
 
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector

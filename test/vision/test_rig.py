@@ -13,7 +13,7 @@ from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState

@@ -45,7 +45,7 @@ PARTS: dict[str, tuple[str, ...]] = {
         'vision.approach.results.Guidance',
     ),
     'Parameters': (
-        'parameters.nodes.load_parameters',
+        'parameters.parameter_file.load_parameters',
         'parameters.marker_tracker.MarkerTrackerParameters',
         'parameters.runway_detector.RunwayDetectorParameters',
     ),

@@ -69,11 +69,13 @@ def corners(options: CornersOptions) -> None:
     """
     from mvuav_ros.offline.evaluation.corners import (
         CornersError,
+        LabelledRun,
         Tolerance,
         read_corners,
         read_horizon,
+        run_detector,
+        write_images,
     )
-    from mvuav_ros.offline.evaluation.corners_run import LabelledRun, run_detector, write_images
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
     given = resolve_parameters([_NODE], options.params_file, options.param or [])[_NODE]

@@ -57,7 +57,7 @@ def thesis(
 
     Leaves index.html, which needs no other file, and every table (CSV, JSON) and figure (PNG).
     """
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_thesis.build import build_report, steps_of
     from mvuav_thesis.plan import Plan
 
@@ -91,7 +91,7 @@ def integrity(
     and once far more often. Leaves index.html with counts and Stanford diagrams.
     """
     from mvuav_ros.offline.evaluation.protection import flights_of, protection_report, run
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
     refuse_to_overwrite(output / PAGE, force)
@@ -150,7 +150,7 @@ def bag(options: BagOptions) -> None:
     """
     from mvuav_ros.offline.evaluation import evaluation_run as running
     from mvuav_ros.offline.evaluation.bag_report import bag_report
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
 
     refuse_to_overwrite(options.output / PAGE, options.force)
     run = None

@@ -9,9 +9,8 @@ from support.flights import write_bag
 
 from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
-from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, NamedPoints, read_bag, replay
-from mvuav_ros.offline.evaluation.metrics import metrics_of
+from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, metrics_of, roll_errors
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.results import TANKER_NAMES

@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.cli.bench.frame_rates import approach_cases
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
