@@ -15,12 +15,14 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.ros_thread import RosThread
@@ -34,12 +36,15 @@ TOPICS: dict[str, dict[str, type]] = {
     kind: {
         topic: message
         for topic, message in processor.topics.items()
-        if topic == 'pose' or any(topic == c.topic for c in processor.panel.charts.values())
+        if topic in ('pose', 'integrity')
+        or any(topic == c.topic for c in processor.panel.charts.values())
     }
     for kind, processor in PROCESSORS.items()
 }
 """What figures and curves are made of, below a node's name."""
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
+_LEVELS = ('horizontal', 'vertical', 'offset', 'height')
+"""Protection levels (m) in a status of ``integrity``; the largest is shown."""
 _MAX_ROWS = 12
 _MAX_VALUES = 100_000
 _MAX_VALUE = 1e9
@@ -59,6 +64,7 @@ class Figures:
     def __init__(self, kind: str, values: Callable[[], Mapping[str, Any]]) -> None:
         self._kind, self._values = kind, values
         self._trust = (BAD, 'no results yet')
+        self._integrity = True, ''
         self._roll, self._lines = math.nan, list[Figure]()
         self._place, self._turn = np.full(3, math.nan), np.full((3, 3), math.nan)
         self._deviations = np.full(6, math.nan)
@@ -77,6 +83,8 @@ class Figures:
             self._roll = float(message.vector.x)
         elif topic == 'pose':
             self._take_pose(message)
+        elif topic == 'integrity':
+            self._take_integrity(message)
         elif topic == 'markers':
             self._trust = _trust_in_markers(rows_of(message))
         elif topic == 'line_params':
@@ -93,8 +101,13 @@ class Figures:
         """
         known = bool(np.isfinite((*self._place[1:], *self._turn.flat)).all())
         trust = self._trust
-        if trust[0] == GOOD and not known and self._wants_pose:
-            trust = DOUBTFUL, f'{trust[1]}, but no pose'
+        if self._wants_pose and trust[0] != BAD:
+            is_safe, integrity = self._integrity
+            words = ', '.join(filter(None, (trust[1], integrity)))
+            if trust[0] == GOOD and not known:
+                trust = DOUBTFUL, f'{trust[1]}, but no pose'
+            else:
+                trust = trust[0] if is_safe else DOUBTFUL, words
         place = np.nan_to_num(self._place)
         pose = [place.round(3).tolist(), self._turn.round(5).tolist()] if known else None
         return {'trust': trust, 'figures': self._figures(), 'pose': pose, 'view': self._view}
@@ -157,6 +170,17 @@ class Figures:
         found = sum(value != '-' for _, value, _ in self._lines)
         words = f'{found} of {len(self._lines)} numbers'
         self._trust = (GOOD if found == len(self._lines) else BAD, words)
+
+    def _take_integrity(self, message: DiagnosticArray) -> None:
+        """Whether the pose may be used, and its protection level, or why it may not."""
+        status = message.status[0]
+        is_safe = status.level == DiagnosticStatus.OK
+        words = sanitized.words(status.message)
+        if is_safe:
+            levels = sanitized.key_values(status.values)
+            largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)
+            words = f'protection level {_metres(largest)}'
+        self._integrity = is_safe, words
 
     def _take_lines(self, rows: Any) -> None:
         found = np.isfinite(rows['rho'])

@@ -29,7 +29,6 @@ def follow(page, reader, name):
             printed = reader.run(block)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('name', PAGES)
 def test_every_block_runs_and_prints_what_is_shown(name, tmp_path):
     number, claim = claim_domain()

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -12,7 +13,9 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.points import PointLayout
 from mvuav_ros.messages.runway_messages import LINE
+from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.vision.integrity import RunwayLevels
 from mvuav_ros.vision.runway.results import LineFlag
 
 APPROACH = {'mode': 'approach', 'runway_width': 30.0}
@@ -103,6 +106,37 @@ def test_a_runway_with_both_edges_and_a_pose_is_good_until_it_is_lost():
     assert figures.said()['trust'] == (GOOD, 'confidence 90 %')
     figures.take('line_params', lines(LOST, LOST, LOST))
     assert figures.said()['trust'][0] == BAD and figures.said()['pose'] is None
+
+
+@pytest.mark.parametrize(
+    ('levels', 'state', 'words'),
+    [
+        (RunwayLevels(2.1, 1.26, 0.01), GOOD, 'confidence 90 %, protection level 2.1 m'),
+        (RunwayLevels(2.1, 4.5, 0.01), DOUBTFUL, 'confidence 90 %, alert: height'),
+        (
+            RunwayLevels(reason='confidence too low'),
+            DOUBTFUL,
+            'confidence 90 %, not available: confidence too low',
+        ),
+    ],
+)
+def test_a_pose_is_trusted_as_its_protection_level_says(levels, state, words):
+    figures = Figures('runway_detector', lambda: APPROACH)
+    figures.take('pose', pose_message((-500.0, 0.0, 50.0), LEVEL))
+    figures.take('line_params', lines((9.0, 0.9, False), (9.0, 0.9, False), LOST))
+    data = encode_integrity(levels, (3.0, 4.0), 0.05, cdr_header(0, 'camera'))
+    figures.take('integrity', deserialize_message(data, DiagnosticArray))
+    assert figures.said()['trust'] == (state, words)
+
+
+def test_the_thesis_scheme_needs_no_protection_level():
+    figures = Figures('runway_detector', lambda: {'mode': 'thesis'})
+    figures.take('line_params', lines((9.0, math.nan, False), (7.0, math.nan, False)))
+    data = encode_integrity(
+        RunwayLevels(reason='only mode approach has levels'), (0.0, 0.0), 0.05, cdr_header(0, '')
+    )
+    figures.take('integrity', deserialize_message(data, DiagnosticArray))
+    assert figures.said()['trust'] == (GOOD, '2 of 2 lines')
 
 
 def test_the_thesis_scheme_has_lines_and_those_held_are_doubted():

@@ -29,8 +29,8 @@ def demo(
 
     Leaves demo.mcap with all messages, and three figures: tanker, runway and roll.
     """
-    from mvuav_ros.cli.demo.panel import run_panel
-    from mvuav_ros.cli.demo.run import run_demo
+    from mvuav_ros.cli.demo.live_demo import run_demo
+    from mvuav_ros.cli.demo.panel_demo import run_panel
 
     # Of a checkout, or installed with the package.
     folder = bags or shipped_folder('bags')

@@ -3,25 +3,87 @@
 from __future__ import annotations
 
 import time
+from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 from sensor_msgs.msg import Image
 
 from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
-from mvuav_ros.cli.demo.flights import Flight, demo_flights
-from mvuav_ros.cli.demo.recorder import Recorder
-from mvuav_ros.cli.processes import NodeProcesses
+from mvuav_ros.cli.demo.sample_flights import SampleFlight, demo_flights
+from mvuav_ros.cli.node_processes import NodeProcesses
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
-LONGEST = 50.0
+RATE_WINDOW = 2.0
+EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+
+
+class DemoRecorder(Node):
+    """Writes every message as it came over DDS.
+
+    Keeps the ``newest`` of each topic but images', their ``counts``, and ``latency_ms``: the median
+    of each processing node, from ``/diagnostics``.
+    """
+
+    def __init__(self, topics: dict[str, type], writer: RecordingWriter, context: Any) -> None:
+        super().__init__('demo_recorder', context=context)
+        self.newest: dict[str, Any] = {}
+        self.counts = dict.fromkeys(topics, 0)
+        self.latency_ms: dict[str, str] = {}
+        self.changed_at = time.monotonic()
+        self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
+        self._writer = writer
+        for topic, kind in topics.items():
+            self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def hears(self, topics: Iterable[str]) -> bool:
+        """Whether each of the topics has a publisher."""
+        return all(self.count_publishers(topic) > 0 for topic in topics)
+
+    def rate(self, topic: str) -> float:
+        """Messages per second in the moments before the newest one."""
+        arrivals = self._arrivals[topic]
+        while arrivals and arrivals[0] < arrivals[-1] - RATE_WINDOW:
+            arrivals.popleft()
+        return len(arrivals) / RATE_WINDOW
+
+    def _keeper(self, topic: str, kind: type) -> Any:
+        name = type_name(kind)
+
+        def keep(data: bytes) -> None:
+            self._writer.write(topic, name, time.time_ns(), data)
+            self.counts[topic] += 1
+            self.changed_at = time.monotonic()
+            self._arrivals[topic].append(self.changed_at)
+            if kind is not Image:
+                self.newest[topic] = deserialize_message(data, kind)
+
+        return keep
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            latency = values.get('latency_p50_ms', 'nan')
+            # After the flight there is none any more.
+            if latency != 'nan':
+                self.latency_ms[status.name] = latency
+
+
+MAX_DURATION = 50.0
 """Seconds; the demo ends by itself within a minute whatever happens."""
 SETTLING_TIME = 0.5
 """Seconds from the moment that a node is seen until its messages surely arrive."""
@@ -43,7 +105,7 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
     with RecordingWriter(bag, overwrite=True) as writer, NodeProcesses() as nodes:
         rclpy.init(context=context, domain_id=nodes.domain_id)
         try:
-            recorder = Recorder(_topics(flights), writer, context)
+            recorder = DemoRecorder(_topics(flights), writer, context)
             for flight in flights:
                 flight.start_node(nodes)
             _watch(flights, recorder, nodes, console)
@@ -53,7 +115,7 @@ def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
     return [bag, *_make_figures(flights, bag, out)]
 
 
-def _topics(flights: list[Flight]) -> dict[str, type]:
+def _topics(flights: list[SampleFlight]) -> dict[str, type]:
     topics: dict[str, type] = {}
     for flight in flights:
         topics[flight.image_topic] = Image
@@ -63,12 +125,12 @@ def _topics(flights: list[Flight]) -> dict[str, type]:
 
 
 def _watch(
-    flights: list[Flight], recorder: Recorder, nodes: NodeProcesses, console: Console
+    flights: list[SampleFlight], recorder: DemoRecorder, nodes: NodeProcesses, console: Console
 ) -> None:
     """Play the bags once the recorder hears every node, until every frame is answered."""
     executor = SingleThreadedExecutor(context=recorder.context)
     executor.add_node(recorder)
-    end = time.monotonic() + LONGEST
+    end = time.monotonic() + MAX_DURATION
     playing = False
     shown, ready_at = 0.0, None
     with Live(console=console, auto_refresh=False) as live:
@@ -90,10 +152,10 @@ def _watch(
     executor.shutdown()
     for flight in flights:
         if not recorder.counts[flight.main]:
-            raise SourceError(f'{flight.node_name} published nothing within {LONGEST:.0f} s')
+            raise SourceError(f'{flight.node_name} published nothing within {MAX_DURATION:.0f} s')
 
 
-def _start_sources(flights: list[Flight], nodes: NodeProcesses) -> None:
+def _start_sources(flights: list[SampleFlight], nodes: NodeProcesses) -> None:
     """Play each bag once, however many nodes look at it."""
     by_bag = {flight.bag: flight for flight in flights}
     for bag, flight in by_bag.items():
@@ -101,7 +163,7 @@ def _start_sources(flights: list[Flight], nodes: NodeProcesses) -> None:
         flight.start_source(nodes, wait_for_subscribers=str(listeners))
 
 
-def _screen(flights: list[Flight], recorder: Recorder) -> Group:
+def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
     parts: list[Any] = []
     for flight in flights:
         start = f'{flight.node}/'
@@ -119,7 +181,7 @@ def _screen(flights: list[Flight], recorder: Recorder) -> Group:
     return Group(*parts)
 
 
-def _make_figures(flights: list[Flight], bag: Path, out: Path) -> list[Path]:
+def _make_figures(flights: list[SampleFlight], bag: Path, out: Path) -> list[Path]:
     flown = {flight.name: flight.bag for flight in flights}
     made = []
     if 'tanker' in flown:

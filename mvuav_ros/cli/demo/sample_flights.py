@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from mvuav_ros.cli.processes import NodeProcesses
+from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.images import IMAGE
 from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
@@ -28,7 +28,7 @@ _SIDES = {LineRole.LEFT_EDGE: 'left edge', LineRole.RIGHT_EDGE: 'right edge'}
 
 
 @dataclass(frozen=True)
-class Flight:
+class SampleFlight:
     """A sample bag and the node that looks at it.
 
     Attributes:
@@ -178,7 +178,7 @@ def _number(value: float) -> str:
     return '-' if math.isnan(value) else f'{value:.1f}'
 
 
-def panel_flights(bags: Path) -> list[Flight]:
+def panel_flights(bags: Path) -> list[SampleFlight]:
     """One node for each sample bag in a folder.
 
     Raises:
@@ -188,11 +188,11 @@ def panel_flights(bags: Path) -> list[Flight]:
     # The bag has a calibration; the width of its runway makes a pose of the lines.
     approach = {'mode': 'approach', 'runway_width': '30.0'}
     flights = [
-        Flight(
+        SampleFlight(
             *(tanker, MarkerTrackerProcessor, 'marker_tracker', 'markers', marker_table),
             title='five lights',
         ),
-        Flight(
+        SampleFlight(
             *(runway, RunwayDetectorProcessor, 'runway_detector', 'line_params', approach_table),
             parameters=approach,
             title='approach',
@@ -201,13 +201,13 @@ def panel_flights(bags: Path) -> list[Flight]:
     return _present(flights, bags)
 
 
-def demo_flights(bags: Path) -> list[Flight]:
+def demo_flights(bags: Path) -> list[SampleFlight]:
     """The same, and the thesis's runway scheme beside mode approach.
 
     Raises:
         SourceError: there are none.
     """
-    thesis = Flight(
+    thesis = SampleFlight(
         *(bags / 'runway.mcap', RunwayDetectorProcessor, 'runway_thesis', 'line_params'),
         make_table=thesis_table,
         title='thesis',
@@ -215,7 +215,7 @@ def demo_flights(bags: Path) -> list[Flight]:
     return _present([*panel_flights(bags), thesis], bags)
 
 
-def _present(flights: list[Flight], bags: Path) -> list[Flight]:
+def _present(flights: list[SampleFlight], bags: Path) -> list[SampleFlight]:
     present = [flight for flight in flights if flight.bag.is_file()]
     if not present:
         raise SourceError(f'{bags}: no sample bags there')
