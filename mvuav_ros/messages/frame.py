@@ -1,4 +1,4 @@
-"""One image with its time, and how a message becomes one."""
+"""One image with its time, and how a message becomes one, live and in replay."""
 
 from __future__ import annotations
 
@@ -10,20 +10,68 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.definitions import normalised_type
 from mvuav_ros.messages.image_files import MAX_PIXELS
-from mvuav_ros.messages.images import VideoPacket, codec_of, decode_image, view_image
+from mvuav_ros.messages.images import (
+    IMAGE,
+    CodedImage,
+    codec_of,
+    decode_compressed_image,
+    decode_image,
+    view_coded_image,
+    view_image,
+)
 from mvuav_ros.messages.untrusted import LONGEST_LINE, words
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 
+OPTICAL_FRAME = 'camera_optical_frame'
+"""Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
+
 _STAMP = struct.Struct('<iI')
-_STAMP_AT, _STAMP_END = 4, 12
+_STAMP_START, _STAMP_END = 4, 12
 _NS = 1_000_000_000
+# A frame may come out behind so many others, by the standards of H.264 and H.265.
+_MAX_WAITING = 32
+_NOT_DECODED = (
+    'its packet does not decode: the frames before it that it needs are missing, or it is damaged '
+    'or too large'
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image with its time (ns) and the name of its coordinate frame.
+
+    Attributes:
+        camera: the calibration, usable or not, that holds for it; None where there is none.
+        attitude: of the body that carries the camera, at that time; None where it is not known.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    image: Image
+    camera: CameraModel | None = None
+    attitude: Attitude | None = None
+
+
+@dataclass(frozen=True)
+class BadFrame:
+    """An image that was there but cannot be used, with the reason in one visible line."""
+
+    stamp_ns: int
+    reason: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'reason', words(self.reason, LONGEST_LINE))
 
 
 class _Layout(NamedTuple):
-    """What the messages of a camera have in common; `fields` stand between stamp and pixels."""
+    """What the Image messages of a camera have in common.
+
+    ``fields`` stand between the stamp and the pixels.
+    """
 
     size: int
     encapsulation: bytes
@@ -36,31 +84,42 @@ class _Layout(NamedTuple):
     strides: tuple[int, ...]
 
 
-class RawImageDecoder:
-    """Decodes a topic of sensor_msgs/Image.
+class ImageDecoder:
+    """Decodes Image and CompressedImage messages; the same for live nodes and recordings.
 
-    What stands before the pixels is read and judged only where the last message had it otherwise.
+    What stands before the pixels of an Image is read and judged only where the last message had it
+    otherwise: the messages of one camera differ in stamp and pixels alone.
     """
 
     def __init__(self) -> None:
         self._layout: _Layout | None = None
 
-    def decode(self, message: bytes) -> tuple[int, str, Image]:
-        """The stamp (ns), the frame and the image of a message in CDR, its pixels not copied.
+    def decode(self, type_name: str, message: bytes | memoryview) -> Frame:
+        """The frame in a message in CDR; the pixels of an Image are not copied.
 
         Raises:
             ImageError: the message is damaged, or its image cannot be used.
         """
-        layout = self._layout
-        if layout is None or not _has(message, layout):
-            return self._read(message)
-        seconds, nanoseconds = _STAMP.unpack_from(message, _STAMP_AT)
-        if nanoseconds >= _NS:
-            return self._read(message)
-        pixels: Any = np.ndarray(layout.shape, layout.dtype, message, layout.start, layout.strides)
-        return seconds * _NS + nanoseconds, layout.frame_id, Image(pixels, layout.encoding)
+        if type_name != IMAGE and normalised_type(type_name) != IMAGE:
+            coded = view_coded_image(type_name, message)
+            return Frame(coded.stamp_ns, coded.frame_id, decode_compressed_image(coded))
+        known = self._layout
+        if (
+            known is not None
+            and len(message) == known.size
+            and message[:_STAMP_START] == known.encapsulation
+            and message[_STAMP_END : known.start] == known.fields
+        ):
+            seconds, nanoseconds = _STAMP.unpack_from(message, _STAMP_START)
+            if nanoseconds < _NS:
+                pixels: Any = np.ndarray(
+                    known.shape, known.dtype, message, known.start, known.strides
+                )
+                image = Image(pixels, known.encoding)
+                return Frame(seconds * _NS + nanoseconds, known.frame_id, image)
+        return self._read(message)
 
-    def _read(self, message: bytes) -> tuple[int, str, Image]:
+    def _read(self, message: bytes | memoryview) -> Frame:
         view = view_image(message)
         image = decode_image(view)
         octets, pixels = np.frombuffer(message, np.uint8), image.pixels
@@ -69,8 +128,8 @@ class RawImageDecoder:
             start = pixels.ctypes.data - octets.ctypes.data
             self._layout = _Layout(
                 size=len(message),
-                encapsulation=message[:_STAMP_AT],
-                fields=message[_STAMP_END:start],
+                encapsulation=bytes(message[:_STAMP_START]),
+                fields=bytes(message[_STAMP_END:start]),
                 frame_id=view.frame_id,
                 encoding=image.encoding,
                 shape=pixels.shape,
@@ -78,27 +137,11 @@ class RawImageDecoder:
                 start=start,
                 strides=pixels.strides,
             )
-        return view.stamp_ns, view.frame_id, image
+        return Frame(view.stamp_ns, view.frame_id, image)
 
 
-def _has(message: bytes, layout: _Layout) -> bool:
-    return (
-        len(message) == layout.size
-        and message.startswith(layout.encapsulation)
-        and message.startswith(layout.fields, _STAMP_END)
-    )
-
-
-# A frame may come out behind so many others, by the standards of H.264 and H.265.
-_MOST_WAITING = 32
-_NOT_DECODED = (
-    'its packet does not decode: the frames before it that it needs are missing, or it is damaged '
-    'or too large'
-)
-
-
-class VideoTopic:
-    """Decodes packet by packet; every packet becomes one frame, or one that cannot be used."""
+class VideoDecoder:
+    """Decodes a video packet by packet; each becomes one frame, or one that cannot be used."""
 
     def __init__(self, *, low_delay: bool = False) -> None:
         """Begin a topic.
@@ -110,9 +153,9 @@ class VideoTopic:
         self._codec = ''
         self._decoder: Any = None
         self._number = 0
-        self._waiting: dict[int, tuple[VideoPacket, bool]] = {}
+        self._waiting: dict[int, tuple[CodedImage, bool]] = {}
 
-    def frames(self, packet: VideoPacket, wanted: bool) -> Iterator[Frame | BadFrame]:
+    def frames(self, packet: CodedImage, wanted: bool) -> Iterator[Frame | BadFrame]:
         """Decode a packet; frames that are not wanted are only needed for those after them."""
         codec = codec_of(packet.format)
         if not codec:
@@ -129,7 +172,7 @@ class VideoTopic:
         else:
             # The decoder would take it for the end of the video.
             yield from self._unusable(self._number, 'its packet is empty')
-        for number in [key for key in self._waiting if key <= self._number - _MOST_WAITING]:
+        for number in [key for key in self._waiting if key <= self._number - _MAX_WAITING]:
             yield from self._unusable(number)
 
     def end(self) -> Iterator[Frame | BadFrame]:
@@ -173,42 +216,11 @@ class VideoTopic:
             yield BadFrame(packet.stamp_ns, reason)
 
 
-def _frame(packet: VideoPacket, decoded: Any) -> Frame | BadFrame:
+def _frame(packet: CodedImage, decoded: Any) -> Frame | BadFrame:
     try:
         return Frame(packet.stamp_ns, packet.frame_id, upright(decoded))
     except (OSError, ValueError, MemoryError) as error:
         return BadFrame(packet.stamp_ns, f'{decoded.width} x {decoded.height} pixels: {error}')
-
-
-OPTICAL_FRAME = 'camera_optical_frame'
-"""Frame of images whose source names none (REP-103: x right, y down, z ahead)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One image with its time (ns) and the name of its coordinate frame.
-
-    Attributes:
-        camera: the calibration, usable or not, that holds for it; None where there is none.
-        attitude: of the body that carries the camera, at that time; None where it is not known.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    image: Image
-    camera: CameraModel | None = None
-    attitude: Attitude | None = None
-
-
-@dataclass(frozen=True)
-class BadFrame:
-    """An image that was there but cannot be used, with the reason in one visible line."""
-
-    stamp_ns: int
-    reason: str
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, 'reason', words(self.reason, LONGEST_LINE))
 
 
 def upright(frame: Any) -> Image:

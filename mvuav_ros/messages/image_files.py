@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.image import Image, ImageError
 
+MAX_PIXELS = 1 << 26
+"""64 megapixels: beyond this a header is taken for damaged, not for a camera's."""
+
 _PNG_START = b'\x89PNG\r\n\x1a\n\0\0\0\rIHDR'
 _JPEG_START = b'\xff\xd8'
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD8)})
 _JPEG_SCAN, _JPEG_END = 0xDA, 0xD9
-_MOST_SEGMENTS = 10_000
+_MAX_SEGMENTS = 10_000
 _TIFF_ORDERS = {b'II*\0': '<', b'MM\0*': '>'}
 _TIFF_SIZES = {3: 'H', 4: 'I'}
 _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
@@ -75,7 +78,7 @@ def _tiff_size(view: memoryview, order: str) -> tuple[int, int] | None:
 
 def _jpeg_size(view: memoryview) -> tuple[int, int] | None:
     position = len(_JPEG_START)
-    for _ in range(_MOST_SEGMENTS):
+    for _ in range(_MAX_SEGMENTS):
         if position + 4 > len(view) or view[position] != 0xFF:
             return None
         marker = view[position + 1]
@@ -101,9 +104,6 @@ def _unpack(layout: str, view: memoryview, offset: int) -> tuple[int, int] | Non
     return first, second
 
 
-MAX_PIXELS = 1 << 26  # 64 megapixels: beyond this a header is taken for damaged, not for a camera's
-
-
 def decode_image_file(data: NDArray[np.uint8]) -> Image:
     """As `decode_file_bytes`, but not of a file whose header claims too many pixels.
 
@@ -114,13 +114,14 @@ def decode_image_file(data: NDArray[np.uint8]) -> Image:
     """
     size = compressed_size(data)
     if size is not None:
-        _check_size(*size)
+        check_size(*size)
     # With IMREAD_UNCHANGED, which keeps alpha, OpenCV does not look at the tag.
     is_jpeg = bytes(data[:2]) == b'\xff\xd8'
     return decode_file_bytes(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg else -1)
 
 
-def _check_size(width: int, height: int) -> None:
+def check_size(width: int, height: int) -> None:
+    """Raise ImageError of a size (px) that no camera has."""
     if width == 0 or height == 0:
         raise ImageError(f'the image is empty ({width} x {height})')
     if width * height > MAX_PIXELS:

@@ -18,13 +18,20 @@ from mvuav_ros.messages.cdr import CdrReader, CdrWriter
 from mvuav_ros.messages.definitions import normalised_type
 from mvuav_ros.messages.image_files import (
     MAX_PIXELS,
-    _check_size,
+    check_size,
     compressed_size,
     decode_file_bytes,
 )
-from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
+IMAGE = 'sensor_msgs/msg/Image'
+COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+FFMPEG_PACKET = 'ffmpeg_image_transport_msgs/msg/FFMPEGPacket'
+COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
+
+_TYPES = (IMAGE, COMPRESSED_IMAGE, FFMPEG_PACKET, COMPRESSED_VIDEO)
+_CODECS = ('h264', 'hevc', 'vp8', 'vp9', 'av1', 'mpeg4', 'mjpeg')
+_OTHER_NAMES = {'h265': 'hevc', 'libx264': 'h264', 'libx265': 'hevc', 'x264': 'h264'}
 _MEASURED = ('32FC', '64FC', '32SC', '16SC', '8SC')
 
 
@@ -44,6 +51,95 @@ class CompressedImageMessage(Protocol):
 
     format: str
     data: Any
+
+
+@dataclass(slots=True)
+class RawImage:
+    """The fields of a sensor_msgs/Image, ``data`` being a view."""
+
+    stamp_ns: int
+    frame_id: str
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: int
+    step: int
+    data: Any
+
+
+@dataclass(slots=True)
+class CodedImage:
+    """A sensor_msgs/CompressedImage, or a packet of a video; ``data`` is a view.
+
+    ``format`` names the codec in the message's own way.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    format: str
+    data: Any
+    is_video: bool
+
+
+def is_image_type(type_name: str) -> bool:
+    """Whether messages of that type are images, compressed or not, or packets of a video."""
+    return normalised_type(type_name) in _TYPES
+
+
+def codec_of(name: str) -> str:
+    """FFmpeg's name of a codec that a message names in one way or another; '' if unknown."""
+    name = name.lower().split(';')[0].strip()
+    name = _OTHER_NAMES.get(name, name)
+    # Encoders' names begin with the codec's: h264_nvenc.
+    return next((codec for codec in _CODECS if name.split('_')[0] == codec), '')
+
+
+def stamp_ns_in(message: bytes | memoryview) -> int:
+    """The stamp (ns) of any serialized message that begins with a header.
+
+    Raises:
+        ImageError: the bytes are no such message.
+    """
+    return CdrReader(message).header()[0]
+
+
+def view_image(message: bytes | memoryview) -> RawImage:
+    """Read a serialized sensor_msgs/Image without copying its pixels.
+
+    Raises:
+        ImageError: the bytes are no such message.
+    """
+    reader = CdrReader(message)
+    stamp_ns, frame_id = reader.header()
+    height, width = reader.numbers('II')
+    encoding = reader.text('encoding')
+    (is_bigendian,) = reader.numbers('B')
+    (step,) = reader.numbers('I')
+    return RawImage(
+        stamp_ns, frame_id, height, width, encoding, is_bigendian, step, reader.octets()
+    )
+
+
+def view_coded_image(type_name: str, message: bytes | memoryview) -> CodedImage:
+    """Read a serialized CompressedImage, FFMPEGPacket or CompressedVideo, its data not copied.
+
+    Raises:
+        ImageError: the bytes are no such message.
+    """
+    reader = CdrReader(message)
+    stamp_ns, frame_id = reader.header()
+    kind = normalised_type(type_name)
+    if kind == COMPRESSED_VIDEO:
+        data = reader.octets()
+        return CodedImage(stamp_ns, frame_id, reader.text('format'), data, True)
+    if kind == FFMPEG_PACKET:
+        _width, _height = reader.numbers('ii')
+        encoding = reader.text('encoding')
+        _pts = reader.numbers('Q')
+        _flags, _is_bigendian = reader.numbers('BB')
+        return CodedImage(stamp_ns, frame_id, encoding, reader.octets(), True)
+    name = reader.text('format')
+    return CodedImage(stamp_ns, frame_id, name, reader.octets(), bool(codec_of(name)))
 
 
 def decode_image(message: ImageMessage) -> Image:
@@ -117,7 +213,7 @@ def check_compressed_image(message: CompressedImageMessage) -> tuple[int, int]:
             f'{len(data)} bytes of compressed data do not decode: no JPEG, PNG, WebP or TIFF '
             f'(format {message.format[:40]!r})'
         )
-    _check_size(*size)
+    check_size(*size)
     return size
 
 
@@ -130,67 +226,6 @@ def _unknown_encoding(name: str) -> str:
 def _bytes_of(data: Any) -> NDArray[np.uint8]:
     """``data`` (array.array, bytes or uint8 array) as a flat uint8 array, not copied."""
     return np.frombuffer(data, np.uint8) if len(data) else np.empty(0, np.uint8)
-
-
-@dataclass(slots=True)
-class SerializedImage:
-    """The fields of a sensor_msgs/Image, ``data`` being a view."""
-
-    stamp_ns: int
-    frame_id: str
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: Any
-
-
-@dataclass(slots=True)
-class SerializedCompressedImage:
-    """The fields of a sensor_msgs/CompressedImage, ``data`` being a view."""
-
-    stamp_ns: int
-    frame_id: str
-    format: str
-    data: Any
-
-
-def stamp_ns_in(message: bytes) -> int:
-    """The stamp (ns) of any serialized message that begins with a header.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
-    return CdrReader(message).header()[0]
-
-
-def view_image(message: bytes | memoryview) -> SerializedImage:
-    """Read a serialized sensor_msgs/Image without copying its pixels.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
-    reader = CdrReader(message)
-    stamp_ns, frame_id = reader.header()
-    height, width = reader.numbers('II')
-    encoding = reader.text('encoding')
-    (is_bigendian,) = reader.numbers('B')
-    (step,) = reader.numbers('I')
-    return SerializedImage(
-        stamp_ns, frame_id, height, width, encoding, is_bigendian, step, reader.octets()
-    )
-
-
-def view_compressed_image(message: bytes | memoryview) -> SerializedCompressedImage:
-    """Read a serialized sensor_msgs/CompressedImage without copying its data.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
-    reader = CdrReader(message)
-    stamp_ns, frame_id = reader.header()
-    return SerializedCompressedImage(stamp_ns, frame_id, reader.text('format'), reader.octets())
 
 
 def serialize_image(image: Image, header: bytes) -> bytes:
@@ -217,84 +252,3 @@ def serialize_compressed_image(kind: str, data: bytes, header: bytes) -> bytes:
     writer.text(kind)
     writer.octets(data)
     return writer.message()
-
-
-FFMPEG_PACKET = 'ffmpeg_image_transport_msgs/msg/FFMPEGPacket'
-COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
-
-_CODECS = ('h264', 'hevc', 'vp8', 'vp9', 'av1', 'mpeg4', 'mjpeg')
-_OTHER_NAMES = {'h265': 'hevc', 'libx264': 'h264', 'libx265': 'hevc', 'x264': 'h264'}
-
-
-@dataclass(slots=True)
-class VideoPacket:
-    """One frame's bytes; ``format`` names the codec in the message's own way."""
-
-    stamp_ns: int
-    frame_id: str
-    format: str
-    data: Any
-
-
-def codec_of(name: str) -> str:
-    """FFmpeg's name of a codec that a message names in one way or another; '' if unknown."""
-    name = name.lower().split(';')[0].strip()
-    name = _OTHER_NAMES.get(name, name)
-    # Encoders' names begin with the codec's: h264_nvenc.
-    return next((codec for codec in _CODECS if name.split('_')[0] == codec), '')
-
-
-def view_ffmpeg_packet(message: bytes | memoryview) -> VideoPacket:
-    """Read an FFMPEGPacket of ffmpeg_image_transport.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
-    reader = CdrReader(message)
-    stamp_ns, frame_id = reader.header()
-    _width, _height = reader.numbers('ii')
-    encoding = reader.text('encoding')
-    _pts = reader.numbers('Q')
-    _flags, _is_bigendian = reader.numbers('BB')
-    return VideoPacket(stamp_ns, frame_id, encoding, reader.octets())
-
-
-def view_compressed_video(message: bytes | memoryview) -> VideoPacket:
-    """Read a CompressedVideo of Foxglove.
-
-    Raises:
-        ImageError: the bytes are no such message.
-    """
-    reader = CdrReader(message)
-    stamp_ns, frame_id = reader.header()
-    data = reader.octets()
-    return VideoPacket(stamp_ns, frame_id, reader.text('format'), data)
-
-
-IMAGE = 'sensor_msgs/msg/Image'
-COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
-_VIDEO = {FFMPEG_PACKET: view_ffmpeg_packet, COMPRESSED_VIDEO: view_compressed_video}
-
-
-def is_image_type(type_name: str) -> bool:
-    """Whether messages of that type are images, compressed or not, or packets of a video."""
-    return normalised_type(type_name) in (IMAGE, COMPRESSED_IMAGE, *_VIDEO)
-
-
-def video_packet(type_name: str, data: bytes | memoryview) -> VideoPacket | None:
-    """The packet of a video that a message carries; None of one with an image of its own.
-
-    Raises:
-        MalformedMessageError: the bytes are not a message of that type.
-    """
-    kind = normalised_type(type_name)
-    try:
-        if kind in _VIDEO:
-            return _VIDEO[kind](data)
-        if kind == COMPRESSED_IMAGE:
-            coded = view_compressed_image(data)
-            if codec_of(coded.format):
-                return VideoPacket(coded.stamp_ns, coded.frame_id, coded.format, coded.data)
-    except ImageError as error:
-        raise MalformedMessageError(str(error)) from None
-    return None

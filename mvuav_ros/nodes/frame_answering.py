@@ -9,14 +9,14 @@ from threading import Lock
 
 from rclpy.node import Node
 
-from mvuav_ros.messages.frame import BadFrame, Frame, RawImageDecoder, VideoTopic
+from mvuav_ros.messages.frame import BadFrame, Frame, ImageDecoder, VideoDecoder
 from mvuav_ros.messages.images import (
-    VideoPacket,
-    codec_of,
-    decode_compressed_image,
-    view_compressed_image,
-    view_compressed_video,
-    view_ffmpeg_packet,
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    IMAGE,
+    CodedImage,
+    view_coded_image,
 )
 from mvuav_ros.messages.sensors import decode_camera_info
 from mvuav_ros.nodes.diagnostics import FrameStatistics, FrameTimes, StampMonitor
@@ -26,6 +26,13 @@ from mvuav_ros.processing.processor import DuplicateStampError, Processor
 from mvuav_ros.vision.image import ImageError
 
 _MOST_REMEMBERED = 64
+_TYPES = {
+    'raw': IMAGE,
+    'compressed': COMPRESSED_IMAGE,
+    'ffmpeg': FFMPEG_PACKET,
+    'foxglove': COMPRESSED_VIDEO,
+}
+"""Of the messages of a transport."""
 
 
 class FrameDecoder:
@@ -33,10 +40,10 @@ class FrameDecoder:
 
     def __init__(self, transport: str, image_topic: str = '') -> None:
         """Begin a topic of a transport; see the parameter ``image_transport``."""
-        self._transport = transport
+        self._type = _TYPES[transport]
         self._topic = image_topic
-        self._raw = RawImageDecoder()
-        self._video = VideoTopic(low_delay=True)
+        self._images = ImageDecoder()
+        self._video = VideoDecoder(low_delay=True)
         self._received: dict[int, ReceivedImage] = {}
 
     def frames(self, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
@@ -48,26 +55,12 @@ class FrameDecoder:
         data = received.data
         if isinstance(data, Frame):
             yield data
-        elif self._transport == 'raw':
-            yield self._completed(Frame(*self._raw.decode(data)), received)
-        elif (packet := self._packet(data)) is not None:
-            yield from self._of_video(packet, received)
+        elif self._type != IMAGE and (coded := view_coded_image(self._type, data)).is_video:
+            yield from self._of_video(coded, received)
         elif not received.is_skipped:
-            coded = view_compressed_image(data)
-            frame = Frame(coded.stamp_ns, coded.frame_id, decode_compressed_image(coded))
-            yield self._completed(frame, received)
+            yield self._completed(self._images.decode(self._type, data), received)
 
-    def _packet(self, data: bytes) -> VideoPacket | None:
-        if self._transport == 'ffmpeg':
-            return view_ffmpeg_packet(data)
-        if self._transport == 'foxglove':
-            return view_compressed_video(data)
-        coded = view_compressed_image(data)
-        if not codec_of(coded.format):
-            return None
-        return VideoPacket(coded.stamp_ns, coded.frame_id, coded.format, coded.data)
-
-    def _of_video(self, packet: VideoPacket, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
+    def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         self._received[packet.stamp_ns] = received
         while len(self._received) > _MOST_REMEMBERED:
             del self._received[next(iter(self._received))]

@@ -15,8 +15,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.messages import images as serialized_image
-from mvuav_ros.messages.images import decode_compressed_image, decode_image
+from mvuav_ros.messages.frame import ImageDecoder
+from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, stamp_ns_in
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.vision.image import Image, ImageError
@@ -80,9 +80,7 @@ def streams_of(node: LiveNode) -> list[ImageStream]:
 
 def decode(stream: ImageStream, data: bytes) -> Image:
     """A serialized message's image; ImageError where it cannot be used."""
-    if stream.compressed:
-        return decode_compressed_image(serialized_image.view_compressed_image(data))
-    return decode_image(serialized_image.view_image(data))
+    return ImageDecoder().decode(COMPRESSED_IMAGE if stream.compressed else IMAGE, data).image
 
 
 def encode_jpeg(image: Image) -> bytes:
@@ -183,5 +181,5 @@ class _Tap:
 
 def _age(data: bytes) -> str:
     """From a message's stamp until now, ms, where the stamp is of now."""
-    age = time.time() - 1e-9 * serialized_image.stamp_ns_in(data)
+    age = time.time() - 1e-9 * stamp_ns_in(data)
     return f' · {1e3 * age:.0f} ms' if 0.0 <= age < _MAX_LIVE_AGE else ''

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 
-from mvuav_ros.messages import images as serialized_image
 from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.messages.images import decode_image
+from mvuav_ros.messages.images import decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.frames import make_processors, process
 from mvuav_ros.offline.stopping import Stop
@@ -185,7 +184,7 @@ class _Lane:
             if name in TOPICS[self.kind]:
                 self._figures.take(name, deserialize_message(data, TOPICS[self.kind][name]))
             elif name == RESULT_OF_KIND[self.kind]:
-                jpeg = encode_jpeg(decode_image(serialized_image.view_image(data)))
+                jpeg = encode_jpeg(decode_image(view_image(data)))
         return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
 
 

@@ -6,12 +6,9 @@ from collections.abc import Generator, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import BadFrame, Frame, VideoTopic
-from mvuav_ros.messages.images import (
-    is_image_type,
-    video_packet,
-)
+from mvuav_ros.messages.definitions import decode_message, normalised_type
+from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
+from mvuav_ros.messages.images import IMAGE, is_image_type, view_coded_image
 from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, decode_camera_info, decode_imu, stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.reading import Recording, open_recording
@@ -26,8 +23,9 @@ from mvuav_ros.sources.source import (
     stamp_ns_of_image,
 )
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import ImageError
 
-_MOST_NAMES = 20
+_MAX_NAMES = 20
 
 
 def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
@@ -67,8 +65,8 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
 
 def _listed(names: Iterable[str]) -> str:
     shown = list(names)
-    more = f' and {len(shown) - _MOST_NAMES} more' if len(shown) > _MOST_NAMES else ''
-    return ', '.join(shown[:_MOST_NAMES]) + more
+    more = f' and {len(shown) - _MAX_NAMES} more' if len(shown) > _MAX_NAMES else ''
+    return ', '.join(shown[:_MAX_NAMES]) + more
 
 
 def _described(topic: TopicInfo) -> str:
@@ -176,7 +174,7 @@ class BagImages(FrameSource):
             companions.look_ahead(recording)
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
-        video = VideoTopic()
+        video = VideoDecoder()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
         topics = None if others else {self.topic, *companions.topics}
@@ -213,20 +211,21 @@ class BagImages(FrameSource):
 
 
 def _frames(
-    recorded: RecordedMessage, video: VideoTopic, wanted: bool
+    recorded: RecordedMessage, video: VideoDecoder, wanted: bool
 ) -> Iterator[EncodedFrame | Frame | BadFrame]:
     """What becomes of an image's message, or of a packet of a video."""
-    try:
-        packet = video_packet(recorded.type, recorded.data)
-    except MalformedMessageError as error:
-        yield BadFrame(recorded.stamp_ns, str(error))
-        return
-    if packet is not None:
-        packet.stamp_ns = packet.stamp_ns or recorded.stamp_ns
-        yield from video.frames(packet, wanted)
-    elif wanted:
-        stamp_ns = stamp_ns_of_image(recorded)
-        yield EncodedFrame(recorded, stamp_ns)
+    if normalised_type(recorded.type) != IMAGE:
+        try:
+            coded = view_coded_image(recorded.type, recorded.data)
+        except ImageError as error:
+            yield BadFrame(recorded.stamp_ns, str(error))
+            return
+        if coded.is_video:
+            coded.stamp_ns = coded.stamp_ns or recorded.stamp_ns
+            yield from video.frames(coded, wanted)
+            return
+    if wanted:
+        yield EncodedFrame(recorded, stamp_ns_of_image(recorded))
 
 
 AnyFrame = EncodedFrame | Frame

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
-from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.messages.images import decode_compressed_image, decode_image
-from mvuav_ros.messages.untrusted import LONGEST_LINE, MalformedMessageError, words
+from mvuav_ros.messages.frame import BadFrame, Frame, ImageDecoder
+from mvuav_ros.messages.images import stamp_ns_in
+from mvuav_ros.messages.untrusted import LONGEST_LINE, words
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.vision.approach.attitude import Attitude
@@ -18,9 +16,10 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _NS = 1_000_000_000
-_STAMP_END = 12
 _END_OF_TIME = 1 << 31
 """Seconds: a stamp has 32 bits for them."""
+_DECODER = ImageDecoder()
+"""Of this process; what it remembers of the last message makes it faster, and nothing else."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +38,13 @@ class EncodedFrame:
 
     def decoded(self) -> Frame | BadFrame:
         """The frame, or why there is none."""
-        frame = _frame(self.recorded)
-        if isinstance(frame, BadFrame):
-            return frame
-        return replace(frame, camera=self.camera, attitude=self.attitude)
+        try:
+            if not -_END_OF_TIME <= self.stamp_ns // _NS < _END_OF_TIME:
+                raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
+            frame = _DECODER.decode(self.recorded.type, self.recorded.data)
+        except ImageError as error:
+            return BadFrame(self.stamp_ns, str(error))
+        return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
 
     def without_data(self) -> EncodedFrame:
         """All but the message's bytes."""
@@ -56,27 +58,11 @@ class EncodedFrame:
 
 
 def stamp_ns_of_image(recorded: RecordedMessage) -> int:
-    """What the message's header says, which stands at its beginning whatever its type."""
-    if len(recorded.data) < _STAMP_END:
-        return recorded.stamp_ns
-    order = '<' if recorded.data[1] & 1 else '>'
-    seconds, nanoseconds = struct.unpack_from(f'{order}iI', recorded.data, 4)
-    return int(seconds * _NS + nanoseconds) or recorded.stamp_ns
-
-
-def _frame(recorded: RecordedMessage) -> Frame | BadFrame:
-    stamp_ns = recorded.stamp_ns
+    """What the message's header says; when it was recorded, if the header is 0 or damaged."""
     try:
-        message = decode_message(recorded.type, recorded.data)
-        header = message.header
-        stamp_ns = int(header.stamp.sec) * _NS + int(header.stamp.nanosec) or stamp_ns
-        if not -_END_OF_TIME <= stamp_ns // _NS < _END_OF_TIME:
-            raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
-        compressed = recorded.type.endswith('CompressedImage')
-        image = (decode_compressed_image if compressed else decode_image)(message)
-    except (ImageError, MalformedMessageError) as error:
-        return BadFrame(stamp_ns, str(error))
-    return Frame(stamp_ns, header.frame_id, image)
+        return stamp_ns_in(recorded.data) or recorded.stamp_ns
+    except ImageError:
+        return recorded.stamp_ns
 
 
 class SourceError(Exception):

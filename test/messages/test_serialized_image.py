@@ -10,10 +10,11 @@ from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import (
+    COMPRESSED_IMAGE,
     decode_image,
     serialize_compressed_image,
     serialize_image,
-    view_compressed_image,
+    view_coded_image,
     view_image,
 )
 from mvuav_ros.messages.sensors import make_header
@@ -53,7 +54,7 @@ def test_serialized_compressed_images_are_those_of_ros(frame_id):
         'jpeg', b'\xff\xd8image', cdr_header(STAMP_NS, frame_id)
     )
     assert deserialize_message(serialized, CompressedImage) == message
-    view = view_compressed_image(serialize_message(message))
+    view = view_coded_image(COMPRESSED_IMAGE, serialize_message(message))
     assert (view.stamp_ns, view.frame_id, view.format) == (STAMP_NS, frame_id, 'jpeg')
     assert bytes(view.data) == b'\xff\xd8image'
 

@@ -63,7 +63,7 @@ def test_the_least_sum_is_scipys_for_any_number_of_lines(rows, columns, random):
 def test_a_runway_of_few_lines_starts_without_scipy():
     """Its import takes longer than the rest of a node's start."""
     code = (
-        'import sys; import mvuav_ros.processing.runway_detector as d;'
+        'import sys; import mvuav_ros.processing.runway_processor as d;'
         'from mvuav_ros.vision.runway.correction import by_distance;'
         'import sys; import mvuav_ros.processing.runway_processor as d;'
         'from mvuav_ros.vision.runway.association import by_distance;'

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import RawImageDecoder
-from mvuav_ros.messages.images import decode_image, serialize_image, view_image
+from mvuav_ros.messages.frame import ImageDecoder
+from mvuav_ros.messages.images import IMAGE, decode_image, serialize_image, view_image
 from mvuav_ros.vision.image import Image, ImageError
 
 RANDOM = np.random.default_rng(0)
@@ -31,18 +31,19 @@ def check(decoder, data):
     expected = alone(data)
     if isinstance(expected, str):
         with pytest.raises(ImageError) as refused:
-            decoder.decode(data)
+            decoder.decode(IMAGE, data)
         assert str(refused.value) == expected
         return
-    stamp_ns, frame_id, image = decoder.decode(data)
-    assert (stamp_ns, frame_id, image.encoding) == (*expected[:2], expected[2].encoding)
+    frame = decoder.decode(IMAGE, data)
+    image = frame.image
+    assert (frame.stamp_ns, frame.frame_id, image.encoding) == (*expected[:2], expected[2].encoding)
     assert image.pixels.dtype == expected[2].pixels.dtype
     np.testing.assert_array_equal(image.pixels, expected[2].pixels)
     assert image.pixels.flags.writeable == expected[2].pixels.flags.writeable
 
 
 def test_a_stream_that_changes_now_and_then():
-    decoder = RawImageDecoder()
+    decoder = ImageDecoder()
     streams = [
         {},
         {'frame_id': 'nose'},
@@ -58,7 +59,7 @@ def test_a_stream_that_changes_now_and_then():
 
 
 def test_padded_rows_and_the_other_byte_order():
-    decoder = RawImageDecoder()
+    decoder = ImageDecoder()
     whole = message(shape=(4, 6))
     size = bytes([4, 0, 0, 0, 6, 0, 0, 0])
     padded = whole.replace(size, bytes([4, 0, 0, 0, 5, 0, 0, 0]))
@@ -74,7 +75,7 @@ def test_damage_after_a_good_image():
     good = message()
     for position in range(good.index(b'mono8') + 20):
         for value in (0, 1, 0x7F, 0xFF):
-            decoder = RawImageDecoder()
+            decoder = ImageDecoder()
             check(decoder, good)
             check(decoder, good[:position] + bytes([value]) + good[position + 1 :])
             check(decoder, good[:position])

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from support.coded_videos import number_in, packets
 
-from mvuav_ros.messages.frame import BadFrame, Frame, VideoTopic
-from mvuav_ros.messages.images import VideoPacket
+from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
+from mvuav_ros.messages.images import CodedImage
 
 
 def decoded(parts):
-    video = VideoTopic(low_delay=True)
+    video = VideoDecoder(low_delay=True)
     return [
         frame
         for stamp, data in enumerate(parts)
-        for frame in video.frames(VideoPacket(stamp, 'nose', 'h264', data), True)
+        for frame in video.frames(CodedImage(stamp, 'nose', 'h264', data, True), True)
     ]
 
 
