@@ -42,7 +42,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'known span': [(EdgeTrack, 'known_span', lambda self, strip: strip)],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
-    'jumps': [(EdgeTrack, '_watch', _returns(None))],
     'growth': [(Shape, 'grow', _returns(None))],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
     'colour': [(EdgeLook, 'coloured', property(_returns(False)))],

@@ -73,6 +73,12 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
     return from_rpy(roll, pitch, yaw)
 
 
+def is_upside_down(attitude: Attitude, mount: NDArray[np.float64]) -> bool:
+    """Whether a camera on `mount_matrix` would see the ground above the sky: a wrong attitude."""
+    up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
+    return bool(attitude.valid and up[1] > ATTITUDE.min_upside_down)
+
+
 def horizon_from(
     attitude: Attitude, camera: CameraModel, mount: NDArray[np.float64]
 ) -> HorizonLine | None:

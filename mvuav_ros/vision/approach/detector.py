@@ -13,6 +13,7 @@ from mvuav_ros.vision.approach.attitude import (
     Derotation,
     HorizonLine,
     horizon_from,
+    is_upside_down,
     line_through,
     mount_matrix,
 )
@@ -35,6 +36,7 @@ from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
 Segment = tuple[Point, Point]
+_UPSIDE_DOWN = 'the attitude says that the camera is upside down'
 
 
 class ApproachDetector:
@@ -82,7 +84,7 @@ class ApproachDetector:
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
         self._finder: Finder | None = None
-        self._had_attitude = False
+        self._had_attitude = self._upside_down = False
         self._shown: FollowedStrip | None = None
         self._lines.reset()
 
@@ -128,6 +130,8 @@ class ApproachDetector:
         if self._finder is None:
             self._finder = Finder(self._parameters.target)
         found = self._finder.step(image, self._horizon_of(attitude))
+        if self._upside_down:
+            found = replace(found, confidence=0.0, veto=_UPSIDE_DOWN)
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._lines.reset()
@@ -141,6 +145,7 @@ class ApproachDetector:
     def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
         """Where attitude says that the horizon is; None where the image must say it."""
         self.attitude_problem = ''
+        self._upside_down = False
         source = self._parameters.horizon_source
         if source == 'image':
             return None
@@ -155,6 +160,10 @@ class ApproachDetector:
         if camera is None:
             self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
             return None
+        if is_upside_down(attitude, self._mount):
+            self._upside_down = True
+            self.attitude_problem = _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
+            return None
         horizon = horizon_from(attitude, camera, self._mount)
         if horizon is None:
             self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
@@ -163,13 +172,13 @@ class ApproachDetector:
     def _doubtful(self, found: Found) -> bool:
         """Only a runway's confidence is a probability."""
         runway = self._parameters.target == 'runway'
-        return runway and found.confidence < self._parameters.min_confidence
+        return bool(found.veto) or (runway and found.confidence < self._parameters.min_confidence)
 
     def _why_absent(self, found: Found) -> str:
         target = self._parameters.target
         status = f'no {target}'
-        if found.unchanged and not found.confidence:
-            return status + f': the picture has not changed for {found.unchanged} frames'
+        if found.veto:
+            return f'{status}: {found.veto}'
         if found.track is not None:
             status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
@@ -277,14 +286,14 @@ class Found:
         confidence: of the track.
         level: the frame's derotation.
         horizon_row: on the levelled working image, if it is known.
-        unchanged: frames before this one that were the same.
+        veto: why no track is reported, whatever its confidence was; empty if nothing forbids it.
     """
 
     track: FollowedStrip | None
     confidence: float
     level: Derotation
     horizon_row: float | None
-    unchanged: int
+    veto: str = ''
 
 
 class Finder:
@@ -313,9 +322,19 @@ class Finder:
                 row = level.row_of(horizon.row)
                 sight = Sight.from_image(row, level.slope, height, self.tracker.best)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        frozen = self.tracker.unchanged > DETECTOR.frozen_frames
-        confidence = 0.0 if frozen else self.tracker.confidence
-        return Found(track, confidence, level, sight.row, self.tracker.unchanged)
+        veto = self._veto(sight.row)
+        confidence = 0.0 if veto else self.tracker.confidence
+        return Found(track, confidence, level, sight.row, veto)
+
+    def _veto(self, horizon_row: float | None) -> str:
+        """Why nothing is reported, if the picture is frozen or the best track is in the sky."""
+        unchanged, best = self.tracker.unchanged, self.tracker.best
+        if unchanged > (0 if best is None else DETECTOR.frozen_frames):
+            return f'the picture has not changed for {unchanged} frames'
+        if best is None or horizon_row is None:
+            return ''
+        _, y = best.shape.vanishing_point
+        return '' if y + best.near > horizon_row else 'the likeliest lies above the horizon'
 
 
 class LineFlags:

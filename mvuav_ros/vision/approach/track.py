@@ -183,16 +183,16 @@ class EdgeTrack(FollowedStrip):
         self.distinct = self.shoulders = 0.0
         self._look, self._lines = EdgeLook(), LinedEdges()
         self._clear = False
-        self._jumped = self._growth = 0.0
+        self._growth = 0.0
 
     @property
     def other_edges(self) -> float:
         """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
 
-        It is so with paved shoulders that are plain to see, and after an edge has jumped.
+        It is so with paved shoulders that are plain to see.
         """
         shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        return max(shoulders, self._jumped, self._lines.other)
+        return max(shoulders, self._lines.other)
 
     @property
     def shoulder_lines(self) -> float:
@@ -270,8 +270,7 @@ class EdgeTrack(FollowedStrip):
         return np.array([*strip[:4], *ends])
 
     def take_in(self, points: Edges, rows: NDArray[np.float64], view: View) -> None:
-        """Take in edges between two rows, which may show that an edge has jumped."""
-        self._watch(points)
+        """Take in edges between two rows."""
         self._update(points, float(0.3 * rows[0] + 0.7 * rows[1]), view.horizon)
 
     def _update(
@@ -280,20 +279,6 @@ class EdgeTrack(FollowedStrip):
         self.points = points
         self.shape.move_reference(row)
         self.shape.update(points, horizon)
-
-    def _watch(self, points: Edges) -> None:
-        """Whether an edge is farther from where it was than the tolerance."""
-        x, y, *slopes, _, near = (float(value) for value in self.strip())
-        allowed = tolerance((slopes[1] - slopes[0]) * near)
-        self._jumped *= 1.0 - TRACK.jump_memory
-        if self.age <= TRACK.young:
-            return
-        for edge, slope in zip(points, slopes, strict=True):
-            nearer = (edge.rows - edge.rows.mean() >= 0) & (edge.weights > 0)
-            if nearer.any():
-                away = edge.columns[nearer] - x - slope * (edge.rows[nearer] - y)
-                if abs(float(away.mean())) > allowed:
-                    self._jumped = 1.0
 
     def _ends_at(self, rows: NDArray[np.float64]) -> None:
         _, y = self.shape.vanishing_point

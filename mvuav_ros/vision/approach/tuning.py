@@ -33,6 +33,9 @@ class AttitudeTuning:
     # rad, of the camera's axis; beyond, the horizon is nowhere near the image
     max_pitch: float = math.radians(80.0)
     # tangent of half the angle between the horizon's two points that give its slope
+    min_upside_down: float = (
+        0.3  # cosine between image's down and world's up: banked beyond 107 deg
+    )
     half_base: float = 0.05
 
 
@@ -308,7 +311,6 @@ class TrackTuning:
     shoulder_memory: tuple[float, float] = (0.3, 0.1)
     # what of it makes them possible and certain. Run 3
     shoulder_range: tuple[float, float] = (0.3, 0.6)
-    jump_memory: float = 0.15  # share of a frame by which an edge that jumped is forgotten
     strips_around: int = 8  # tried around the mean each time
     miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
     # log odds below which nothing is reported, and lines are not worth their time
