@@ -20,7 +20,13 @@ from mvuav_ros.simulation.flight import (
     apply_gain,
     motion_blur,
 )
-from mvuav_ros.simulation.lights import LARGEST_RADIUS, Glares, Light, LightProfile, add_lights
+from mvuav_ros.simulation.light_drawing import (
+    LARGEST_RADIUS,
+    Glares,
+    Light,
+    LightProfile,
+    add_lights,
+)
 from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.settings import (
     ALL,

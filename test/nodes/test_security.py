@@ -108,7 +108,7 @@ def check_graph(graph, name):
 FORBIDDEN_MODULES = {'pickle', 'cPickle', 'dill', 'shelve', 'marshal', 'subprocess', 'pty'}
 FORBIDDEN_CALLS = {'eval', 'exec', 'compile', '__import__', 'system', 'popen', 'load_module'}
 # The demo and the benchmark start our own executables, from lists and without a shell.
-MAY_START_PROCESSES = {'cli/processes.py'}
+MAY_START_PROCESSES = {'cli/node_processes.py'}
 # What processes that we forked ourselves say to each other; never what a file or a network says.
 MAY_PICKLE = {'offline/processes.py', 'offline/replay/shared_buffer.py'}
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mvuav_ros.cli.processes import NodeProcess, NodeProcesses
+from mvuav_ros.cli.node_processes import NodeProcess, NodeProcesses
 from mvuav_ros.sources.source import SourceError
 
 SIZES = ((640, 480), (1280, 720), (1920, 1080))

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from mvuav_ros.cli.demo.sample_flights import panel_flights
-from mvuav_ros.cli.processes import NodeProcesses
+from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.sources.source import SourceError
 

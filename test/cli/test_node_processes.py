@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mvuav_ros.cli.processes import claim_domain
+from mvuav_ros.cli.node_processes import claim_domain
 
 
 def test_nobodys_file_is_opened_for_a_domain(
