@@ -161,6 +161,7 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
     Examples:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
+        >>> from mvuav_ros import load_parameters
         >>> with TemporaryDirectory() as folder:
         ...     file = Path(folder, 'mine.yaml')
         ...     _ = file.write_text('marker_tracker: {ros__parameters: {threshold: 0.6}}')
