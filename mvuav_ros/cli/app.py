@@ -112,7 +112,7 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
             with redirect_stdout(StringIO()) if as_json else nullcontext():
                 result, ending = _result(work, given)
             for account in accounts:
-                if not account.is_told and (ending is None or isinstance(ending, typer.Exit)):
+                if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
                     tell_account(account)
         if as_json:
             _print_json(result, accounts)

@@ -13,7 +13,7 @@ from functools import lru_cache
 from mvuav_ros.vision.image import ImageError
 
 _ENCAPSULATION = b'\0\1\0\0'  # Plain CDR, little endian
-LONGEST_NAME = 1024
+MAX_NAME = 1024
 """Bytes; a longer frame_id or encoding is damage, and is not carried on into every result."""
 _BIG_ENDIAN, _LITTLE_ENDIAN = (0, 6), (1, 7)  # Second byte of plain CDR, version 1 and 2
 _LENGTH = struct.Struct('<I')
@@ -117,9 +117,9 @@ class CdrReader:
             raise ImageError(f'the message ends after {len(self._view)} bytes') from None
 
     def text(self, name: str) -> str:
-        """A string, `LONGEST_NAME` at most; ``name`` is for the error."""
+        """A string, `MAX_NAME` at most; ``name`` is for the error."""
         (length,) = self.numbers('I')
-        if length > LONGEST_NAME:
+        if length > MAX_NAME:
             raise ImageError(f'{name} has {length} bytes')
         return str(self._take(length), 'utf-8', 'replace').split('\0', 1)[0]
 

@@ -67,9 +67,9 @@ def type_hash(type_name: str) -> str:
 _HEADER = 'std_msgs/msg/Header'
 _HEADER_DEFINITION = 'builtin_interfaces/Time stamp\nstring frame_id\n'
 # The longest that are known (Autoware's) have some thousand lines.
-_LONGEST_DEFINITION = 1 << 17
-_MOST_NUMBERS = 100_000
-_DEEPEST = 32
+_MAX_DEFINITION = 1 << 17
+_MAX_NUMBERS = 100_000
+_MAX_DEPTH = 32
 _STRING = 'string'
 _PARSE_ERRORS = (
     TypesysError,
@@ -98,7 +98,7 @@ class Ros1Type:
         # A store per type: two topics' definitions may contradict each other.
         self._store = get_typestore(Stores.EMPTY)
         try:
-            if len(definition) > _LONGEST_DEFINITION:
+            if len(definition) > _MAX_DEFINITION:
                 raise ValueError('its definition is implausibly long')
             types: dict[str, Any] = dict(get_types_from_msg(definition, name))
             if _HEADER in types:
@@ -139,29 +139,29 @@ class _Sizes:
     """The number of values that a message of each type holds at least.
 
     A type that holds itself, or thousands of others, or a sequence of nothing would keep the
-    generated converters busy for ever.
+    generated converters busy forever.
     """
 
     def __init__(self, types: dict[str, Any]) -> None:
         self._types = types
-        self._least: dict[str, int | None] = {}
+        self._min_count: dict[str, int | None] = {}
         self._depth = 0
 
     def check(self) -> None:
         """Raise ValueError where a type is none of a message that somebody would record."""
         for name in self._types:
-            if self._of_type(name) > _MOST_NUMBERS:
+            if self._of_type(name) > _MAX_NUMBERS:
                 raise ValueError(f'{name} is too complex')
 
     def _of_type(self, name: str) -> int:
-        if name not in self._least:
-            self._least[name] = None
+        if name not in self._min_count:
+            self._min_count[name] = None
             self._depth += 1
-            if self._depth > _DEEPEST:
+            if self._depth > _MAX_DEPTH:
                 raise ValueError(f'{name} is nested too deeply')
-            self._least[name] = sum(self._of_field(kind) for _, kind in self._types[name][1])
+            self._min_count[name] = sum(self._of_field(kind) for _, kind in self._types[name][1])
             self._depth -= 1
-        least = self._least[name]
+        least = self._min_count[name]
         if least is None:
             raise ValueError(f'{name} contains itself')
         return least

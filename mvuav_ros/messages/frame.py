@@ -21,7 +21,7 @@ from mvuav_ros.messages.images import (
     view_coded_image,
     view_image,
 )
-from mvuav_ros.messages.untrusted import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
@@ -64,7 +64,7 @@ class BadFrame:
     reason: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'reason', words(self.reason, LONGEST_LINE))
+        object.__setattr__(self, 'reason', words(self.reason, MAX_LINE))
 
 
 class _Layout(NamedTuple):

@@ -15,7 +15,7 @@ from mvuav_ros.messages.untrusted import MalformedMessageError
 
 _NUMBERS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 """NumPy's names of sensor_msgs/PointField's datatypes."""
-_MOST_FIELDS = 256
+_MAX_FIELDS = 256
 
 
 def view_points(message: Any) -> NDArray[np.void]:
@@ -29,7 +29,7 @@ def view_points(message: Any) -> NDArray[np.void]:
         MalformedMessageError: its fields are not like that, or its data are too few.
     """
     end = 0
-    if len(message.fields) > _MOST_FIELDS:
+    if len(message.fields) > _MAX_FIELDS:
         raise MalformedMessageError(f'it has {len(message.fields)} fields')
     for field in sorted(message.fields, key=lambda each: each.offset):
         if field.datatype not in _NUMBERS:

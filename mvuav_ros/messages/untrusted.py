@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import unicodedata
 
-LONGEST_WORDS = 200
-LONGEST_LINE = 2000
-_MOST_MARKS = 2
+MAX_WORDS = 200
+MAX_LINE = 2000
+_MAX_MARKS = 2
 """Combining marks on one letter; towers of them cover other lines."""
 _UNKNOWN = '\N{REPLACEMENT CHARACTER}'
 
 
-def visible(text: object, longest: int = LONGEST_LINE) -> str:
+def visible(text: object, longest: int = MAX_LINE) -> str:
     r"""One line of visible characters, with its spaces, cut where it is too long.
 
     >>> visible('camera  \x1b[2J\u202egpj')
@@ -38,12 +38,12 @@ def visible(text: object, longest: int = LONGEST_LINE) -> str:
             # Unseen: direction overrides, joiners, private use.
             continue
         marks = marks + 1 if category[0] == 'M' else 0
-        if marks <= _MOST_MARKS:
+        if marks <= _MAX_MARKS:
             shown.append(letter)
     return ''.join(shown)
 
 
-def words(text: object, longest: int = LONGEST_WORDS) -> str:
+def words(text: object, longest: int = MAX_WORDS) -> str:
     r"""As `visible`, with single spaces: what stands within a sentence.
 
     >>> words(' a topic\n\tof  two lines')
@@ -60,4 +60,4 @@ class MalformedMessageError(ValueError):
     """A message whose bytes are not what its type asks for; one visible line."""
 
     def __init__(self, text: object) -> None:
-        super().__init__(words(text, LONGEST_LINE))
+        super().__init__(words(text, MAX_LINE))

@@ -16,7 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.messages.untrusted import LONGEST_WORDS as LONGEST_WORDS
+from mvuav_ros.messages.untrusted import MAX_WORDS as LONGEST_WORDS
 from mvuav_ros.messages.untrusted import words as words
 
 LONGEST_DESCRIPTION = 2000

@@ -20,7 +20,7 @@ IMAGE_SUFFIXES = frozenset(
 )
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
-_LARGEST_METADATA = 1 << 24
+_MAX_METADATA = 1 << 24
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
@@ -60,13 +60,13 @@ def recording_files(path: Path, account: Account) -> list[Path]:
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
     try:
-        if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
+        if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')
         content = YAML(typ='safe').load(path.read_text('utf-8'))
-        told = content['rosbag2_bagfile_information']
-        names = told['relative_file_paths']
+        listed = content['rosbag2_bagfile_information']
+        names = listed['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
-            _take_counts(told, [Path(name).name for name in names], account)
+            _take_counts(listed, [Path(name).name for name in names], account)
             return [Path(name).name for name in names]
     except (OSError, YAMLError, RecursionError, KeyError, TypeError, ValueError):
         pass
@@ -74,10 +74,12 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     return None
 
 
-def _take_counts(told: Mapping[str, Any], names: Sequence[str], account: Account) -> None:
+def _take_counts(content: Mapping[str, Any], names: Sequence[str], account: Account) -> None:
     """What metadata.yaml says of each file's messages."""
-    listed = told.get('files') or [{'path': names[0], 'message_count': told.get('message_count')}]
-    if len(names) == 1 or told.get('files'):
+    listed = content.get('files') or [
+        {'path': names[0], 'message_count': content.get('message_count')}
+    ]
+    if len(names) == 1 or content.get('files'):
         for file in listed:
             if isinstance(file.get('message_count'), int):
                 account.promise(_plain(Path(file['path']).name), file['message_count'])

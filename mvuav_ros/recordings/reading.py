@@ -81,7 +81,7 @@ class Recording:
         try:
             self._files = self._readable_files(recording_files(path, self.account))
         except BaseException:
-            self.account.is_told = True  # by the error
+            self.account.is_reported = True  # by the error
             self.close()
             raise
 

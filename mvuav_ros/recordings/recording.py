@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from mvuav_ros.messages.definitions import Schema
-from mvuav_ros.messages.untrusted import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.account import Account
 
 
@@ -15,7 +15,7 @@ class RecordingError(Exception):
     """A recording that cannot be read or written; one visible line that says what to do."""
 
     def __init__(self, text: object) -> None:
-        super().__init__(words(text, LONGEST_LINE))
+        super().__init__(words(text, MAX_LINE))
 
 
 @dataclass(frozen=True)

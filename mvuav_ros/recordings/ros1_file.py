@@ -33,7 +33,7 @@ from mvuav_ros.recordings.recording import (
 MAGIC = b'#ROSBAG V'
 VERSION_LINE = MAGIC + b'2.0\n'
 PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
-_LONGEST_HEADER = 1 << 20
+_MAX_HEADER = 1 << 20
 _SEARCH_BLOCK = 1 << 20
 _KINDS = frozenset(int(kind) for kind in RecordType)
 
@@ -51,7 +51,7 @@ def record_at(stream: BinaryIO, position: int) -> Record | None:
     """The record there, None where none is; the stream is left at its data."""
     stream.seek(position)
     length = stream.read(4)
-    if len(length) < 4 or not 0 < int.from_bytes(length, 'little') < _LONGEST_HEADER:
+    if len(length) < 4 or not 0 < int.from_bytes(length, 'little') < _MAX_HEADER:
         return None
     stream.seek(position)
     try:
@@ -112,11 +112,11 @@ class _View(RawIOBase):
         return data
 
 
-_LARGEST_CONNECTION = 1 << 24
+_MAX_CONNECTION = 1 << 24
 _INDEX_ENTRY_SIZE = 12
-_MOST_CONNECTIONS = 1 << 16
+_MAX_CONNECTIONS = 1 << 16
 # Each costs some milliseconds; Autoware has hundreds.
-_MOST_DEFINITIONS = 2000
+_MAX_DEFINITIONS = 2000
 _SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
 
@@ -307,8 +307,8 @@ class Ros1File:
                 in_index or (known.topic.name, known.raw) == (name, bytes(data))
             ):
                 return
-            full = key not in self._first and len(self._first) >= _MOST_CONNECTIONS
-            if len(data) > _LARGEST_CONNECTION or full:
+            full = key not in self._first and len(self._first) >= _MAX_CONNECTIONS
+            if len(data) > _MAX_CONNECTION or full:
                 raise ValueError('implausibly large')
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
@@ -318,7 +318,7 @@ class Ros1File:
             return
         self._definitions.add((kind, definition))
         try:
-            if len(self._definitions) > _MOST_DEFINITIONS:
+            if len(self._definitions) > _MAX_DEFINITIONS:
                 raise UnknownTypeError(kind)
             converter = ros1_type(kind, definition)
             topic = TopicInfo(name, kind, None, 'ros1', converter.schema)
@@ -372,7 +372,7 @@ class Ros1File:
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = record_at(stream, position)
-            if record is None or record.size > _LARGEST_CONNECTION:
+            if record is None or record.size > _MAX_CONNECTION:
                 return False
             data = memoryview(stream.read(record.size))
             if len(data) < record.size:

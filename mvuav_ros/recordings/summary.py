@@ -22,7 +22,7 @@ from mvuav_ros.messages.images import (
     view_coded_image,
     view_image,
 )
-from mvuav_ros.messages.untrusted import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.vision.image import ImageError
@@ -30,9 +30,9 @@ from mvuav_ros.vision.image import ImageError
 # A gap is an interval this many times the median one.
 GAP_FACTOR = 1.5
 _PROGRESS_STEP = 100
-_MOST_FORMATS = 20
-_LONGEST_NAME = 40
-_LONGEST = (1 << 63) - 1
+_MAX_FORMATS = 20
+_MAX_NAME = 40
+_MAX_INTERVAL = (1 << 63) - 1
 _NS = 1_000_000_000
 
 
@@ -86,7 +86,7 @@ class SkippedSummary:
 class RecordingSummary:
     """A whole recording; ``duration_s`` is from the earliest to the latest log stamp.
 
-    ``errors`` tells what could not be read, ``warnings`` what is unusual though nothing is lost.
+    ``errors`` is what could not be read, ``warnings`` what is unusual though nothing is lost.
     """
 
     path: str
@@ -107,7 +107,7 @@ def summarise(
 
     Args:
         path: of the recording.
-        progress: told now and then the number of messages read, and of all as far as known.
+        progress: called now and then with the number of messages read, and of all as far as known.
 
     Raises:
         RecordingError: nothing can be read from there.
@@ -168,7 +168,7 @@ class _Tally:
             summary.first_stamp_ns = summary.last_stamp_ns = stamp_ns
         else:
             interval = stamp_ns - self._previous_ns
-            self._intervals.append(min(max(interval, -_LONGEST), _LONGEST))
+            self._intervals.append(min(max(interval, -_MAX_INTERVAL), _MAX_INTERVAL))
             summary.first_stamp_ns = min(summary.first_stamp_ns, stamp_ns)
             summary.last_stamp_ns = max(summary.last_stamp_ns, stamp_ns)
         self._previous_ns = stamp_ns
@@ -188,9 +188,9 @@ class _Tally:
             self._previous_header_ns = image.stamp_ns
             text = self._format(images, image)
         except ImageError as error:
-            self._add_problem(images, words(error, LONGEST_LINE))
+            self._add_problem(images, words(error, MAX_LINE))
             return
-        if text and text not in images.formats and len(images.formats) < _MOST_FORMATS:
+        if text and text not in images.formats and len(images.formats) < _MAX_FORMATS:
             images.formats.append(text)
 
     def _format(self, images: ImageSummary, image: RawImage | CodedImage) -> str:
@@ -201,7 +201,7 @@ class _Tally:
         if image.is_video:
             return self._video_format(images, image)
         width, height = check_compressed_image(image)
-        return f'{width}x{height} {image.format[:_LONGEST_NAME]}'.rstrip()
+        return f'{width}x{height} {image.format[:_MAX_NAME]}'.rstrip()
 
     def _video_format(self, images: ImageSummary, packet: CodedImage) -> str:
         """As `_format`; the packets up to the first frame are decoded, '' is said of them."""

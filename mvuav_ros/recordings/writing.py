@@ -35,7 +35,7 @@ from mcap.records import (
 from mcap.records import Schema as SchemaRecord
 
 from mvuav_ros.messages.definitions import Schema, normalised_type, schema_of, type_hash
-from mvuav_ros.recordings.mcap_records import CHUNK_HEADER, HEADER, MAGIC, MESSAGE_HEADER
+from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC, MESSAGE_HEADER
 from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
 
 
@@ -113,7 +113,7 @@ class OutputFile:
             os.close(self._file)
 
     def failure(self, error: Exception) -> RecordingError:
-        """What to tell the user."""
+        """The error in words for the user."""
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         return RecordingError(
             f'{reason}: {self.path} cannot be written; what it holds so far can be read'
@@ -318,7 +318,7 @@ _CHUNK_BYTES = 1 << 20
 # the processing is slower than half of real time does the clock on the wall have to end them.
 _CHUNK_NS = 500_000_000
 _CHUNK_WALL_S = 0.8
-_MOST_WAITING = 4
+_MAX_WAITING = 4
 
 # Reliable, volatile, the last ten: as numbers, which every ROS 2 release's rosbag2 reads.
 RELIABLE_QOS = """\
@@ -533,7 +533,7 @@ class RecordingWriter:
 
     def _hand_over(self) -> None:
         """Begin a new chunk, once the thread keeps up; the lock is held."""
-        while len(self._chunks) > _MOST_WAITING and self._error is None:
+        while len(self._chunks) > _MAX_WAITING and self._error is None:
             self._changed.wait()
         self._raise_error()
         if self._chunks[-1].message_count:

@@ -161,36 +161,36 @@ class BagImages(FrameSource):
         """
         try:
             wanted = self.camera_topic if camera else None, self.imu_topic if attitude else None
-            yield from self._items(selection, others, Companions(self.topic, *wanted))
+            yield from self._items(selection, others, SynchronizedTopics(self.topic, *wanted))
         except RecordingError as error:
             raise SourceError(str(error)) from error
 
     def _items(
-        self, selection: Selection, others: bool, companions: Companions
+        self, selection: Selection, others: bool, paired: SynchronizedTopics
     ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
         recording = self._recording
         origin_ns = 0
         if selection.is_part:
-            companions.look_ahead(recording)
+            paired.look_ahead(recording)
             origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
         images = 0
         video = VideoDecoder()
         self.count = self._estimate(selection, 0, 0)
         window = selection.window_ns(origin_ns)
-        topics = None if others else {self.topic, *companions.topics}
+        topics = None if others else {self.topic, *paired.topics}
         for message in recording.messages(topics, *window):
             if others:
                 yield message
-            companions.take(message)
+            paired.take(message)
             if message.topic == self.topic and is_image_type(message.type):
                 wanted = images % selection.every == 0
-                yield from companions.add(_frames(message, video, wanted))
+                yield from paired.add(_frames(message, video, wanted))
                 images += 1
                 elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
                 self.count = self._estimate(selection, images, elapsed_ns)
-            yield from companions.ready(wait=True)
-        yield from companions.add(video.end())
-        yield from companions.ready(wait=False)
+            yield from paired.ready(wait=True)
+        yield from paired.add(video.end())
+        yield from paired.ready(wait=False)
 
     def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
         """The number of frames that a pass gives, from the rate so far."""
@@ -247,7 +247,7 @@ def imu_topic_of(recording: Recording, image_topic: str) -> str | None:
     return next((name for name in (f'{base}/imu', '/imu') if name in names), None)
 
 
-class Companions:
+class SynchronizedTopics:
     """The messages of a calibration's topic and of an attitude's, None where there is none."""
 
     def __init__(self, image_topic: str, camera_topic: str | None, imu_topic: str | None) -> None:

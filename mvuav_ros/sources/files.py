@@ -19,7 +19,7 @@ from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import ImageError
 
 # Of the most pixels, four channels of 16 bits.
-_LARGEST_FILE = MAX_PIXELS * 8 + (1 << 20)
+_MAX_FILE = MAX_PIXELS * 8 + (1 << 20)
 
 
 class ImageFolder(FrameSource):
@@ -40,8 +40,8 @@ class ImageFolder(FrameSource):
         for index, file in enumerate(self._files):
             stamp_ns = round(index * 1e9 / self.rate)
             try:
-                if file.stat().st_size > _LARGEST_FILE:
-                    raise ImageError(f'the file is larger than {_LARGEST_FILE >> 20} MB')
+                if file.stat().st_size > _MAX_FILE:
+                    raise ImageError(f'the file is larger than {_MAX_FILE >> 20} MB')
                 image = decode_image_file(np.fromfile(file, np.uint8))
             except (ImageError, OSError) as error:
                 yield BadFrame(stamp_ns, f'{file.name}: {error}')
@@ -66,7 +66,7 @@ def _natural_order(file: Path) -> list[tuple[int, str]]:
 
 
 DEFAULT_RATE = 30.0
-_SHORTEST_LOSS_S = 0.5
+_MIN_LOSS_S = 0.5
 
 
 class VideoFile(FrameSource):
@@ -154,7 +154,7 @@ class VideoFile(FrameSource):
         if packets < self._promised and end < self._end:
             said = f'the video ended after {packets} of {self._promised} frames'
             self.account.lose('', 'end', said, self._promised - packets)
-        elif self._promised == 0 and end_s < self._duration_s - _SHORTEST_LOSS_S:
+        elif self._promised == 0 and end_s < self._duration_s - _MIN_LOSS_S:
             said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
             self.account.lose('', 'end', said)
 

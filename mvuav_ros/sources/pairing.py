@@ -11,13 +11,13 @@ from mvuav_ros.vision.approach.attitude import Attitude
 InfoT = TypeVar('InfoT')
 ImageT = TypeVar('ImageT')
 
-MOST_HELD = 5  # Images held back at a time
-_MOST_IN_VAIN = 3
-_MOST_INFOS = 50
-_MOST_ATTITUDES = 2000
-_WIDEST_GAP_NS = 250_000_000
+MAX_HELD = 5  # Images held back at a time
+_MAX_IN_VAIN = 3
+_MAX_INFOS = 50
+_MAX_ATTITUDES = 2000
+_MAX_GAP_NS = 250_000_000
 """Between two attitudes, for one in between to be interpolated."""
-_OLDEST_NS = 50_000_000  # Of an attitude after which none has come: older ones are stale
+_MAX_AGE_NS = 50_000_000  # Of an attitude after which none has come: older ones are stale
 
 
 class _Pairing(Generic[InfoT, ImageT]):
@@ -35,7 +35,7 @@ class _Pairing(Generic[InfoT, ImageT]):
     @property
     def is_idle(self) -> bool:
         """Whether images go on at once, as they are: none waits, and nothing has come for them."""
-        return self._in_vain == _MOST_IN_VAIN and not self._images and not self._infos
+        return self._in_vain == _MAX_IN_VAIN and not self._images and not self._infos
 
     @property
     def held(self) -> ImageT | None:
@@ -63,10 +63,10 @@ class _Pairing(Generic[InfoT, ImageT]):
         stamp_ns, image = self._images[0]
         if self._has_come(stamp_ns):
             self._in_vain = 0
-        elif wait and self._in_vain < _MOST_IN_VAIN and len(self._images) <= MOST_HELD:
+        elif wait and self._in_vain < _MAX_IN_VAIN and len(self._images) <= MAX_HELD:
             return None
         else:
-            self._in_vain = min(self._in_vain + 1, _MOST_IN_VAIN)
+            self._in_vain = min(self._in_vain + 1, _MAX_IN_VAIN)
         self._images.popleft()
         return self._at(stamp_ns), image
 
@@ -102,7 +102,7 @@ class StampPairing(_Pairing[InfoT, ImageT]):
             self._current = info
             return
         super().add_info(stamp_ns, info)
-        if len(self._infos) > _MOST_INFOS:
+        if len(self._infos) > _MAX_INFOS:
             self._newest_ns, self._current = self._infos.popleft()
 
     def _has_come(self, stamp_ns: int) -> bool:
@@ -123,7 +123,7 @@ class AttitudePairing(_Pairing[Attitude | None, ImageT]):
     def add_info(self, stamp_ns: int, info: Attitude | None) -> None:
         """Take an attitude with its stamp, ns."""
         super().add_info(stamp_ns, info)
-        if len(self._infos) > _MOST_ATTITUDES:
+        if len(self._infos) > _MAX_ATTITUDES:
             self._infos.popleft()
 
     def _has_come(self, stamp_ns: int) -> bool:
@@ -137,7 +137,7 @@ class AttitudePairing(_Pairing[Attitude | None, ImageT]):
             if sample[0] > stamp_ns:
                 return None if before is None else _between(before, sample, stamp_ns)
             before = sample
-        if before is None or stamp_ns - before[0] > _OLDEST_NS:
+        if before is None or stamp_ns - before[0] > _MAX_AGE_NS:
             return None
         return before[1]
 
@@ -148,7 +148,7 @@ def _between(
     """Interpolated linearly; attitudes a quarter of a second apart are near each other."""
     one, other = before[1], after[1]
     gap = after[0] - before[0]
-    if one is None or other is None or gap > _WIDEST_GAP_NS:
+    if one is None or other is None or gap > _MAX_GAP_NS:
         return None
     share = (stamp_ns - before[0]) / gap
     first, second = (one.x, one.y, one.z, one.w), (other.x, other.y, other.z, other.w)

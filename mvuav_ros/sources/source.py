@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 
 from mvuav_ros.messages.frame import BadFrame, Frame, ImageDecoder
 from mvuav_ros.messages.images import stamp_ns_in
-from mvuav_ros.messages.untrusted import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.vision.approach.attitude import Attitude
@@ -69,7 +69,7 @@ class SourceError(Exception):
     """A source that cannot be opened or read, with what the user can do about it; one line."""
 
     def __init__(self, text: object) -> None:
-        super().__init__(words(text, LONGEST_LINE))
+        super().__init__(words(text, MAX_LINE))
 
 
 class FrameSource(Protocol):

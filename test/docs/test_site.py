@@ -43,6 +43,14 @@ def test_nothing_is_loaded_from_elsewhere(site):
 
 
 @pytest.mark.long
+def test_the_search_works_from_a_file(site):
+    # A browser fetches nothing from file://: index and worker come as scripts of the site.
+    assert (site / 'search' / 'search_index.js').stat().st_size > 100_000
+    page = (site / 'index.html').read_text()
+    assert 'src="javascripts/iframe-worker.js"' in page
+
+
+@pytest.mark.long
 def test_every_local_link_and_image_is_there(site):
     for page in site.rglob('*.html'):
         text = page.read_text()

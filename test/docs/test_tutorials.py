@@ -12,7 +12,11 @@ from support.tutorial_blocks import TutorialRun, blocks_of
 
 PAGES = {
     path.stem: path
-    for path in [ROOT / 'docs/quick-start.md', *sorted((ROOT / 'docs/tutorials').glob('*.md'))]
+    for path in [
+        ROOT / 'docs/quick-start.md',
+        ROOT / 'docs/hardware.md',
+        *sorted((ROOT / 'docs/tutorials').glob('*.md')),
+    ]
     if path.stem != 'index'
 }
 EXECUTED = ('bash', 'python')

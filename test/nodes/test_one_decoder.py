@@ -14,7 +14,7 @@ from mvuav_ros.messages.images import (
     serialize_compressed_image,
     serialize_image,
 )
-from mvuav_ros.messages.untrusted import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.nodes.frame_answering import FrameDecoder
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.recordings.recording import RecordedMessage
@@ -54,7 +54,7 @@ def live(decoder: FrameDecoder, message: bytes) -> object:
     try:
         (frame,) = decoder.frames(ReceivedImage(message, 0.0, 0.0))
     except ImageError as error:
-        return words(error, LONGEST_LINE)
+        return words(error, MAX_LINE)
     return said(frame)
 
 

@@ -36,7 +36,7 @@ from support.recording_samples import (
 from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError
 from mvuav_ros.messages.frame import BadFrame
 from mvuav_ros.messages.images import COMPRESSED_VIDEO
-from mvuav_ros.recordings.mcap_records import CHUNK_HEADER, HEADER, MAGIC
+from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC
 from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mvuav_ros.sources.pairing import MOST_HELD, AttitudePairing
+from mvuav_ros.sources.pairing import MAX_HELD, AttitudePairing
 from mvuav_ros.vision.approach.attitude import Attitude
 
 MS = 1_000_000
@@ -81,10 +81,10 @@ def test_a_sensor_that_says_that_it_knows_none_is_believed():
 
 def test_images_do_not_wait_for_ever():
     pairing = AttitudePairing()
-    for index in range(MOST_HELD + 1):
+    for index in range(MAX_HELD + 1):
         pairing.add_image(index * 20 * MS, index)
     assert [image for _, image in taken(pairing, wait=True)] == [0]
-    for index in range(MOST_HELD + 1, MOST_HELD + 4):
+    for index in range(MAX_HELD + 1, MAX_HELD + 4):
         pairing.add_image(index * 20 * MS, index)
     assert len(taken(pairing, wait=True)) > 3
 

@@ -1,6 +1,6 @@
 """Images wait for the calibration of their own stamp, though not for ever."""
 
-from mvuav_ros.sources.pairing import MOST_HELD, StampPairing
+from mvuav_ros.sources.pairing import MAX_HELD, StampPairing
 
 
 def taken(pairing, wait=True):
@@ -67,7 +67,7 @@ def test_a_calibration_published_once_delays_only_the_first_images():
 
 def test_only_some_images_are_held():
     pairing = StampPairing()
-    for stamp in range(1, MOST_HELD + 2):
+    for stamp in range(1, MAX_HELD + 2):
         pairing.add_image(stamp, stamp)
     assert taken(pairing) == [(None, 1)]
 

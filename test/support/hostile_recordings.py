@@ -18,7 +18,7 @@ import zstandard
 from mcap.records import Channel, Header, Message, Schema
 from mcap.writer import Writer as McapWriter
 
-from mvuav_ros.recordings.mcap_records import HEADER, MAGIC
+from mvuav_ros.recordings.mcap_file import HEADER, MAGIC
 from mvuav_ros.recordings.writing import Chunk, RecordingWriter, record_bytes
 from support.recording_samples import (
     IMAGE,

@@ -305,8 +305,6 @@ class TrackTuning:
     # px of the near end, from which lines are so far apart that edges are the clearest steps
     wide: float = 18.0
     min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
-    growth_memory: float = 0.1  # share of a frame in the rate of growth
-    max_growth: float = 0.04  # per frame
     # share of a frame that shows shoulders, and of one that does not
     shoulder_memory: tuple[float, float] = (0.3, 0.1)
     # what of it makes them possible and certain. Run 3

@@ -65,8 +65,6 @@ def test_a_runway_of_few_lines_starts_without_scipy():
     code = (
         'import sys; import mvuav_ros.processing.runway_processor as d;'
         'from mvuav_ros.vision.runway.correction import by_distance;'
-        'import sys; import mvuav_ros.processing.runway_processor as d;'
-        'from mvuav_ros.vision.runway.association import by_distance;'
         'from mvuav_ros.vision.runway.normal_form import NormalForm as N;'
         'by_distance([N(1, 0)] * 3, [N(1, 0)] * 3, 1, 1);'
         "sys.exit('scipy' in sys.modules)"
