@@ -23,7 +23,7 @@ from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
 from mvuav_ros.cli.demo.sample_flights import SampleFlight, demo_flights
 from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.sensors import type_name
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
