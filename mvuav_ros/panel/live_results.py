@@ -53,11 +53,6 @@ _MAX_RANGE = 10.0
 
 Figure = tuple[str, str, str]
 """What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
-CURVES = {
-    'marker_tracker': {'roll': ('Roll', '°'), 'x': ('Marker x', 'px'), 'y': ('Marker y', 'px')},
-    'runway_detector': {'rho': ('Line rho', 'px'), 'theta': ('Line theta', '°')},
-}
-"""Charts of each kind of node: title and unit."""
 _MAX_RATE = 30.0
 """Points per second of a curve; a screen shows no more."""
 Curves = dict[str, float | None]
@@ -261,16 +256,6 @@ def _written(value: float, unit: str, sign: str) -> str:
     return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
 
 
-<<<<<<< HEAD
-=======
-_MAX_RATE = 30.0
-"""Points per second of a curve; a screen shows no more."""
-
-Curves = dict[str, float | None]
-"""Values by curve; None where there is none."""
-
-
->>>>>>> main
 class SeriesFeed:
     """Follows one node's results until `close` and keeps them until they are sent.
 
