@@ -42,6 +42,11 @@ _SERVICES = {
 _MAX_PARAMETERS = 500
 """Shown; more are no vision node's."""
 _MAX_SIDE = 100_000
+_SCAN_INTERVAL = 1.0
+_SILENCE = 4.0
+"""Seconds without a sign of life; a killed node stays in the graph for much longer."""
+_MIN_INTERVAL = 0.2
+"""Seconds between two reports of a node; one that says more is not listened to all the time."""
 
 
 class FoundNode(NamedTuple):
@@ -195,12 +200,6 @@ def same_value(left: object, right: object) -> bool:
     """Whether two values are one; NaN is NaN here."""
     return left == right or (left != left and right != right)
 
-
-_SCAN_INTERVAL = 1.0
-_SILENCE = 4.0
-"""Seconds without a sign of life; a killed node stays in the graph for much longer."""
-_MIN_INTERVAL = 0.2
-"""Seconds between two reports of a node; one that says more is not listened to all the time."""
 
 Listener = Callable[[str, LiveNode], None]
 """Called in the loop with what changed: ``nodes``, ``values`` or ``status``."""

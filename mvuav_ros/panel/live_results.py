@@ -53,6 +53,10 @@ _MAX_RANGE = 10.0
 
 Figure = tuple[str, str, str]
 """What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
+_MAX_RATE = 30.0
+"""Points per second of a curve; a screen shows no more."""
+Curves = dict[str, float | None]
+"""Values by curve; None where there is none."""
 
 
 class Figures:
@@ -250,13 +254,6 @@ def _written(value: float, unit: str, sign: str) -> str:
         return '' if sign else '-'
     # Adding 0 makes -0.0 a 0.0.
     return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
-
-
-_MAX_RATE = 30.0
-"""Points per second of a curve; a screen shows no more."""
-
-Curves = dict[str, float | None]
-"""Values by curve; None where there is none."""
 
 
 class SeriesFeed:

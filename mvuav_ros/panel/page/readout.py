@@ -37,6 +37,13 @@ _LIGHTS = (
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
 _RUNWAY_LENGTH, _DEFAULT_WIDTH = 1500.0, 45.0
+_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
+_MEANS = {
+    'rho_mean': 'mean rho px',
+    'rho_std': 'std',
+    'theta_mean_deg': 'mean theta °',
+    'theta_std_deg': 'std',
+}
 
 
 class Readout:
@@ -139,15 +146,6 @@ def _rod(scene: ui.scene, start: Point, end: Point, radius: float) -> None:
     turn = np.column_stack((aside, along / length, np.cross(aside, along / length)))
     rod = scene.cylinder(0.7 * radius, radius, length, 12).material(_BODY)
     rod.move(*np.add(start, end) / 2).rotate_R(turn.tolist())
-
-
-_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
-_MEANS = {
-    'rho_mean': 'mean rho px',
-    'rho_std': 'std',
-    'theta_mean_deg': 'mean theta °',
-    'theta_std_deg': 'std',
-}
 
 
 class Results:

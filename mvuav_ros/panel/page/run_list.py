@@ -29,6 +29,10 @@ from mvuav_ros.recordings.recording import RecordingError
 _FIRST = ('flag counts', 'markers by state')
 _ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
 _OVER_NAMES = 'run'
+_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
+# Quasar's own checkboxes in a table have no name for who cannot see them.
+_CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
+_AS_SET = 'Save to set, run and save'
 
 
 class Trends:
@@ -139,12 +143,6 @@ def _title(columns: Sequence[str]) -> tuple[str, str]:
 def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:
     found = [next((m.value for m in run.metrics if m.column == column), math.nan) for run in runs]
     return [round(value, 4) if math.isfinite(value) else None for value in found]
-
-
-_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
-# Quasar's own checkboxes in a table have no name for who cannot see them.
-_CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
-_AS_SET = 'Save to set, run and save'
 
 
 class Runs:
