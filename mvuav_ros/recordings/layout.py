@@ -11,8 +11,8 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.recording import RecordingError, counted
+from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.recording import counted
 from mvuav_ros.recordings.remote import is_url
 
 IMAGE_SUFFIXES = frozenset(

@@ -14,7 +14,7 @@ from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.parameter_file import parse_assignment
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun

@@ -19,8 +19,8 @@ from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import Processor
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.remote import is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.writing import RecordingWriter

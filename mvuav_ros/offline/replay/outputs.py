@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import by_flight, recordings_in
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.remote import inside, is_url
 from mvuav_ros.sources.opening import PREFIX
 
