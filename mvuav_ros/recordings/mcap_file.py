@@ -22,17 +22,18 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Statistics
 from mcap.records import Schema as SchemaRecord
 
-from mvuav_ros.messages.definitions import Schema, normalised_type
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import unpack
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
+from mvuav_ros.recordings.recording import TopicInfo
+from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     Channels,
     ChunkTally,
     RecordingFile,
     StoredMessage,
-    TopicInfo,
 )
 
 MAGIC = b'\x89MCAP0\r\n'

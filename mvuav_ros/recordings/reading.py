@@ -27,16 +27,10 @@ from mvuav_ros.recordings.layout import (
 )
 from mvuav_ros.recordings.limits import Limit
 from mvuav_ros.recordings.mcap_file import McapFile
-from mvuav_ros.recordings.recording import (
-    READABLE_FORMATS,
-    RecordedMessage,
-    RecordingFile,
-    SkippedChannel,
-    TopicInfo,
-    counted,
-)
+from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo, counted
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
+from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile
 
 _FORMATS: tuple[tuple[bytes, str, type[RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),

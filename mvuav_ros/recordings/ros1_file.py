@@ -15,11 +15,13 @@ from typing import BinaryIO, NamedTuple, cast
 
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
-from mvuav_ros.messages.definitions import Schema, normalised_type
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import CompressionError, unpack
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
+from mvuav_ros.recordings.recording import TopicInfo
+from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     START_OF_TIME,
     UNKNOWN_ROS1,
@@ -27,7 +29,6 @@ from mvuav_ros.recordings.recording import (
     ChunkTally,
     RecordingFile,
     StoredMessage,
-    TopicInfo,
 )
 
 MAGIC = b'#ROSBAG V'

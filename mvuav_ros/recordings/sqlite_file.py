@@ -16,17 +16,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 from urllib.parse import quote
 
-from mvuav_ros.messages.definitions import Schema, normalised_type
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
-    READABLE_FORMATS,
-    RecordingFile,
-    StoredMessage,
-    TopicInfo,
-    counted,
-)
+from mvuav_ros.recordings.recording import TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
+from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile, StoredMessage
 
 _FIRST = -(1 << 63)
 _LAST = (1 << 63) - 1
