@@ -31,6 +31,29 @@ from mvuav_ros.recordings.limits import allowing
 from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.sources.source import SourceError
 
+_INPUTS = frozenset({'source', 'sources'})
+"""Of a command that reads what others wrote."""
+_ADDED = {
+    'strict': (Strict, False),
+    'max_size': (MaxSize, None),
+    'as_json': (AsJson, False),
+}
+"""What every such command takes, with the defaults."""
+COMMANDS = (
+    'replay',
+    'info',
+    'repair',
+    'export',
+    'bench',
+    'demo',
+    'sweep',
+    'simulate',
+    'evaluate',
+    'calibrate',
+    'rig',
+)
+"""Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
+
 
 def spell_unions_out(app: typer.Typer) -> None:
     """Write ``X | None`` as ``Optional[X]`` in all commands of an application and its groups."""
@@ -63,16 +86,6 @@ def _spelt(hint: Any) -> Any:
         inner, *extras = get_args(hint)
         return Annotated[(_spelt(inner), *extras)]
     return Union[get_args(hint)] if isinstance(hint, UnionType) else hint  # noqa: UP007
-
-
-_INPUTS = frozenset({'source', 'sources'})
-"""Of a command that reads what others wrote."""
-_ADDED = {
-    'strict': (Strict, False),
-    'max_size': (MaxSize, None),
-    'as_json': (AsJson, False),
-}
-"""What every such command takes, with the defaults."""
 
 
 def account_for_inputs(app: typer.Typer) -> None:
@@ -134,22 +147,6 @@ def _print_json(result: Any, accounts: Iterable[Account]) -> None:
     content = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
     content = {**content, 'accounts': [account.record() for account in accounts]}
     print(json.dumps(content, indent=2, default=str))
-
-
-COMMANDS = (
-    'replay',
-    'info',
-    'repair',
-    'export',
-    'bench',
-    'demo',
-    'sweep',
-    'simulate',
-    'evaluate',
-    'calibrate',
-    'rig',
-)
-"""Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
 
 
 def application(names: Iterable[str] = COMMANDS) -> typer.Typer:

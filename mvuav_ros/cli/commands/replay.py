@@ -21,6 +21,7 @@ from mvuav_ros.cli.options import (
     Strict,
     takes,
 )
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.sources.source import Selection, SourceError
 
@@ -46,8 +47,8 @@ class ReplayOptions:
             show_default=False,
         ),
     ]
-    nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = (
-        'marker_tracker,runway_detector'
+    nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
+        DETECTORS
     )
     image_topic: ImageTopic = None
     params_file: ParamsFile = None
