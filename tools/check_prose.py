@@ -156,7 +156,8 @@ def _plain(text: str) -> str:
 def main(names: Sequence[str] = ()) -> int:
     """Check the files named, or all pages and the package."""
     given = [Path(name).resolve() for name in names]
-    files = given or sorted(path for pattern in (*PAGES, *SOURCES) for path in ROOT.glob(pattern))
+    found = (path for pattern in (*PAGES, *SOURCES) for path in ROOT.glob(pattern))
+    files = given or sorted(path for path in found if 'build' not in path.relative_to(ROOT).parts)
     count = 0
     for path in files:
         name = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
