@@ -39,20 +39,20 @@ _ADDED = {
     'as_json': (AsJson, False),
 }
 """What every such command takes, with the defaults."""
-COMMANDS = (
-    'replay',
-    'info',
-    'repair',
-    'export',
-    'bench',
-    'demo',
-    'sweep',
-    'simulate',
-    'evaluate',
-    'calibrate',
-    'rig',
-)
-"""Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
+COMMANDS = {
+    'replay': 'replay',
+    'info': 'recording_tools',
+    'repair': 'recording_tools',
+    'export': 'recording_tools',
+    'bench': 'bench',
+    'demo': 'demo',
+    'sweep': 'sweep',
+    'simulate': 'simulate',
+    'evaluate': 'evaluate',
+    'calibrate': 'calibrate',
+    'rig': 'calibrate',
+}
+"""The module of `mvuav_ros.cli.commands` that has a function or a group of that name."""
 
 
 def spell_unions_out(app: typer.Typer) -> None:
@@ -161,7 +161,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
     )
     app.callback()(_options)
     for name in names:
-        command = getattr(import_module(f'mvuav_ros.cli.commands.{name}'), name)
+        command = getattr(import_module(f'mvuav_ros.cli.commands.{COMMANDS[name]}'), name)
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:
