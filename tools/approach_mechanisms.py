@@ -13,7 +13,6 @@ from mvuav_ros.vision.approach.edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.horizon import HorizonTracker
 from mvuav_ros.vision.approach.side_lines import LineChoice, _Side
-from mvuav_ros.vision.approach.strips import Shape
 from mvuav_ros.vision.approach.track import EdgeTrack
 
 
@@ -42,7 +41,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'known span': [(EdgeTrack, 'known_span', lambda self, strip: strip)],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
-    'growth': [(Shape, 'grow', _returns(None))],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
     'colour': [(EdgeLook, 'coloured', property(_returns(False)))],
     'clear colours': [(tuning.EDGES, 'clear_contrast', math.inf)],

@@ -322,19 +322,20 @@ class Finder:
                 row = level.row_of(horizon.row)
                 sight = Sight.from_image(row, level.slope, height, self.tracker.best)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
-        veto = self._veto(sight.row)
+        veto = self._veto(sight)
         confidence = 0.0 if veto else self.tracker.confidence
         return Found(track, confidence, level, sight.row, veto)
 
-    def _veto(self, horizon_row: float | None) -> str:
+    def _veto(self, sight: Sight) -> str:
         """Why nothing is reported, if the picture is frozen or the best track is in the sky."""
         unchanged, best = self.tracker.unchanged, self.tracker.best
         if unchanged > (0 if best is None else DETECTOR.frozen_frames):
             return f'the picture has not changed for {unchanged} frames'
-        if best is None or horizon_row is None:
+        # What looks like a horizon in the picture may be the border of a field.
+        if best is None or sight.row is None or not sight.attitude:
             return ''
         _, y = best.shape.vanishing_point
-        return '' if y + best.near > horizon_row else 'the likeliest lies above the horizon'
+        return '' if y + best.near > sight.row else 'the likeliest lies above the horizon'
 
 
 class LineFlags:

@@ -156,7 +156,7 @@ class Shape:
     @property
     def vanishing_point(self) -> tuple[float, float]:
         """Where the edges meet, px; NaN where they are parallel."""
-        p_left, left, p_right, right = (float(v) for v in self.state)
+        p_left, left, p_right, right = self.state.tolist()
         if right - left < 1e-3:
             return float('nan'), float('nan')
         depth = -(p_right - p_left) / (right - left)
@@ -176,13 +176,6 @@ class Shape:
             + STRIP.pitch_sigma**2 * np.outer(upwards, upwards)
             + np.diag([0.04, change, 0.04, change])
         )
-
-    def grow(self, rate: float) -> None:
-        """The camera comes lower: both slopes become larger by a share of themselves."""
-        x, y = self.vanishing_point
-        if np.isfinite(y):
-            self.state[[1, 3]] *= 1.0 + rate
-            self.state[[0, 2]] = x + self.state[[1, 3]] * (self.reference - y)
 
     def turn(self, old: Derotation, new: Derotation) -> None:
         """Describe the same edges on another derotation."""

@@ -1,7 +1,7 @@
 """One possible runway followed from frame to frame, as several strips that may be it.
 
 A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom tells. All keep their places in the runway's own
+of them is the runway one frame seldom shows. All keep their places in the runway's own
 coordinates, columns in widths from its left edge, which do not change as the aircraft moves. They
 are weighed anew in every few frames, and what is followed and reported is their mean, weighted by
 what many frames together say of each.
@@ -183,7 +183,6 @@ class EdgeTrack(FollowedStrip):
         self.distinct = self.shoulders = 0.0
         self._look, self._lines = EdgeLook(), LinedEdges()
         self._clear = False
-        self._growth = 0.0
 
     @property
     def other_edges(self) -> float:
@@ -201,7 +200,6 @@ class EdgeTrack(FollowedStrip):
 
     def predict(self, view: View) -> None:
         """Where it is expected in the next frame."""
-        self.shape.grow(self._growth)
         self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
 
     def follow_edges(self, view: View) -> bool:
@@ -216,10 +214,6 @@ class EdgeTrack(FollowedStrip):
             self._lines.expect_colour(strip, exact)
         exact = self._lines_along(view, strip) or exact
         self._update(exact, float(strip[1] + 0.3 * self.far + 0.7 * self.near))
-        left, right = self.shape.slopes
-        change = (right - left) / (strip[3] - strip[2]) - 1.0
-        growth = self._growth + TRACK.growth_memory * change
-        self._growth = min(max(growth, -TRACK.max_growth), TRACK.max_growth)
         shown = shows_shoulders(view.frame, self.strip())
         if shown is not None:
             self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
