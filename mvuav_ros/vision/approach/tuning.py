@@ -336,12 +336,12 @@ class TrackerTuning:
     """Of several strips followed at a time, and the search for others."""
 
     max_tracks: int = 3  # followed at a time
-    chunk: int = 8  # rows of vanishing points searched in one frame
-    period_first: int = 2  # frames from one share of the search to the next without a runway
-    period_later: int = 4  # the same after ``first_rounds``
-    period_certain: int = 24  # the same with a runway
+    chunk: int = 16  # rows of vanishing points searched in one frame
+    period_first: int = 4  # frames from one share of the search to the next without a runway
+    period_later: int = 8  # the same after ``first_rounds``
+    period_certain: int = 48  # the same with a runway
     first_rounds: int = 1  # through all that is searched
-    max_weighed: int = 14  # of the strips that a share of the search finds
+    max_weighed: int = 20  # of the strips that a share of the search finds
     best_period: int = 6  # frames from one weighing of the best track to the next
     others_period: int = 12  # the same of others
     scene_frames: int = 24  # for which the image as a whole is taken to stay alike
