@@ -98,12 +98,7 @@ setup(
     ],
     entry_points={
         'console_scripts': [
-            'marker_tracker = mvuav_ros.__main__:marker_tracker',
-            'runway_detector = mvuav_ros.__main__:runway_detector',
-            'video_source = mvuav_ros.__main__:video_source',
-            'vision_process = mvuav_ros.__main__:vision_process',
-            'tuning_panel = mvuav_ros.__main__:tuning_panel',
-            'mvuav = mvuav_ros.__main__:mvuav',
+            f'{path.name} = mvuav_ros.__main__:{path.name}' for path in HERE.glob('executables/*')
         ],
     },
     zip_safe=True,

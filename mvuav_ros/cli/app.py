@@ -31,6 +31,29 @@ from mvuav_ros.recordings.limits import allowing
 from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.sources.source import SourceError
 
+_INPUTS = frozenset({'source', 'sources'})
+"""Of a command that reads what others wrote."""
+_ADDED = {
+    'strict': (Strict, False),
+    'max_size': (MaxSize, None),
+    'as_json': (AsJson, False),
+}
+"""What every such command takes, with the defaults."""
+COMMANDS = {
+    'replay': 'replay',
+    'info': 'recording_tools',
+    'repair': 'recording_tools',
+    'export': 'recording_tools',
+    'bench': 'bench',
+    'demo': 'demo',
+    'sweep': 'sweep',
+    'simulate': 'simulate',
+    'evaluate': 'evaluate',
+    'calibrate': 'calibrate',
+    'rig': 'calibrate',
+}
+"""The module of `mvuav_ros.cli.commands` that has a function or a group of that name."""
+
 
 def spell_unions_out(app: typer.Typer) -> None:
     """Write ``X | None`` as ``Optional[X]`` in all commands of an application and its groups."""
@@ -63,16 +86,6 @@ def _spelt(hint: Any) -> Any:
         inner, *extras = get_args(hint)
         return Annotated[(_spelt(inner), *extras)]
     return Union[get_args(hint)] if isinstance(hint, UnionType) else hint  # noqa: UP007
-
-
-_INPUTS = frozenset({'source', 'sources'})
-"""Of a command that reads what others wrote."""
-_ADDED = {
-    'strict': (Strict, False),
-    'max_size': (MaxSize, None),
-    'as_json': (AsJson, False),
-}
-"""What every such command takes, with the defaults."""
 
 
 def account_for_inputs(app: typer.Typer) -> None:
@@ -136,22 +149,6 @@ def _print_json(result: Any, accounts: Iterable[Account]) -> None:
     print(json.dumps(content, indent=2, default=str))
 
 
-COMMANDS = (
-    'replay',
-    'info',
-    'repair',
-    'export',
-    'bench',
-    'demo',
-    'sweep',
-    'simulate',
-    'evaluate',
-    'calibrate',
-    'rig',
-)
-"""Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
-
-
 def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """The command line with these commands; importing one takes longer than many a one's work."""
     app = typer.Typer(
@@ -164,7 +161,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
     )
     app.callback()(_options)
     for name in names:
-        command = getattr(import_module(f'mvuav_ros.cli.commands.{name}'), name)
+        command = getattr(import_module(f'mvuav_ros.cli.commands.{COMMANDS[name]}'), name)
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:

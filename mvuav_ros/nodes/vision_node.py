@@ -23,12 +23,16 @@ from mvuav_ros.nodes.diagnostics import (
     publish_status,
     status,
 )
-from mvuav_ros.nodes.frame_answering import FrameAnswerer
-from mvuav_ros.nodes.image_input import Companion, ImageInput, InputState, image_topic
-from mvuav_ros.nodes.intra_process import IntraProcessInput
+from mvuav_ros.nodes.image_input import (
+    Companion,
+    ImageInput,
+    InputState,
+    IntraProcessInput,
+    image_topic,
+)
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.publishing import ResultPublishers
+from mvuav_ros.nodes.publishing import FrameAnswerer, ResultPublishers
 from mvuav_ros.parameters.declaration import ParameterSet, condition_text
 from mvuav_ros.processing.processor import Processor
 

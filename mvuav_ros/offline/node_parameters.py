@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import (
     NODE_PARAMETERS,
@@ -14,7 +15,7 @@ from mvuav_ros.parameters.parameter_file import (
     refuse_unknown_nodes,
 )
 
-PROCESSING_NODES = ('marker_tracker', 'runway_detector')
+PROCESSING_NODES = tuple(DETECTORS)
 NodeParameters = dict[str, dict[str, Value]]
 """What differs from the defaults, by node and parameter."""
 

@@ -16,7 +16,7 @@ from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of, name_and_unit
 from mvuav_ros.offline.node_parameters import PROCESSING_NODES
 from mvuav_ros.offline.processes import Done, each
-from mvuav_ros.offline.replay.cluster import connect
+from mvuav_ros.offline.replay.batch import connect
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment

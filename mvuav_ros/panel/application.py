@@ -30,6 +30,9 @@ _CURVE_INTERVAL = 0.2
 _MAX_REQUEST = 10_000
 _UNANSWERED = 2
 """Images of one stream on their way; a slow link gets fewer images, not older ones."""
+_RECONNECT_TIME = 30.0
+_TAB_MEMORY = 86_400.0
+"""Seconds for which a browser tab's node, edits and ticks are kept."""
 
 
 class LiveSocket:
@@ -117,9 +120,6 @@ class LiveSocket:
 
 
 _STATIC = Path(__file__).with_name('static')
-_RECONNECT_TIME = 30.0
-_TAB_MEMORY = 86_400.0
-"""Seconds for which a browser tab's node, edits and ticks are kept."""
 
 
 def make_application(services: Services, token: str) -> Guard:

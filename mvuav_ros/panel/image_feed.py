@@ -19,6 +19,7 @@ from mvuav_ros.messages.frame import ImageDecoder
 from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, stamp_ns_in
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.image import Image, ImageError
 
 MAX_RATE = 10.0
@@ -41,12 +42,8 @@ TITLES = {
     'debug/overlay': 'Overlay',
     'debug_image': 'Markers',
 }
-RESULT_OF_KIND = {'marker_tracker': 'debug_image', 'runway_detector': 'debug/overlay'}
+RESULT_OF_KIND = {kind: processor.panel.image for kind, processor in PROCESSORS.items()}
 """The image with the results drawn in."""
-_DRAWN = {
-    'marker_tracker': ('debug_image',),
-    'runway_detector': ('debug/confined', 'debug/edges', 'debug/overlay', 'debug/hough'),
-}
 
 
 class ImageStream(NamedTuple):
@@ -68,13 +65,13 @@ class ImageStream(NamedTuple):
     @property
     def title(self) -> str:
         """For people."""
-        return TITLES.get(self.name, self.name)
+        return TITLES.get(self.name) or self.name.replace('_', ' ')
 
 
 def streams_of(node: LiveNode) -> list[ImageStream]:
     """The images of a node."""
     given = ImageStream(node.name, INPUT, node.image_topic, node.found.compressed)
-    drawn = _DRAWN[node.kind]
+    drawn = PROCESSORS[node.kind].panel.images
     return [given, *(ImageStream(node.name, name, f'{node.name}/{name}') for name in drawn)]
 
 

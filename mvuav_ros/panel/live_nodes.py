@@ -19,15 +19,19 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import Control, control_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
+from mvuav_ros.processing.registry import PROCESSORS
 
-_RESULTS = {'markers': 'marker_tracker', 'line_params': 'runway_detector'}
-"""A node is known by the point cloud that only its kind publishes."""
+_RESULTS = {
+    processor.panel.known_by: (kind, type_name(processor.topics[processor.panel.known_by]))
+    for kind, processor in PROCESSORS.items()
+}
+"""A node is known by a topic that only its kind publishes: the kind, and the message's type."""
 _MAX_NODES = 20
-_CLOUD = 'sensor_msgs/msg/PointCloud2'
 _RAW, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _SERVICES = {
     'list_parameters': ListParameters,
@@ -38,6 +42,11 @@ _SERVICES = {
 _MAX_PARAMETERS = 500
 """Shown; more are no vision node's."""
 _MAX_SIDE = 100_000
+_SCAN_INTERVAL = 1.0
+_SILENCE = 4.0
+"""Seconds without a sign of life; a killed node stays in the graph for much longer."""
+_MIN_INTERVAL = 0.2
+"""Seconds between two reports of a node; one that says more is not listened to all the time."""
 
 
 class FoundNode(NamedTuple):
@@ -165,8 +174,8 @@ def find_nodes(node: Node) -> dict[str, FoundNode]:
             if 'NameNonExistent' not in type(error).__name__:
                 raise
             continue
-        for result, kind in _RESULTS.items():
-            if _CLOUD in published.get(f'{full}/{result}', ()):
+        for result, (kind, message) in _RESULTS.items():
+            if message in published.get(f'{full}/{result}', ()):
                 found[full] = FoundNode(full, kind, *_input(subscribed))
     return found
 
@@ -191,12 +200,6 @@ def same_value(left: object, right: object) -> bool:
     """Whether two values are one; NaN is NaN here."""
     return left == right or (left != left and right != right)
 
-
-_SCAN_INTERVAL = 1.0
-_SILENCE = 4.0
-"""Seconds without a sign of life; a killed node stays in the graph for much longer."""
-_MIN_INTERVAL = 0.2
-"""Seconds between two reports of a node; one that says more is not listened to all the time."""
 
 Listener = Callable[[str, LiveNode], None]
 """Called in the loop with what changed: ``nodes``, ``values`` or ``status``."""

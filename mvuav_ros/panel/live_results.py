@@ -11,11 +11,12 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -25,24 +26,22 @@ from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.processing.processor import Chart
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
 from mvuav_ros.vision.runway.results import LineFlag
 
 TOPICS: dict[str, dict[str, type]] = {
-    'marker_tracker': {
-        'markers': PointCloud2,
-        'rpy': Vector3Stamped,
-        'pose': PoseWithCovarianceStamped,
-        'integrity': DiagnosticArray,
-    },
-    'runway_detector': {
-        'line_params': PointCloud2,
-        'pose': PoseWithCovarianceStamped,
-        'integrity': DiagnosticArray,
-    },
+    kind: {
+        topic: message
+        for topic, message in processor.topics.items()
+        if topic in ('pose', 'integrity')
+        or any(topic == c.topic for c in processor.panel.charts.values())
+    }
+    for kind, processor in PROCESSORS.items()
 }
-"""What figures are made of, below a node's name."""
+"""What figures and curves are made of, below a node's name."""
 GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
 _LEVELS = ('horizontal', 'vertical', 'offset', 'height')
 """Protection levels (m) in a status of ``integrity``; the largest is shown."""
@@ -54,6 +53,10 @@ _MAX_RANGE = 10.0
 
 Figure = tuple[str, str, str]
 """What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
+_MAX_RATE = 30.0
+"""Points per second of a curve; a screen shows no more."""
+Curves = dict[str, float | None]
+"""Values by curve; None where there is none."""
 
 
 class Figures:
@@ -86,10 +89,12 @@ class Figures:
             self._take_pose(message)
         elif topic == 'integrity':
             self._take_integrity(message)
-        elif self._kind == 'marker_tracker':
+        elif topic == 'markers':
             self._trust = _trust_in_markers(rows_of(message))
-        else:
+        elif topic == 'line_params':
             self._take_lines(rows_of(message))
+        else:
+            self._take_charts(topic, message)
 
     def said(self) -> dict[str, Any]:
         """For the page, as JSON takes it: ``trust``, ``figures``, ``pose`` and ``view``.
@@ -116,7 +121,11 @@ class Figures:
         values = self._values()
         if self._kind == 'marker_tracker':
             return bool(values.get('pose')) and values.get('mode') == 'track'
-        return values.get('mode') == 'approach' and values.get('runway_width', 0.0) != 0.0
+        return (
+            self._kind == 'runway_detector'
+            and values.get('mode') == 'approach'
+            and values.get('runway_width', 0.0) != 0.0
+        )
 
     def _figures(self) -> list[Figure]:
         (x, y, z), (sx, sy, sz, *turns) = self._place, self._deviations
@@ -153,6 +162,18 @@ class Figures:
             self._place = OPTICAL_FROM_BODY.T @ self._place
             self._turn = OPTICAL_FROM_BODY.T @ self._turn
             self._deviations[:3] = np.abs(OPTICAL_FROM_BODY.T) @ self._deviations[:3]
+
+    def _take_charts(self, topic: str, message: Any) -> None:
+        """A result that has no figures of its own: those of its curves."""
+        self._lines = [
+            (name, _written(math.nan if value is None else value, f' {chart.unit}', ''), '')
+            for chart in PROCESSORS[self._kind].panel.charts.values()
+            if chart.topic == topic
+            for name, value in curves_of(chart, message).items()
+        ]
+        found = sum(value != '-' for _, value, _ in self._lines)
+        words = f'{found} of {len(self._lines)} numbers'
+        self._trust = (GOOD if found == len(self._lines) else BAD, words)
 
     def _take_integrity(self, message: DiagnosticArray) -> None:
         """Whether the pose may be used, and its protection level, or why it may not."""
@@ -235,18 +256,6 @@ def _written(value: float, unit: str, sign: str) -> str:
     return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
 
 
-CURVES = {
-    'marker_tracker': {'roll': ('Roll', '°'), 'x': ('Marker x', 'px'), 'y': ('Marker y', 'px')},
-    'runway_detector': {'rho': ('Line rho', 'px'), 'theta': ('Line theta', '°')},
-}
-"""Charts of each kind of node: title and unit."""
-_MAX_RATE = 30.0
-"""Points per second of a curve; a screen shows no more."""
-
-Curves = dict[str, float | None]
-"""Values by curve; None where there is none."""
-
-
 class SeriesFeed:
     """Follows one node's results until `close` and keeps them until they are sent.
 
@@ -257,6 +266,7 @@ class SeriesFeed:
         self.name = node.name
         self._ros, self._node, self._heard = ros, node, heard
         self._figures = Figures(node.kind, lambda: node.values)
+        self._charts = PROCESSORS[node.kind].panel.charts
         self._points: list[tuple[float, str, Curves]] = []
         self._values = dict(node.values)
         self._marks: list[tuple[float, str]] = []
@@ -298,8 +308,9 @@ class SeriesFeed:
         # What is no such message of our nodes says nothing.
         with suppress(ArithmeticError, ValueError, LookupError, TypeError):
             self._figures.take(topic, message)
-            if topic in _CHARTS:
-                self._points += [(now, *chart) for chart in _CHARTS[topic](message).items()]
+            for name, chart in self._charts.items():
+                if chart.topic == topic:
+                    self._points.append((now, name, curves_of(chart, message)))
         for name, value in self._node.values.items():
             if not same_value(self._values.get(name, value), value):
                 self._marks.append((now, f'{name} {value_text(value)}'))
@@ -312,34 +323,21 @@ def _number(value: float) -> float | None:
     return round(float(value), 3) if abs(value) < _MAX_VALUE else None
 
 
-def _markers(message: Any) -> dict[str, Curves]:
-    charts: dict[str, Curves] = {'x': {}, 'y': {}}
-    for index, row in enumerate(rows_of(message), 1):
-        label = int(row['label'])
-        known = label != Label.UNLABELLED and label < len(TANKER_NAMES)
-        name = TANKER_NAMES[label].replace('_', ' ') if known else f'marker {index}'
-        lost = row['state'] == MarkerState.LOST
-        for axis in ('x', 'y'):
-            charts[axis][name] = None if lost else _number(row[axis])
-    return charts
-
-
-def _roll(message: Any) -> dict[str, Curves]:
-    return {'roll': {'roll': _number(math.degrees(message.vector.x))}}
-
-
-def _lines(message: Any) -> dict[str, Curves]:
-    charts: dict[str, Curves] = {'rho': {}, 'theta': {}}
+def curves_of(chart: Chart, message: Any) -> Curves:
+    """The values of a chart's curves in a message of its topic."""
+    scale = 180.0 / math.pi if chart.unit == '°' else 1.0
+    if not isinstance(message, PointCloud2):
+        value = attrgetter(chart.field)(message)
+        return {chart.title.lower(): _number(scale * value)}
+    curves: Curves = {}
     # From 1, as the lines are numbered in the images.
     for index, row in enumerate(rows_of(message), 1):
-        charts['rho'][f'line {index}'] = _number(row['rho'])
-        charts['theta'][f'line {index}'] = _number(math.degrees(row['theta']))
-    return charts
+        lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
+        curves[_name(chart, row, index)] = None if lost else _number(scale * row[chart.field])
+    return curves
 
 
-_CHARTS: dict[str, Callable[[Any], dict[str, Curves]]] = {
-    'markers': _markers,
-    'rpy': _roll,
-    'line_params': _lines,
-}
-"""The topics with curves."""
+def _name(chart: Chart, row: Any, index: int) -> str:
+    if 'label' in row.dtype.names and int(row['label']) < len(TANKER_NAMES):
+        return TANKER_NAMES[int(row['label'])].replace('_', ' ')
+    return f'{chart.rows} {index}'

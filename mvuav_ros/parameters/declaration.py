@@ -21,6 +21,9 @@ Condition = Mapping[str, tuple[str, ...]]
 
 _SPEC = 'mvuav_parameter'
 _Set = TypeVar('_Set', bound='ParameterSet')
+_TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text', tuple: 'numbers'}
+_KEYS = ('Unit', 'Default', 'Usual', 'Stage', 'Counts with', 'Thesis')
+"""In the order in which they stand."""
 
 
 class ParameterError(ValueError):
@@ -213,15 +216,8 @@ class ParameterSet:
         return dataclasses.asdict(self)
 
 
-_TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text', tuple: 'numbers'}
-
-
 def _plain(number: float) -> str:
     return str(int(number)) if number == int(number) else str(number)
-
-
-_KEYS = ('Unit', 'Default', 'Usual', 'Stage', 'Counts with', 'Thesis')
-"""In the order in which they stand."""
 
 
 @dataclass(frozen=True)

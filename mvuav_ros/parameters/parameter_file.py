@@ -10,9 +10,8 @@ from typing import Any
 
 import yaml
 
+from mvuav_ros.detectors import DETECTORS, load_class
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
-from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 
 
@@ -128,8 +127,7 @@ def _flattened(values: Mapping[Any, Any], prefix: str = '') -> dict[str, object]
 
 NODE_PARAMETERS: dict[str, type[ParameterSet]] = {
     'video_source': VideoSourceParameters,
-    'marker_tracker': MarkerTrackerParameters,
-    'runway_detector': RunwayDetectorParameters,
+    **{name: load_class(detector.parameters) for name, detector in DETECTORS.items()},
 }
 
 
@@ -163,6 +161,7 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
     Examples:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
+        >>> from mvuav_ros import load_parameters
         >>> with TemporaryDirectory() as folder:
         ...     file = Path(folder, 'mine.yaml')
         ...     _ = file.write_text('marker_tracker: {ros__parameters: {threshold: 0.6}}')

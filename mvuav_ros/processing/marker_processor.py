@@ -19,7 +19,7 @@ from mvuav_ros.messages.marker_messages import encode_marker, encode_markers, en
 from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.processing.tracking import named_places
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
@@ -57,6 +57,42 @@ class MarkerTrackerProcessor(Processor):
         **dict.fromkeys((f'marker/{name}' for name in TANKER_NAMES), PointStamped),
     }
     debug_topics = ('debug_image',)
+    descriptions = {
+        'markers': 'All markers, a row for each; see the fields below.',
+        'rpy': (
+            'x: roll (rad), right wing down positive; NaN while a wing is lost. y, z: pitch and '
+            'yaw of the pose (rad), nose down and nose left positive; NaN without a pose.'
+        ),
+        'pose': (
+            'The body in the optical frame of the camera (m), with covariance. NaN where there '
+            'is no pose; /diagnostics says why.'
+        ),
+        'vision_pose': (
+            'The camera, or the vehicle (`base_frame`), in the frame of the body, only while the '
+            'pose is known.'
+        ),
+        'detections': (
+            'Where vision_msgs is installed: the markers of this image, score 1, as names in doubt '
+            'are withheld.'
+        ),
+        'detections_3d': 'The same of the body, with its pose; empty while that is not known.',
+        'integrity': (
+            'One status: protection levels of the pose (m, degrees), OK available, WARN alert, '
+            'ERROR not available with the reason; see [Protection levels](../integrity.md).'
+        ),
+        'marker/*': 'One marker (px), while it is detected or predicted: `~/marker/left_wing` …',
+        'debug_image': 'The frame with markers, windows and the axes of the pose.',
+    }
+    panel = PanelPage(
+        known_by='markers',
+        image='debug_image',
+        images=('debug_image',),
+        charts={
+            'roll': Chart('rpy', 'vector.x', 'Roll', '°'),
+            'x': Chart('markers', 'x', 'Marker x', 'px', 'marker'),
+            'y': Chart('markers', 'y', 'Marker y', 'px', 'marker'),
+        },
+    )
     uses_camera_info = True
 
     def __init__(self, parameters: MarkerTrackerParameters | None = None) -> None:

@@ -26,7 +26,7 @@ from mvuav_ros.messages.runway_messages import (
 )
 from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.processing.processor import Output, Processor
+from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance
@@ -65,6 +65,45 @@ class RunwayDetectorProcessor(Processor):
         'integrity': DiagnosticArray,
     }
     debug_topics = tuple(_THESIS_IMAGES)
+    descriptions = {
+        'line_params': 'Lines, a row for each; see the fields below.',
+        'lines': (
+            'The segments. On a plane 1 m ahead of the camera with a calibrated camera_info, '
+            'else in pixels.'
+        ),
+        'corrections': 'The error flags of each line, as text for `ros2 topic echo`.',
+        'statistics': 'Once a second: flag counts, means and deviations of each line.',
+        'vanishing_point': 'Mode `approach`: where the edges meet (px); NaN while not known.',
+        'pose': (
+            'Mode `approach`: the camera in frame `runway` (m), with a calibrated camera_info '
+            'and `runway_width`. What was not observed is NaN with variance 1e12.'
+        ),
+        'vision_pose': (
+            'The same, or the vehicle (`base_frame`), for estimators, only while all six numbers '
+            'are known.'
+        ),
+        'detections': (
+            'Where vision_msgs is installed: in mode `approach` the target in its box, with its '
+            'confidence.'
+        ),
+        'integrity': (
+            'One status: protection levels of offset, height (m) and heading (degrees) in mode '
+            '`approach`; see [Protection levels](../integrity.md).'
+        ),
+        'debug/confined': 'The rows that are searched.',
+        'debug/edges': 'Edges after thinning and opening.',
+        'debug/hough': 'The accumulator with its peaks.',
+        'debug/overlay': 'The frame with the lines found.',
+    }
+    panel = PanelPage(
+        known_by='line_params',
+        image='debug/overlay',
+        images=('debug/confined', 'debug/edges', 'debug/overlay', 'debug/hough'),
+        charts={
+            'rho': Chart('line_params', 'rho', 'Line rho', 'px', 'line'),
+            'theta': Chart('line_params', 'theta', 'Line theta', '°', 'line'),
+        },
+    )
     periodic_topics = {'statistics': DiagnosticArray}
     uses_camera_info = True
     uses_attitude = True

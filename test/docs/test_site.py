@@ -1,5 +1,6 @@
 """The documentation as a site: built strictly, whole, and without anything from elsewhere."""
 
+import doctest
 import re
 import subprocess
 import sys
@@ -72,6 +73,17 @@ def test_links_of_the_repository_lead_somewhere(name):
     for target in MARKDOWN_LINK.findall((ROOT / name).read_text()):
         if not target.startswith('http'):
             assert (ROOT / target).exists(), target
+
+
+def test_the_examples_of_the_python_reference_run_when_pasted(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    page = (ROOT / 'docs/reference/python.md').read_text()
+    blocks = [text for text in re.findall(r'```python\n(.*?)```', page, re.S) if '>>> ' in text]
+    assert len(blocks) > 8
+    for text in blocks:
+        example = doctest.DocTestParser().get_doctest(text, {}, text, None, None)
+        runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+        assert runner.run(example).failed == 0, text
 
 
 def test_the_readme_is_short():

@@ -10,8 +10,7 @@ from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.diagnostics import InputMonitor, StampMonitor, explain_no_images
-from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState
-from mvuav_ros.nodes.intra_process import IntraProcessInput
+from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState, IntraProcessInput
 from mvuav_ros.vision.image import Image
 
 

@@ -246,7 +246,7 @@ sys.path.insert(0, 'test')
 from support.marker_scenes import draw, tanker_at
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import serialize_image
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.vision.image import Image
 
 def publish():

@@ -15,8 +15,8 @@ from mvuav_ros.messages.images import (
     serialize_image,
 )
 from mvuav_ros.messages.untrusted import MAX_LINE, words
-from mvuav_ros.nodes.frame_answering import FrameDecoder
 from mvuav_ros.nodes.image_input import ReceivedImage
+from mvuav_ros.nodes.publishing import FrameDecoder
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.sources.source import EncodedFrame, stamp_ns_of_image
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError

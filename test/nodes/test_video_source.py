@@ -180,11 +180,11 @@ def test_a_missing_camera_is_waited_for(graph):
 
 BREAKING = """
 import sys
-from mvuav_ros.nodes import executables, video_source
+from mvuav_ros.nodes import running, video_source
 def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
 video_source.VideoSource._publish = broken
 sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
-executables.video_source()
+running.video_source()
 """
 
 

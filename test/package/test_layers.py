@@ -57,7 +57,7 @@ def test_imports_point_inward():
     [
         ('vision/camera.py', 'from mvuav_ros.recordings.recording import RecordingError'),
         ('parameters/declaration.py', 'import mvuav_ros.vision.camera'),
-        ('offline/replay/job.py', 'def late():\n    from mvuav_ros.nodes import transport'),
+        ('offline/replay/job.py', 'def late():\n    from mvuav_ros.nodes import running'),
         ('offline/plots.py', 'def late():\n    import mvuav_thesis.plan'),
         ('attic/forgotten.py', '"""A room that the contract does not know."""'),
     ],

@@ -23,12 +23,18 @@ from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
 from mvuav_ros.cli.demo.sample_flights import SampleFlight, demo_flights
 from mvuav_ros.cli.node_processes import NodeProcesses
 from mvuav_ros.messages.sensors import type_name
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.source import SourceError
 
 RATE_WINDOW = 2.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+MAX_DURATION = 50.0
+"""Seconds; the demo ends by itself within a minute whatever happens."""
+SETTLING_TIME = 0.5
+"""Seconds from the moment that a node is seen until its messages surely arrive."""
+SILENCE = 0.5
+"""Seconds without a message after which nothing follows the last frame's results."""
 
 
 class DemoRecorder(Node):
@@ -81,14 +87,6 @@ class DemoRecorder(Node):
             # After the flight there is none any more.
             if latency != 'nan':
                 self.latency_ms[status.name] = latency
-
-
-MAX_DURATION = 50.0
-"""Seconds; the demo ends by itself within a minute whatever happens."""
-SETTLING_TIME = 0.5
-"""Seconds from the moment that a node is seen until its messages surely arrive."""
-SILENCE = 0.5
-"""Seconds without a message after which nothing follows the last frame's results."""
 
 
 def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:

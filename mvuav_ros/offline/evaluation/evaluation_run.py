@@ -20,7 +20,7 @@ from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import frames
-from mvuav_ros.offline.simulate import truth_messages
+from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording

@@ -17,6 +17,19 @@ from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
 
+_STAGES = [
+    'Mode',
+    'Image',
+    'Edges',
+    'Hough',
+    'Detection',
+    'Tracking',
+    'Pose',
+    'Approach',
+    'Integrity',
+]
+_FOLDED = ['Node', 'Every ROS node']
+
 
 class ParameterRow:
     """A parameter's line of the list; ``edited`` is called whenever the user has changed the value.
@@ -211,20 +224,8 @@ def _show_name(label: str, description: str) -> None:
             el.text(description)
 
 
-_STAGES = [
-    'Mode',
-    'Image',
-    'Edges',
-    'Hough',
-    'Detection',
-    'Tracking',
-    'Pose',
-    'Approach',
-    'Integrity',
-]
 _STAGES += ['unknown', 'Correction', 'Other', 'Node', 'Every ROS node']
 """In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
-_FOLDED = ['Node', 'Every ROS node']
 
 
 class Parameters:

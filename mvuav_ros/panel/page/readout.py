@@ -11,9 +11,9 @@ from nicegui.elements.scene.scene_object3d import Object3D
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.image_feed import RESULT_OF_KIND
 from mvuav_ros.panel.live_nodes import LiveNode
-from mvuav_ros.panel.live_results import CURVES
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
+from mvuav_ros.processing.registry import PROCESSORS
 
 Point = tuple[float, float, float]
 _PORT, _STARBOARD, _WHITE = '#e02020', '#10b040', '#ffffff'
@@ -37,6 +37,13 @@ _LIGHTS = (
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
 _RUNWAY_LENGTH, _DEFAULT_WIDTH = 1500.0, 45.0
+_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
+_MEANS = {
+    'rho_mean': 'mean rho px',
+    'rho_std': 'std',
+    'theta_mean_deg': 'mean theta °',
+    'theta_std_deg': 'std',
+}
 
 
 class Readout:
@@ -98,7 +105,7 @@ class PoseScene:
 
     def show(self, node: LiveNode | None) -> None:
         """Show the bodies of this node's kind."""
-        if node is None:
+        if node is None or 'pose' not in PROCESSORS[node.kind].topics:
             return
         tracks = node.kind == 'marker_tracker'
         if node.kind != self._kind:
@@ -141,22 +148,13 @@ def _rod(scene: ui.scene, start: Point, end: Point, radius: float) -> None:
     rod.move(*np.add(start, end) / 2).rotate_R(turn.tolist())
 
 
-_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
-_MEANS = {
-    'rho_mean': 'mean rho px',
-    'rho_std': 'std',
-    'theta_mean_deg': 'mean theta °',
-    'theta_std_deg': 'std',
-}
-
-
 class Results:
     """A node's tables and charts; curves come over the page's own WebSocket."""
 
     def __init__(self, page: Page, node: LiveNode) -> None:
         self._page, self._node = page, node
         self._lines: ui.table | None = None
-        if node.kind == 'runway_detector':
+        if 'reset_statistics' in PROCESSORS[node.kind].triggers:
             with el.box('card'):
                 with el.box('line titled'):
                     el.text('Statistics since the last reset', 'title grow', tag='h2')
@@ -164,12 +162,12 @@ class Results:
                 heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
                 self._lines = el.sheet('Statistics of the lines', heads)
         with el.box('charts'):
-            for chart, (title, unit) in CURVES[node.kind].items():
+            for name, chart in PROCESSORS[node.kind].panel.charts.items():
                 with el.box('card'):
-                    made = ui.echart(el.axes(title, unit)).classes('chart')
+                    made = ui.echart(el.axes(chart.title, chart.unit)).classes('chart')
                     # Until the first value there is nothing that the chart would say of itself.
-                    el.set_props(made, aria_label=f'Curve of {title}')
-                    el.set_props(made, data_curves=chart, data_node=node.name)
+                    el.set_props(made, aria_label=f'Curve of {chart.title}')
+                    el.set_props(made, data_curves=name, data_node=node.name)
         with el.box('card'):
             el.text('Diagnostics of the node', tag='h2')
             with el.box('charts'):

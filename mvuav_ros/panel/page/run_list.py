@@ -12,6 +12,7 @@ from typing import Any
 
 from nicegui import ui
 
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
 from mvuav_ros.offline.report import csv_text
 from mvuav_ros.panel import sanitized
@@ -28,6 +29,10 @@ from mvuav_ros.recordings.recording import RecordingError
 _FIRST = ('flag counts', 'markers by state')
 _ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
 _OVER_NAMES = 'run'
+_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
+# Quasar's own checkboxes in a table have no name for who cannot see them.
+_CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
+_AS_SET = 'Save to set, run and save'
 
 
 class Trends:
@@ -140,13 +145,6 @@ def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:
     return [round(value, 4) if math.isfinite(value) else None for value in found]
 
 
-_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
-# Quasar's own checkboxes in a table have no name for who cannot see them.
-_CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
-_WORD_IN_BAG = {'marker_tracker': 'tanker', 'runway_detector': 'runway'}
-_AS_SET = 'Save to set, run and save'
-
-
 class Runs:
     """Start runs, keep them, and look at those kept; ``load`` gives their values to the node."""
 
@@ -235,7 +233,8 @@ class Runs:
         self.frames.rewind()
 
     def _likely(self) -> str | None:
-        word = _WORD_IN_BAG[self._page.node.kind] if self._page.node is not None else ''
+        node = self._page.node
+        word = DETECTORS[node.kind].sample if node is not None else ''
         return next(iter(sorted(self._bags, key=lambda name: word not in name)), None)
 
     def _tick(self) -> None:

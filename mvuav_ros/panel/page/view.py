@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import Client, ui
 
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
@@ -105,7 +106,7 @@ class Head:
             value = node.status.get(key, '-') if node is not None and node.alive else '-'
             label.set_text('-' if value == 'nan' else value[:12])
         if node is None:
-            words = 'Start marker_tracker or runway_detector; it appears here by itself.'
+            words = f'Start {" or ".join(DETECTORS)}; it appears here by itself.'
         elif not node.alive and node.controls:
             words = 'The node is gone. The panel uses it again as soon as it is back.'
         else:

@@ -36,6 +36,7 @@ class Attitude:
     It is a unit quaternion.
 
     Examples:
+        >>> from mvuav_ros.vision.approach.attitude import Attitude
         >>> Attitude.from_roll_pitch(0.0, 0.0).w
         1.0
     """

@@ -209,7 +209,7 @@ class EdgeLook:
 
     @property
     def coloured(self) -> bool:
-        """Their colours alone tell them apart: the edge is the pavement's, not a line's."""
+        """Their colours alone distinguish them: the edge is the pavement's, not a line's."""
         return float(np.linalg.norm(self._contrast[1:])) > EDGES.colour_contrast
 
     def find(self, frame: LevelledFrame, strip: Strip, *, wide: bool) -> Edges:

@@ -17,7 +17,7 @@ from mvuav_ros.vision.approach.tuning import ROAD
 
 @dataclass(frozen=True)
 class EdgeProfile:
-    """What tells the strip from the land beside it.
+    """What distinguishes the strip from the land beside it.
 
     Lengths are in widths of the strip.
 
@@ -50,7 +50,7 @@ class Target:
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
 
     Attributes:
-        look: what tells it from the land. Painted lines are looked for everywhere: the camera is
+        look: how it differs from the land. Painted lines are looked for everywhere: the camera is
             taken to be level, its horizon where they meet. Other strips are looked for below the
             horizon.
         narrowest: width over height of a lane.

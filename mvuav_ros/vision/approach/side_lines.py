@@ -4,7 +4,7 @@ Painted side stripes, and concrete beside a streak of rubber, are the clearest t
 away. Their inner sides look like the edges of a darker strip, and their middles like painted lines;
 the runway's edge is where the line's outer side is. Beside the side stripe there may be a
 shoulder's line outside and markings or rubber inside. One frame shows now this one clearer, now
-that one; over some frames they differ, or stay alike, and then nobody can tell.
+that one; over some frames they differ, or stay alike, and then nobody can know.
 """
 
 from __future__ import annotations

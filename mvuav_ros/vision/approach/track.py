@@ -1,7 +1,7 @@
 """One possible runway followed from frame to frame, as several strips that may be it.
 
 A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom tells. All keep their places in the runway's own
+of them is the runway one frame seldom shows. All keep their places in the runway's own
 coordinates, columns in widths from its left edge, which do not change as the aircraft moves. They
 are weighed anew in every few frames, and what is followed and reported is their mean, weighted by
 what many frames together say of each.

@@ -76,7 +76,7 @@ class Sight(NamedTuple):
 
     @classmethod
     def from_attitude(cls, row: float, slope: float) -> Sight:
-        """A sensor has told the horizon's row and slope."""
+        """A sensor has given the horizon's row and slope."""
         reach = SEARCH.attitude_reach
         ranges = [SearchRange(slope, row - reach, row + reach)]
         return cls(row, ranges, (row, SEARCH.attitude_sigma), True)
@@ -208,7 +208,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     @property
     def report(self) -> Report | None:
-        """What tells whether the best track is right."""
+        """Evidence of whether the best track is right."""
         best = self.best
         if best is None:
             return None

@@ -81,7 +81,7 @@ class MotionTuning:
     period: int = 3  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
-    # px by which the ground must have moved before standing still tells anything
+    # px by which the ground must have moved before standing still says anything
     min_moved: float = 1.2
     min_moving: int = 10  # corners that moved, for a map to be known
     min_inliers: float = 0.6  # share of them that fit one map
@@ -148,7 +148,7 @@ class LinesTuning:
     beyond: float = 0.16  # of a line's middle, where its outer side may be
     apart: float = 0.12  # between lines that are not one
     noise: float = 0.5  # grey levels of ridges that are taken to be everywhere
-    max_width: float = 90.0  # px of the near end, beyond which threshold markings are told apart
+    max_width: float = 90.0  # px of the near end, beyond which threshold markings are distinguished
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
     min_depth: float = 2.0  # grey levels below a line that are dark
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
@@ -197,7 +197,7 @@ class SearchTuning:
     samples: int = 8  # rows compared in the search
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
     steepest: float = 1.8  # columns per row of the flattest edge searched
-    narrowest: float = 6.0  # px; a narrower near end tells nothing
+    narrowest: float = 6.0  # px; a narrower near end says nothing
     widest: float = 1.5  # width over camera height of what is searched (a flare is followed only)
     # the same of a strip whose edges meet above the image; simulated flights that look down
     widest_above: float = 3.0
@@ -264,7 +264,7 @@ class StripTuning:
     margin_above: float = 18.0  # px above the vanishing point
     depth_below: float = 2.7  # depths of the near end
     points: int = 12  # of a mean's edge
-    min_width: float = 5.0  # px of the near end: less cannot be told from specks in clouds
+    min_width: float = 5.0  # px of the near end: less cannot be distinguished from specks in clouds
     # px: of what meets above that row ``min_below_top`` must be in view. Run 2 below its
     # horizon
     top_row: float = 6.0
@@ -366,7 +366,7 @@ class RoadTuning:
     ratios: tuple[float, float, float] = (0.1, 0.2, 0.4)
     samples: int = 6  # rows compared
     taper: float = 0.45  # depth of a band's first row, in depths of its last
-    narrowest: float = 3.0  # px; a narrower near end tells nothing
+    narrowest: float = 3.0  # px; a narrower near end says nothing
     max_beyond: float = 0.2  # widths outside the image at which a vanishing point is looked for
     search_share: float = 0.25  # of all places, looked up in one frame
     max_of_band: int = 3  # strips of a band

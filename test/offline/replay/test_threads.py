@@ -1,18 +1,21 @@
-"""One recording by several processes: the same messages in the same order as by one."""
+"""One recording by several threads: the same messages in the same order as by one."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import time
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from support.commands import COMMAND, ENVIRONMENT, ROOT, mvuav_process, read, write_flight
+from support.commands import mvuav_process, read, write_flight
 from support.recording_samples import START_NS, STEP_NS, STORE, Sample, cdr, image, write_mcap
+
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.offline.replay.frames import make_processors, replay_in_threads
+from mvuav_ros.sources.source import SourceError
+from mvuav_ros.vision.image import Image
 
 IMAGE, COMPRESSED = '/camera/image_raw', '/camera/image_raw/compressed'
 
@@ -44,7 +47,7 @@ def camera_info(number: int) -> Sample:
 
 
 def both(bag: Path, folder: Path, *options: object) -> list[tuple[int, str]]:
-    """The exit status and words of a run by one process and of one by three."""
+    """The exit status and words of a run by one thread and of one by three."""
     said = []
     for jobs in (1, 3):
         run = mvuav_process('replay', bag, '-o', folder / f'{jobs}.mcap', '--jobs', jobs, *options)
@@ -88,19 +91,18 @@ def test_not_a_single_frame(tmp_path: Path) -> None:
     assert 'not a single frame could be used' in second[1]
 
 
-def test_a_process_that_dies_ends_the_replay_with_its_reason(tmp_path: Path) -> None:
-    bag, out = write_flight(tmp_path / 'flight.mcap', 20_000), tmp_path / 'out.mcap'
-    command = [*COMMAND, 'replay', str(bag), '-o', str(out), '--jobs', '2']
-    with subprocess.Popen(
-        command, env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE, text=True
-    ) as process:
-        deadline = time.monotonic() + 120
-        while not (out.exists() and out.stat().st_size > 10_000):
-            assert time.monotonic() < deadline and process.poll() is None
-            time.sleep(0.02)
-        children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split()
-        assert len(children) == 2
-        os.kill(int(children[0]), signal.SIGKILL)
-        _, err = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert 'its process ended with SIGKILL' in err
+def test_an_error_of_the_input_and_an_end_in_the_midst_leave_no_thread_behind() -> None:
+    processors = make_processors({'marker_tracker': {}})
+    frames = [Frame(n, 'camera', Image(np.zeros((48, 64), np.uint8), 'mono8')) for n in range(40)]
+
+    def broken() -> Iterator[Frame]:
+        yield from frames
+        raise SourceError('no more')
+
+    steps = replay_in_threads(broken(), processors, 2)
+    with pytest.raises(SourceError, match='no more'):
+        list(steps)
+    steps = replay_in_threads(frames, make_processors({'marker_tracker': {}}), 2)
+    assert next(steps).stamp_ns == 0
+    steps.close()
+    assert not [thread for thread in threading.enumerate() if 'decoding' in thread.name]
