@@ -22,7 +22,7 @@ import typer
 
 import mvuav_ros
 from mvuav_ros.cli.options import AsJson, MaxSize, Strict
-from mvuav_ros.cli.terminal import say, report_account
+from mvuav_ros.cli.terminal import report_account, say
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError

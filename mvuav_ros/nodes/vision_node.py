@@ -24,10 +24,10 @@ from mvuav_ros.nodes.diagnostics import (
     status,
 )
 from mvuav_ros.nodes.image_input import (
-    SynchronizedTopic,
     ImageInput,
     InputState,
     IntraProcessInput,
+    SynchronizedTopic,
     image_topic,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files

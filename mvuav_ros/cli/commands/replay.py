@@ -24,7 +24,7 @@ from mvuav_ros.cli.options import (
     Strict,
     takes,
 )
-from mvuav_ros.cli.terminal import frame_progress, say, report_account, report_damage
+from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
