@@ -110,24 +110,15 @@ class EdgeSamples:
         step[self.rows.size :] *= -1
         return self.by_side(step)
 
-    def fit(self, clear: NDArray[Any], smooth: NDArray[Any], size: float) -> Edges:
-        """Points of both edges.
-
-        Args:
-            clear: (2, count, places - base) steps from 0 to ``size``, for the points.
-            smooth: likewise, for the line along which they are looked for.
-            size: of a whole step.
-        """
+    def fit(self, steps: NDArray[Any], size: float) -> Edges:
+        """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size."""
         left, right = (
-            self._fit(self.expected[side], clear[side], smooth[side], max(size, 1e-6))
-            for side in (0, 1)
+            self._fit(self.expected[side], steps[side], max(size, 1e-6)) for side in (0, 1)
         )
         return left, right
 
-    def _fit(
-        self, expected: NDArray[Any], step: NDArray[Any], smooth: NDArray[Any], size: float
-    ) -> EdgePoints:
-        """Choose the straight line with the most smooth steps, then the steps' own places."""
+    def _fit(self, expected: NDArray[Any], step: NDArray[Any], size: float) -> EdgePoints:
+        """Choose the straight line with the most steps, then the steps' own places."""
         rows, base = self.rows, self.base
         count, places = step.shape
         along = (rows - rows[0]) / max(rows[-1] - rows[0], 1e-6)
@@ -138,7 +129,7 @@ class EdgeSamples:
         middle = 0.5 * (places - 1)
         # Of equal lines the expected one.
         away = (np.abs(far - middle) + np.abs(near - middle)) / places
-        votes = smooth.ravel().take(index).sum(axis=1)
+        votes = step.ravel().take(index).sum(axis=1)
         votes = votes * (1.0 - 0.3 * away)
         best = int(votes.argmax())
         chosen = np.rint(at[best]).astype(np.intp)
@@ -234,7 +225,7 @@ class EdgeLook:
             ridge = _ridges(samples, channels[0])
             size = max(self._paint, EDGES.min_contrast)
             lines = np.clip(ridge, 0.0, size)
-            return samples.fit(lines, lines, size)
+            return samples.fit(lines, size)
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
         if wide and contrast[0] < 0 and colour > max(EDGES.clear_contrast, -float(contrast[0])):
@@ -245,7 +236,7 @@ class EdgeLook:
         along = np.tensordot(direction, steps, axes=1)
         size = max(size, EDGES.min_contrast)
         along = np.clip(along, 0.0, size)
-        return samples.fit(along, along, size)
+        return samples.fit(along, size)
 
     def _learn(
         self,

@@ -253,11 +253,6 @@ class FollowedStrip:
         return self.log_odds
 
     @property
-    def standing(self) -> float:
-        """Log odds that another track must exceed, while this is the one that is shown."""
-        return self.log_odds
-
-    @property
     def showable(self) -> bool:
         """Enough frames have spoken for it."""
         return True
