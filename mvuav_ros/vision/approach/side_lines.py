@@ -203,27 +203,19 @@ class _Side:
 
     def _shift(self, places: list[float], shares: list[float], sigma: float) -> float:
         """By how much the known lines are moved in this frame, so that they fit best."""
-        best, moved = 0.0, 0.0
         if not self.known:
-            return moved
-        seen = list(zip(places, shares, strict=True))
-        for line in self.known:
-            for place in places:
-                shift = place - line.place
-                if abs(shift) > 3.0 * sigma:
-                    continue
-                fit = -0.5 * (shift / sigma) ** 2
-                for known in self.known:
-                    fit += known.clearness * max(
-                        0.0,
-                        *(
-                            share * (1.0 - abs(other - known.place - shift) / LINES.same)
-                            for other, share in seen
-                        ),
-                    )
-                if fit > best:
-                    best, moved = fit, shift
-        return moved
+            return 0.0
+        known = np.array([line.place for line in self.known])
+        apart = np.array(places) - known[:, None]
+        shifts = apart[np.abs(apart) <= 3.0 * sigma]
+        if not shifts.size:
+            return 0.0
+        near = 1.0 - np.abs(apart - shifts[:, None, None]) / LINES.same
+        seen = np.maximum((near * np.array(shares)).max(axis=2), 0.0)
+        clearness = np.array([line.clearness for line in self.known])
+        fit = (seen * clearness).sum(axis=1) - 0.5 * (shifts / sigma) ** 2
+        best = int(fit.argmax())
+        return float(shifts[best]) if fit[best] > 0.0 else 0.0
 
 
 Numbers = NDArray[np.floating[Any]]
