@@ -1,4 +1,4 @@
-"""The search for runways: pairs of straight edges that meet near the horizon, aligned and described."""
+"""The search: pairs of straight edges that meet near the horizon, aligned and described."""
 
 from __future__ import annotations
 
