@@ -25,7 +25,7 @@ from mvuav_ros.cli.options import (
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.node_parameters import resolve_parameters
 from mvuav_ros.parameters.parameter_file import parse_assignment
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.sources.source import SourceError
 
 if TYPE_CHECKING:
@@ -106,14 +106,14 @@ def corners(options: CornersOptions) -> None:
             write_images(run, parameters, score, options.images)
     except CornersError as error:
         raise SourceError(str(error)) from error
-    _tell(score)
+    _report(score)
     if options.as_json is not None:
         options.as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
     if not score.both >= options.minimum:
         raise typer.Exit(1)
 
 
-def _tell(score: CornersScore) -> None:
+def _report(score: CornersScore) -> None:
     from mvuav_ros.offline.evaluation.corners import WARM_UP
 
     say(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')

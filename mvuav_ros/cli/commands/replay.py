@@ -24,7 +24,7 @@ from mvuav_ros.cli.options import (
     Strict,
     takes,
 )
-from mvuav_ros.cli.terminal import frame_progress, say, tell_account, tell_damage
+from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
@@ -148,9 +148,9 @@ def _report(outcome: ReplayOutcome) -> None:
         rest = sum(count for _, count in reasons[_MAX_REASONS:])
         say(f'warning: {rest} without a result for other reasons', err=True)
     if outcome.account is not None:
-        tell_account(outcome.account)
+        report_account(outcome.account)
     else:  # of a replay that was finished before
-        tell_damage(outcome.errors)
+        report_damage(outcome.errors)
         say(*(f'note: {warning}' for warning in outcome.warnings), err=True)
     if outcome.failure:
         say(f'mvuav: {outcome.failure}', err=True)

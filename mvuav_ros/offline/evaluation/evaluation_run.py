@@ -79,7 +79,7 @@ class Observations:
 class NamedPoints:
     """What the topics of single markers say, to find the row that each of them repeats.
 
-    The order of topics tells nothing: `ros2 bag record` lists them as they were discovered.
+    The order of topics says nothing: `ros2 bag record` lists them as they were discovered.
     """
 
     def __init__(self) -> None:
@@ -237,7 +237,7 @@ def _flown(text: str, truth: Observations) -> Iterator[Frame]:
 
 
 def nodes_for(text: str) -> list[str]:
-    """The nodes whose results an input's truth can judge; all where nothing tells.
+    """The nodes whose results an input's truth can judge; all where nothing says.
 
     Raises:
         RecordingError: a bag cannot be read.

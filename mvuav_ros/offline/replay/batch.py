@@ -302,7 +302,7 @@ def _made_from(job: ReplayJob) -> dict[str, str]:
     """The job's description, with a digest of the settings, which are the same for all."""
     try:
         made_from = description(job.source, job.settings)
-    except Exception:  # whatever keeps it from being read is told by its outcome
+    except Exception:  # whatever keeps it from being read is in its outcome
         return {'version': mvuav_ros.__version__, 'input': job.source}
     settings = made_from.pop('settings')
     return {**made_from, 'settings_sha256': hashlib.sha256(settings.encode()).hexdigest()}

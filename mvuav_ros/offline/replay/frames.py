@@ -223,7 +223,7 @@ def replay_in_threads(
         ]
 
     def size(item: Frame | BadFrame | EncodedFrame | RecordedMessage) -> int:
-        """Bytes; of what is not decoded yet as far as the frame before tells."""
+        """Bytes; of what is not decoded yet as many as the frame before had."""
         if isinstance(item, Frame):
             return item.image.pixels.nbytes
         if isinstance(item, EncodedFrame):

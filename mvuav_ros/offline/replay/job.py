@@ -25,9 +25,9 @@ from mvuav_ros.offline.replay.frames import (
 )
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.layout import by_flight, recordings_in
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.remote import inside, is_url, local_output, remote_state, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.writing import RecordingWriter
@@ -40,7 +40,7 @@ DESCRIPTION = 'mvuav_replay'
 
 
 def description(source: str, settings: ReplaySettings) -> dict[str, str]:
-    """What tells results of the same input, version and parameters from others.
+    """What distinguishes results of the same input, version and parameters from others.
 
     Raises:
         RecordingError: the input cannot be reached.
@@ -168,11 +168,11 @@ class ReplayOutcome:
         self.frames += 1
         self.processed += not results.reasons
         for reason in results.reasons:
-            full = reason not in self.rejected and len(self.rejected) >= _MOST_REASONS
+            full = reason not in self.rejected and len(self.rejected) >= _MAX_REASONS
             self.rejected['other reasons' if full else reason] += 1
 
 
-_MOST_REASONS = 100
+_MAX_REASONS = 100
 
 
 class JobProgress(NamedTuple):
@@ -233,7 +233,7 @@ def run_job(
 
 
 def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) -> ReplayOutcome:
-    """`run_job`, with what goes wrong told in the outcome."""
+    """`run_job`, with what goes wrong said in the outcome."""
     outcome = ReplayOutcome(job.source, job.output)
     try:
         run_job(job, outcome, progress, stop, threads)
