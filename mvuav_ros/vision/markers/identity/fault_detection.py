@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.view.filter import MAIN, Point, ViewFilter
-from mvuav_ros.vision.markers.view.filter_bank import Correction
-from mvuav_ros.vision.markers.view.weak_perspective import Array, ViewState
+from mvuav_ros.vision.markers.view.filter import Belief, Correction, Point, ViewFilter
+from mvuav_ros.vision.markers.view.weak_perspective import ViewState
 
 
 @dataclass(frozen=True)
@@ -74,9 +71,8 @@ class Consensus:
 class FaultDetector:
     """Holds every frame's named lights against the rig, and adds up what speaks against each.
 
-    How far a marker lies from where the filter that ignores it expects it, frame after frame, is
-    the evidence that it is another light; and when that is enough, that filter has not been led
-    astray by it.
+    How far a marker lies from where all others put it, frame after frame, is the evidence that it
+    is another light; when that is enough, the frames since it began are filtered without it.
     """
 
     def __init__(self, views: ViewFilter) -> None:
@@ -86,23 +82,26 @@ class FaultDetector:
         self.contested: set[int] = set()
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
-        self._evidence: Array = np.zeros(views.doubted)
-        self._corrected: tuple[object, Correction] | None = None
+        self._evidence = [0.0] * len(views.shape.points)
+        # Frames since the evidence against each marker was last zero.
+        self._doubted_for = [0] * len(views.shape.points)
+        self._corrected: tuple[Belief, object, Correction] | None = None
 
     def _correct(self, found: Mapping[int, Point]) -> Correction:
-        key = (self.views.bank, self.contested, list(found.items()))
-        if self._corrected is not None and self._corrected[0] == key:
-            return self._corrected[1]
-        contested = np.array([marker in self.contested for marker in found])
-        if len(found) - contested.sum() < TUNING.fewest_firm:
-            contested[:] = False
+        belief, key = self.views.belief, (self.contested, list(found.items()))
+        last = self._corrected
+        if last is not None and last[0] is belief and last[1] == key:
+            return last[2]
+        contested = self.contested.intersection(found)
+        if len(found) - len(contested) < TUNING.fewest_firm:
+            contested.clear()
         correction = self.views.correct(found, contested)
-        self._corrected = key, correction
+        self._corrected = belief, key, correction
         return correction
 
     def surprise_of(self, found: Mapping[int, Point]) -> dict[int, float]:
-        """For each named light how far it lies from where the others put it (see `Fits`)."""
-        return dict(zip(found, self._correct(found).surprise[MAIN].tolist(), strict=True))
+        """For each named light how far it lies from where the others put it (see `Correction`)."""
+        return dict(zip(found, self._correct(found).surprise, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
@@ -113,17 +112,16 @@ class FaultDetector:
         if not found:
             return Consensus(self.views.view, ())
         correction = self._correct(found)
-        view = correction.view(MAIN)
-        evidence = self._weighed(found, correction)
+        evidence = self._weighed(correction)
         markers = tuple(found)
-        strange = view.surprise.max() > TUNING.gate
-        if not strange and evidence.max(initial=0.0) < TUNING.enough:
-            return Consensus(view, markers)
+        strange = max(correction.surprise) > TUNING.gate
+        if not strange and max(evidence) < TUNING.enough:
+            return Consensus(correction.view, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
         suspicion = None
-        if len(markers) > 2 and evidence.max(initial=0.0) > TUNING.doubt:
-            suspicion = self._without_suspects(found, evidence, correction)
+        if len(markers) > 2 and max(evidence) > TUNING.doubt:
+            suspicion = self._without_suspects(found, evidence)
             if suspicion is not None and not suspicion.suspects:
                 return suspicion
         contested = len(self.contested.intersection(markers))
@@ -133,7 +131,7 @@ class FaultDetector:
         if suspicion is not None:
             return suspicion
         if not strange:
-            return Consensus(view, markers)
+            return Consensus(correction.view, markers)
         for dropped in (1, 2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
@@ -146,30 +144,32 @@ class FaultDetector:
         """Whether all fit the rig but not where expected: a motion not foreseen, now told."""
         if 2 * len(found) < TUNING.fewest_free:
             return False
-        before = self.views.bank
+        before = self.views.belief
         self.views.upset(TUNING.free)
         view = self.views.look(found)
         few = len(found) <= TUNING.fewest_agreeing
         if view.cost <= (TUNING.fitting_few if few else TUNING.fitting):
-            self._evidence = 0 * self._evidence
+            self._forget_evidence()
             return True
-        self.views.bank = before
+        self.views.belief = before
         return False
 
-    def _weighed(self, found: Mapping[int, Point], correction: Correction) -> NDArray[np.float64]:
+    def _forget_evidence(self) -> None:
+        self._evidence = [0.0] * len(self._evidence)
+        self._doubted_for = [0] * len(self._evidence)
+
+    def _weighed(self, correction: Correction) -> list[float]:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
-        evidence = TUNING.forgetting * self._evidence
-        for index, marker in enumerate(found):
-            if marker < len(evidence):
-                strange = correction.surprise[1 + marker, index] - TUNING.allowance
-                evidence[marker] = max(self._evidence[marker] + strange, 0.0)
+        evidence = [TUNING.forgetting * before for before in self._evidence]
+        for marker, surprise in zip(correction.found, correction.surprise, strict=True):
+            evidence[marker] = max(self._evidence[marker] + surprise - TUNING.allowance, 0.0)
         return evidence
 
     def _without_suspects(
-        self, found: Mapping[int, Point], evidence: Array, correction: Correction
+        self, found: Mapping[int, Point], evidence: Sequence[float]
     ) -> Consensus | None:
-        """What the others agree on, by the filter that has doubted the worst marker all along."""
-        score = {m: float(evidence[m]) for m in found if evidence[m] > TUNING.doubt}
+        """What the others agree on if the worst marker has been another light all along."""
+        score = {m: evidence[m] for m in found if evidence[m] > TUNING.doubt}
         for marker in score:
             score[marker] += TUNING.contested * (marker in self.contested)
             score[marker] += self.jumps.get(marker, 0.0)
@@ -178,16 +178,20 @@ class FaultDetector:
         worst = max(score, key=lambda marker: score[marker])
         margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
         suspects = tuple(m for m in score if score[m] > score[worst] - margin)
-        others = [index for index, m in enumerate(found) if m != worst]
-        if correction.surprise[1 + worst][others].max() > TUNING.gate:
+        before = self.views.belief
+        self.views.belief = self.views.without(worst, self._doubted_for[worst])
+        rest = {m: place for m, place in found.items() if m != worst}
+        view = self.views.look(rest)
+        if view.surprise.max() > TUNING.gate:
+            self.views.belief = before
             return None
+        kept = tuple(rest)
         if len(suspects) > 1:
+            self.views.belief = before
             kept = tuple(m for m in found if m not in suspects)
-            return Consensus(correction.view(1 + worst), kept, (), suspects)
-        kept = tuple(m for m in found if m != worst)
-        self.views.bank = self.views.bank.all_as(1 + worst)
-        self._evidence = 0 * self._evidence
-        return Consensus(self.views.look({m: found[m] for m in kept}), kept, (worst,))
+            return Consensus(view, kept, (), suspects)
+        self._forget_evidence()
+        return Consensus(view, kept, (worst,))
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
@@ -235,22 +239,14 @@ class FaultDetector:
         that were not alone.
         """
         few = len(found) < TUNING.fewest_agreeing
-        asked = {*returned, *contested} if few else set(returned)
-        doubtful = {m for m in found if m in asked and m < self.views.doubted}
+        doubtful = {m for m in found if m in returned or (few and m in contested)}
         if not doubtful:
             return set()
         if few and len(found) - len(doubtful) < TUNING.fewest_telling:
             return doubtful
-        correction = self._correct(found)
-        # The marker has taken part a little: what it says of its own place is taken out.
-        own = self.views.doubted_deviation
-        protected = TUNING.protected_by_few if few else TUNING.protected
-        most = own * protected / math.hypot(own, protected)
-        return {
-            marker
-            for marker in doubtful
-            if self.views.places(correction.view(1 + marker))[1][marker] > most
-        }
+        told = self._correct(found).told_by_others()
+        limit = TUNING.protected_by_few if few else TUNING.protected
+        return {marker for marker in doubtful if told[marker] > limit}
 
     def upset(self) -> None:
         """What was seen contradicts the view as a whole."""
@@ -261,7 +257,11 @@ class FaultDetector:
         if not found:
             return
         correction = self._correct(found)
-        self._evidence = self._weighed(found, correction)
-        self._evidence -= max(self._evidence.max(initial=0.0) - TUNING.most_evidence, 0.0)
-        np.maximum(self._evidence, 0.0, out=self._evidence)
+        evidence = self._weighed(correction)
+        over = max(max(evidence) - TUNING.most_evidence, 0.0)
+        self._evidence = [max(one - over, 0.0) for one in evidence]
+        self._doubted_for = [
+            frames + 1 if one else 0
+            for frames, one in zip(self._doubted_for, self._evidence, strict=True)
+        ]
         self.views.commit(correction)

@@ -130,7 +130,7 @@ class Recovery:
         if len(found) + min(len(spots), MOST_EXTENDED) < fewest:
             self._agreed = 0
             return dict(found)
-        before = views.bank
+        before = views.belief
         views.upset(FAULTS.free)
         named = extend(views, found, spots, fits)
         view = views.look(places_of(named))
@@ -139,7 +139,7 @@ class Recovery:
             self._agreed = 0
         elif self._believes(named, fewest):
             return named
-        views.bank = before
+        views.belief = before
         return dict(found)
 
     def _believes(self, named: dict[int, Detection], fewest: int) -> bool:

@@ -1,16 +1,27 @@
-"""How a rig is seen, carried from frame to frame by a bank of Kalman filters."""
+"""How a rig is seen, carried from frame to frame by a Kalman filter."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.view.filter_bank import RATES_LAST, Correction, FilterBank
-from mvuav_ros.vision.markers.view.fit import Fits, NamedPlaces, fit
+from mvuav_ros.vision.markers.view.fit import (
+    SETTLED,
+    Fits,
+    NamedPlaces,
+    columns_of,
+    fit,
+    limited,
+    possible,
+)
 from mvuav_ros.vision.markers.view.weak_perspective import (
     BARREL,
     COUNT,
@@ -66,15 +77,16 @@ class ViewTuning:
     most_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     doubted_least: float = 2.0  # px, of that at least
+    rates_last: float = 1.0  # s, after which a motion has changed
+    history: int = 45  # frames that can be taken back
 
 
 TUNING = ViewTuning()
-MAIN = 0
-"""Place of the filter that believes all markers, before those that each doubt one."""
-_MOST_DOUBTED = 12
-"""Markers of a rig, each of which can be doubted all the time; of a larger rig none is."""
+_STATES = 2 * COUNT
+_UNITY: Array = np.eye(_STATES)
+_MAX_ITERATIONS = 6
 _UNREST: Array = np.square(TUNING.unrest)
-_STATIONARY: Array = 0.5 * RATES_LAST * _UNREST
+_STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST
 """Variances of the rates in the long run."""
 _LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
 _WALK: Array = np.square(TUNING.jitter)
@@ -88,11 +100,34 @@ _FEWEST_TELLING, _FEWEST_HOLDING = 4, 3
 """Markers by which a frame tells how the view moves, and with which that is not forgotten."""
 
 
+class Belief(NamedTuple):
+    """Parameters of a view and their rates per s (16,), and the covariance (16, 16)."""
+
+    mean: Array
+    covariance: Array
+
+
+class _Step(NamedTuple):
+    """One frame of the filter, by which it can be run again.
+
+    The time is s since the frame before; walk and unrest (8,) are the process noise over it.
+    """
+
+    elapsed: float
+    walk: Array
+    unrest: Array
+    before: Belief
+    seen: Mapping[int, Point]
+    variances: Sequence[float]
+
+
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
-    Beside the filter that believes every marker there is one for each marker that all but
-    ignores it, so that it is not led astray where that marker is another light.
+    How far each marker lies from where all the others put it follows in closed form from the
+    innovations and their covariance (see `Correction.surprise`). A marker whose light turns out to
+    have been another one for some time is taken back: the frames since then are filtered again
+    without it.
     """
 
     def __init__(
@@ -109,10 +144,9 @@ class ViewFilter:
         # The rig, with what lies beside it on a body that is not what its rig says.
         self.shape = shape
         self.time = time  # s
-        count = len(shape.points)
-        # Markers that have a filter which ignores them: all, or none of a large rig.
-        self.doubted = count if count <= _MOST_DOUBTED else 0
-        self.bank = FilterBank.of(view, 1 + self.doubted, _STATIONARY)  # the filters
+        covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
+        covariance[:COUNT, :COUNT] = view.covariance
+        self.belief = Belief(np.concatenate((view.parameters, np.zeros(COUNT))), covariance)
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.least_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
@@ -120,9 +154,11 @@ class ViewFilter:
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
         # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
-        self._seen = count
+        self._seen = len(shape.points)
         self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
         self._motion: Array = before._motion if before else np.ones(COUNT)
+        self._steps: deque[_Step] = deque(maxlen=TUNING.history)
+        self._step = (0.0, _WALK, _UNREST)
 
     @property
     def _known(self) -> list[int]:
@@ -132,12 +168,12 @@ class ViewFilter:
     @property
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
-        return ViewState(self.bank.parameters[MAIN], self.bank.covariance[MAIN])
+        return ViewState(self.belief.mean[:COUNT], self.belief.covariance[:COUNT, :COUNT])
 
     @property
     def deviation(self) -> float:
         """Of a measured marker from where the view has it (1 sigma, px)."""
-        scale = math.exp(float(self.bank.parameters[MAIN, SCALE]))
+        scale = math.exp(float(self.belief.mean[SCALE]))
         return math.hypot(TUNING.noise, self.rig_error * scale)
 
     @property
@@ -147,13 +183,14 @@ class ViewFilter:
 
     def deviation_of(self, parameter: int) -> float:
         """How uncertain a parameter is (1 sigma)."""
-        return math.sqrt(self.bank.covariance[MAIN, parameter, parameter])
+        return math.sqrt(self.belief.covariance[parameter, parameter])
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
         walk, unrest = self._motion * _WALK, self._motion * _UNREST
         walk[self._known] = 0.0
-        self.bank = self.bank.predicted(time - self.time, walk, unrest)
+        self._step = time - self.time, walk, unrest
+        self.belief = _predicted(self.belief, *self._step)
         self.time = time
         if self._seen < _FEWEST_HOLDING:
             usual = np.clip(self._liveliest, TUNING.least_unseen, TUNING.most_unseen)
@@ -175,53 +212,235 @@ class ViewFilter:
 
     def fit(self, seen: NDArray[np.intp], measured: Array) -> Fits:
         """Views by several ways of naming markers, (m, k), from this frame's prior."""
-        prior = self.bank.parameters[:1], self.bank.covariance[:1]
+        mean, covariance = self.belief
+        prior = mean[None, :COUNT], covariance[None, :COUNT, :COUNT]
         return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
 
-    def correct(self, found: Mapping[int, Point], contested: NDArray[np.bool_]) -> Correction:
-        """What each filter makes of the named lights, px without distortion.
+    def correct(self, found: Mapping[int, Point], contested: Collection[int] = ()) -> Correction:
+        """What the named lights, px without distortion, make of the view.
 
-        All filters all but ignore the contested ones, (k,).
+        The contested ones are all but ignored.
         """
-        markers = np.array(list(found), np.intp)
-        seen = NamedPlaces(markers[None], np.array(list(found.values())), self.deviation)
-        doubting = (np.arange(len(self.bank.states))[:, None] == 1 + markers) | contested
-        variances = np.where(doubting, self.doubted_deviation**2, self.deviation**2)
-        return self.bank.corrected(self.shape, seen, variances)
+        own = self.deviation**2
+        variances = [own] * len(found)
+        if contested:
+            doubted = self.doubted_deviation**2
+            variances = [doubted if marker in contested else own for marker in found]
+        return Correction.of(self.shape, self.belief, found, variances, own)
 
     def upset(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
-        self.bank = self.bank.less_certain(factor, self._known)
+        growth = np.full(_STATES, math.sqrt(factor))
+        growth[self._known] = 1.0
+        mean, covariance = self.belief
+        self.belief = Belief(mean, growth[:, None] * covariance * growth)
 
     def commit(self, correction: Correction) -> None:
-        """Take what each filter has made of a frame's named lights, which agree."""
-        self._seen = correction.variances.shape[1]
+        """Take what a frame's named lights, which agree, have made of the view."""
+        self._seen = len(correction.found)
         if self._seen >= _FEWEST_TELLING:
             self._learn_motion(correction)
-        self.bank = correction.after
+        self._steps.append(_Step(*self._step, self.belief, correction.found, correction.variances))
+        self.belief = correction.after
         # Four markers before a lens that is not known fit any rig.
         fewest = _FEWEST_TELLING if self._known else max(len(self.shape.points), _FEWEST_TELLING)
         if self._seen >= fewest:
-            self._learn_rig_error(correction.view(MAIN))
+            self._learn_rig_error(correction)
+
+    def without(self, marker: int, frames: int) -> Belief:
+        """The prior of this frame if a marker had not been seen in so many frames before it."""
+        steps = list(self._steps)[-frames:] if frames else []
+        if not steps:
+            return self.belief
+        belief, own = steps[0].before, self.deviation**2
+        for number, step in enumerate(steps):
+            if number:
+                belief = _predicted(belief, step.elapsed, step.walk, step.unrest)
+            rest = {m: place for m, place in step.seen.items() if m != marker}
+            kept = [v for m, v in zip(step.seen, step.variances, strict=True) if m != marker]
+            if rest:
+                belief = Correction.of(self.shape, belief, rest, kept, own).after
+        return _predicted(belief, *self._step)
 
     def _learn_motion(self, correction: Correction) -> None:
         """The steps from the predicted views over their variances tell how lively the motion is."""
         before, after = correction.before, correction.after
-        step = correction.change[MAIN, :COUNT]
-        expected = (before.covariance[MAIN] - after.covariance[MAIN]).diagonal()
+        step = after.mean[:COUNT] - before.mean[:COUNT]
+        expected = (before.covariance - after.covariance).diagonal()[:COUNT]
         shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
         shown = np.minimum(shown, TUNING.most_surprising)
         motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
         self._motion = np.minimum(np.maximum(motion, TUNING.least_motion), TUNING.most_motion)
-        rates = before.rates[MAIN]
+        rates = before.mean[COUNT:]
         self._liveliest = np.maximum(0.998 * self._liveliest, rates * rates * _LIVELY)
 
-    def _learn_rig_error(self, view: ViewState) -> None:
+    def _learn_rig_error(self, correction: Correction) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
-        seen = self._seen
-        shown = view.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / view.scale
+        seen, scale = self._seen, math.exp(float(correction.after.mean[SCALE]))
+        shown = correction.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
         self.rig_error += rate * (shown - self.rig_error)
+
+
+def _predicted(belief: Belief, elapsed: float, walk: Array, unrest: Array) -> Belief:
+    """The same so many s later: rates that fade, driven by white noise (variances per s, (8,))."""
+    last = TUNING.rates_last
+    fade = math.exp(-elapsed / last)
+    reach = last * (1.0 - fade)
+    stationary = 0.5 * last * (1.0 - fade * fade)
+    # What lies on the diagonals of the four blocks of 8 x 8.
+    transition, step = _UNITY.copy(), _STATES + 1
+    flat = transition.ravel()
+    flat[COUNT : COUNT * step : step] = reach
+    flat[COUNT * step :: step] = fade
+    covariance = transition @ belief.covariance @ transition.T
+    flat = covariance.ravel()
+    across = (0.5 * reach * reach) * unrest
+    flat[: COUNT * step : step] += elapsed * walk + (elapsed**3 / 3) * unrest
+    flat[COUNT : COUNT * step : step] += across
+    flat[COUNT * _STATES :: step] += across
+    flat[COUNT * step :: step] += stationary * unrest
+    return Belief(transition.dot(belief.mean), covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What k named lights of a frame make of a view: an iterated extended Kalman filter's update.
+
+    Attributes:
+        before: the prior.
+        found: the lights' places by marker, px without distortion.
+        change: (16,), of the state.
+        towards: (16, 2 k), covariance of the state with the places.
+        slopes: (8, 2 k), of the places by the parameters.
+        weight: (2 k, 2 k), inverse covariance of the innovations, px^-2.
+        weighed: (2 k,), the innovations times that.
+        variances: k, px², at which the markers take part.
+        own: px², variance of a marker's place.
+    """
+
+    before: Belief
+    found: Mapping[int, Point]
+    change: Array
+    towards: Array
+    slopes: Array
+    weight: Array
+    weighed: Array
+    variances: Sequence[float]
+    own: float
+
+    @classmethod
+    def of(
+        cls,
+        shape: WeakPerspective,
+        before: Belief,
+        found: Mapping[int, Point],
+        variances: Sequence[float],
+        own: float,
+    ) -> Correction:
+        """Correct a prior by lights, each of its own variance, px²."""
+        mean, covariance = before
+        count = 2 * len(found)
+        markers = list(found)
+        in_order = markers == list(range(len(shape.points)))
+        columns = None if in_order else columns_of(np.array(markers, np.intp))
+        places = np.array(list(found.values())).ravel()
+        noise = np.repeat(variances, 2)
+        prior = parameters = np.ascontiguousarray(mean[:COUNT])
+        for _ in range(_MAX_ITERATIONS):
+            expected, slopes = (each[0] for each in shape.linearize_all(parameters[None]))
+            if columns is not None:
+                expected, slopes = expected[columns], slopes[:, columns]
+            innovation = places - expected
+            away = prior - parameters
+            if parameters is not prior:
+                innovation -= away.dot(slopes)
+            towards = covariance[:, :COUNT].dot(slopes)
+            spread = slopes.T.dot(towards[:COUNT])
+            spread.ravel()[:: count + 1] += noise
+            regular, weight = cv2.invert(spread, flags=cv2.DECOMP_CHOLESKY)
+            if not regular:
+                weight = np.linalg.pinv(spread, hermitian=True)
+            weighed = weight.dot(innovation)
+            change = towards.dot(weighed)
+            step, largest = limited((change[:COUNT] + away)[None])
+            parameters = possible(parameters + step[0])
+            if largest < SETTLED:
+                break
+        else:
+            # What the last slopes foretell of the residuals cannot be trusted.
+            expected = shape.linearize_all(parameters[None])[0][0]
+            weighed = (places - (expected if columns is None else expected[columns])) / noise
+        change[:COUNT] = parameters - prior
+        return cls(before, found, change, towards, slopes, weight, weighed, variances, own)
+
+    @cached_property
+    def after(self) -> Belief:
+        """The state with what has been seen, in Joseph's form: no variance gets negative."""
+        gain = self.towards.dot(self.weight)
+        left = _UNITY.copy()
+        left[:, :COUNT] -= gain.dot(self.slopes.T)
+        covariance = left.dot(self.before.covariance).dot(left.T)
+        covariance += (gain * np.repeat(self.variances, 2)).dot(gain.T)
+        return Belief(self.before.mean + self.change, 0.5 * (covariance + covariance.T))
+
+    @cached_property
+    def misfit(self) -> float:
+        """Root mean square of the markers' distances from their places in the view, px."""
+        residual = self.weighed * np.repeat(self.variances, 2)
+        return math.sqrt(float(residual.dot(residual)) / max(len(self.found), 1))
+
+    @cached_property
+    def _others(self) -> list[tuple[float, float, float, float, float]]:
+        """For each marker, from all others alone: its innovation, px, and the place's covariance.
+
+        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
+        innovation by the others alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own
+        variance is a part: x, y, and xx, xy, yy of the rest.
+        """
+        step = 2 * len(self.found) + 1
+        flat, weighed = self.weight.ravel(), self.weighed.tolist()
+        rows = flat[:: 2 * step].tolist(), flat[1 :: 2 * step].tolist()
+        lower = flat[step :: 2 * step].tolist()
+        told = []
+        for i, (xx, xy, yy, variance) in enumerate(zip(*rows, lower, self.variances, strict=False)):
+            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+            x, y = weighed[2 * i], weighed[2 * i + 1]
+            xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
+            told.append((xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance))
+        return told
+
+    @cached_property
+    def surprise(self) -> list[float]:
+        """For each marker how far it lies from where all others put it.
+
+        The squared distance over its variance, that of the marker included (chi² of two degrees).
+        """
+        far = []
+        for x, y, xx, xy, yy in self._others:
+            xx, yy = max(xx, 0.0) + self.own, max(yy, 0.0) + self.own
+            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+            far.append((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
+        return far
+
+    def told_by_others(self) -> dict[int, float]:
+        """How exactly all others tell each marker's place (1 sigma, px): the larger axis."""
+        told = {}
+        for marker, (_, _, xx, xy, yy) in zip(self.found, self._others, strict=True):
+            largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+            told[marker] = math.sqrt(max(largest, 0.0))
+        return told
+
+    @cached_property
+    def view(self) -> ViewState:
+        """What follows of the view."""
+        mean, covariance = self.after
+        return ViewState(
+            mean[:COUNT],
+            covariance[:COUNT, :COUNT],
+            self.misfit,
+            surprise=np.array(self.surprise),
+        )
