@@ -11,8 +11,8 @@ from mvuav_ros.offline.evaluation.numbers import Array, distance_rms
 from mvuav_ros.offline.report.model import Claim, Section, Table
 from mvuav_ros.offline.thesis.plan import Plan, words
 from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
-from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
-from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.motion import MotionPredictor
+from mvuav_ros.vision.markers.predictions import METHODS, Extrapolation
 
 RATES = (15.0, 30.0)
 FRAMES = 210

@@ -11,9 +11,7 @@ from statistics import median_high
 import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.view.fit import Fits, NamedPlaces, fit
-from mvuav_ros.vision.markers.view.three_points import views_of_three
-from mvuav_ros.vision.markers.view.weak_perspective import (
+from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
     FOCAL,
@@ -24,10 +22,14 @@ from mvuav_ros.vision.markers.view.weak_perspective import (
     YAW,
     Array,
     Complex,
+    Fits,
+    NamedPlaces,
     ViewState,
     WeakPerspective,
     X,
     Y,
+    fit,
+    views_of_three,
 )
 
 ANY_ROLL = 1.6  # rad, 1 sigma: at the start an upright body is likelier than one upside down

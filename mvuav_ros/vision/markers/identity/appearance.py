@@ -9,7 +9,7 @@ import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.assignment import GATE, Expectation
-from mvuav_ros.vision.markers.view.weak_perspective import Array
+from mvuav_ros.vision.markers.rig_view import Array
 
 USUAL_AREA = (0.6, 1.6)
 USUAL_SPREAD = 1.06

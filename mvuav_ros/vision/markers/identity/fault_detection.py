@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from mvuav_ros.vision.markers.view.filter import Belief, Correction, Point, ViewFilter
-from mvuav_ros.vision.markers.view.weak_perspective import ViewState
+from mvuav_ros.vision.markers.rig_view import ViewState
+from mvuav_ros.vision.markers.view_filter import Belief, Correction, Point, ViewFilter
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.grouping import label_five
 from mvuav_ros.vision.markers.identity.acquisition import (
     ANY_ROLL,
     DOUBT,
@@ -17,11 +18,9 @@ from mvuav_ros.vision.markers.identity.acquisition import (
     Guess,
     guess_start,
 )
-from mvuav_ros.vision.markers.labelling import label_five
 from mvuav_ros.vision.markers.lights import Lights, are_close
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
-from mvuav_ros.vision.markers.view.fit import NamedPlaces, fit
-from mvuav_ros.vision.markers.view.weak_perspective import ViewState, WeakPerspective, X, Y
+from mvuav_ros.vision.markers.rig_view import NamedPlaces, ViewState, WeakPerspective, X, Y, fit
 
 MOST_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)

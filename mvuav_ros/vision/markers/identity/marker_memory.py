@@ -15,9 +15,8 @@ from mvuav_ros.vision.markers.grouping import area_fits
 from mvuav_ros.vision.markers.identity.appearance import AppearanceModel
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.jumps import Jumps
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.lights import Frame
-from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.lights import Frame, Lens
+from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.results import FAR_OFF, NO_WINDOW, Window
 
 Array = NDArray[np.float64]

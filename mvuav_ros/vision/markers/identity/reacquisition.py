@@ -16,8 +16,8 @@ from mvuav_ros.vision.markers.identity.acquisition import DOUBT
 from mvuav_ros.vision.markers.identity.assignment import GATE, NOTHING, Fits
 from mvuav_ros.vision.markers.identity.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.lights import are_close, places_of
-from mvuav_ros.vision.markers.view.filter import ViewFilter
-from mvuav_ros.vision.markers.view.weak_perspective import ROLL, SCALE, Array, ViewState, X, Y
+from mvuav_ros.vision.markers.rig_view import ROLL, SCALE, Array, ViewState, X, Y
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 MOST_COST = 24.0
 """Squared residuals and distance from the prior over their variances, of a way that may be."""

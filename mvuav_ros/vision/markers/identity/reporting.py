@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.grouping import roll_of
 from mvuav_ros.vision.markers.identity.assignment import Expectation
 from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
-from mvuav_ros.vision.markers.labelling import roll_of
 from mvuav_ros.vision.markers.results import (
     TANKER_LABELS,
     TANKER_NAMES,

@@ -18,7 +18,7 @@ from mvuav_ros.vision.markers.identity.initialization import Named
 from mvuav_ros.vision.markers.identity.marker_memory import KNOWN_PLACE, Motion
 from mvuav_ros.vision.markers.identity.reacquisition import Recovery, extend, reacquire
 from mvuav_ros.vision.markers.lights import Lights, are_close, places_of
-from mvuav_ros.vision.markers.view.weak_perspective import COUNT, ViewState
+from mvuav_ros.vision.markers.rig_view import COUNT, ViewState
 
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""

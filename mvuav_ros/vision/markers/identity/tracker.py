@@ -23,11 +23,10 @@ from mvuav_ros.vision.markers.identity.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.identity.reacquisition import Recovery
 from mvuav_ros.vision.markers.identity.reporting import Reporter
 from mvuav_ros.vision.markers.identity.search import Search
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.lights import Frame, Lights, are_close, places_of, straightened
+from mvuav_ros.vision.markers.lights import Frame, Lens, Lights, are_close, places_of, straightened
 from mvuav_ros.vision.markers.results import MarkerResult, Window
-from mvuav_ros.vision.markers.view.filter import ViewFilter
-from mvuav_ros.vision.markers.view.weak_perspective import ROLL, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
 SAME_SPOT = 3.0  # Two markers closer than this (px) are one light

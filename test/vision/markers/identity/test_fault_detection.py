@@ -6,9 +6,9 @@ import numpy as np
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.view.filter import ViewFilter
-from mvuav_ros.vision.markers.view.weak_perspective import PITCH, ViewState, WeakPerspective
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import PITCH, ViewState, WeakPerspective
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -78,7 +78,7 @@ def test_nothing_is_ever_too_uncertain_to_be_computed():
         found = {0: (100.0, 100.0), 4: (300.0, 120.0)}
         detector.weigh(found)
     assert np.isfinite(detector.views.look(found).parameters).all()
-    assert np.isfinite(detector.views.bank.covariance).all()
+    assert np.isfinite(detector.views.belief.covariance).all()
 
 
 def test_two_that_returned_to_one_need_a_fourth_marker():

@@ -8,9 +8,9 @@ import pytest
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.reacquisition import reacquire
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.view.filter import ViewFilter
-from mvuav_ros.vision.markers.view.weak_perspective import ViewState, WeakPerspective
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))

@@ -8,9 +8,9 @@ import pytest
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.identity.reacquisition import RECOVERY, Recovery
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.view.filter import ViewFilter
-from mvuav_ros.vision.markers.view.weak_perspective import PITCH, YAW, ViewState, WeakPerspective
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import PITCH, YAW, ViewState, WeakPerspective
+from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
@@ -59,6 +59,6 @@ def test_a_single_light_may_be_another_one(views, spots):
 def test_lights_that_do_not_fit_get_no_name_and_the_view_stays(views, spots):
     found = {0: spots[0], 4: spots[4]}
     strangers = [spots[1]._replace(y=spots[1].y + 30.0), spots[3]._replace(x=spots[3].x + 40.0)]
-    before = views.bank
+    before = views.belief
     assert recover(views, found, strangers, 5) == found
-    assert views.bank is before
+    assert views.belief is before

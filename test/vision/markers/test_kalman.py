@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.prediction.kalman import KalmanFilter
+from mvuav_ros.vision.markers.predictions import KalmanFilter
 
 
 def test_it_follows_an_acceleration_exactly():

@@ -6,8 +6,8 @@ import pytest
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
+from mvuav_ros.vision.markers.lights import Blobs
 
 
 def crowd(seed, encoding):

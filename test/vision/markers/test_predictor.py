@@ -11,8 +11,8 @@ from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker import TankerFlight
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.motion import Motion
-from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.motion import MotionPredictor
+from mvuav_ros.vision.markers.thesis_tracker import Motion
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 
 THESIS = ('none', 'velocity', 'acceleration', 'acceleration_program')

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.prediction.competition import PredictionMixture
+from mvuav_ros.vision.markers.motion import PredictionMixture
 
 
 def test_the_better_prediction_takes_over_and_gives_way_again():

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.motion import Motion
-from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
+from mvuav_ros.vision.markers.predictions import METHODS, Extrapolation
+from mvuav_ros.vision.markers.thesis_tracker import Motion
 
 STEPS = {'even': np.full(12, 1 / 15), 'uneven': np.linspace(0.02, 0.09, 12)}
 

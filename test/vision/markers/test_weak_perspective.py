@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.view.fit import NamedPlaces, fit
-from mvuav_ros.vision.markers.view.weak_perspective import COUNT, WeakPerspective
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import COUNT, NamedPlaces, WeakPerspective, fit
 from mvuav_ros.vision.rig import TANKER_747
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))

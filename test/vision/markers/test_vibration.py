@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.prediction.vibration import VibrationPredictor
+from mvuav_ros.vision.markers.predictions import VibrationPredictor
 
 
 def run(innovations):

@@ -13,29 +13,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.view.fit import (
-    SETTLED,
-    Fits,
-    NamedPlaces,
-    columns_of,
-    fit,
-    limited,
-    possible,
-)
-from mvuav_ros.vision.markers.view.weak_perspective import (
+from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
     FOCAL,
     PITCH,
     ROLL,
     SCALE,
+    SETTLED,
     YAW,
     Array,
+    Fits,
+    NamedPlaces,
     ViewState,
     WeakPerspective,
     X,
     Y,
+    columns_of,
     deviations_of,
+    fit,
+    limited,
+    possible,
 )
 
 Point = tuple[float, float]

@@ -7,9 +7,8 @@ import numpy as np
 
 from mvuav_ros.simulation.light_flights import random_rig
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.lens import Lens
-from mvuav_ros.vision.markers.view.three_points import views_of_three
-from mvuav_ros.vision.markers.view.weak_perspective import WeakPerspective
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import WeakPerspective, views_of_three
 from mvuav_ros.vision.rig import TANKER_747
 
 FOCAL = 554.0
