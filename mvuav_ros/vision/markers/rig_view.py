@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -161,6 +162,41 @@ class WeakPerspective:
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
+        image += self._middle
+        return image.view(np.float64), slopes.view(np.float64)
+
+    def linearize_one(self, view: Array) -> tuple[Array, Array]:
+        """The same of one view (8,), (2 n,) and (8, 2 n): with less to do for every frame."""
+        roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
+        n = len(self.points)
+        both, apart = yaw + pitch, yaw - pitch
+        cos, sin = math.cos, math.sin
+        turns = cos(both), sin(both), cos(apart), sin(apart), cos(yaw), sin(yaw)
+        seen = np.array((*turns, cos(pitch), sin(pitch))).dot(self._turns)
+        qz = seen[6 * n : 7 * n]
+        near = math.exp(scale - focal)
+        free = near < self.most_nearness
+        near = min(near, self.most_nearness)
+        larger = 1.0 / np.maximum(near * qz + 1.0, _NEAREST)
+        turn = cmath.rect(math.exp(scale), roll)
+        turned = seen[: 6 * n].view(np.complex128).reshape(3, n) * (turn * larger)
+        image = turned[0] + (complex(x, y) - self._middle) * larger
+        nearer = image * (near * larger)
+        slopes = np.empty((COUNT, n), np.complex128)
+        slopes[X] = larger
+        slopes[Y] = 1j * larger
+        slopes[ROLL] = 1j * turned[0]
+        slopes[FOCAL] = nearer * qz if free else 0.0
+        slopes[SCALE] = turned[0] - slopes[FOCAL]
+        slopes[PITCH : YAW + 1] = turned[1:] + nearer * seen[7 * n :].reshape(2, n)
+        slopes[BARREL] = 0.0
+        if self.lens.focal is None:
+            image = self._bend(image[None], slopes[None], np.array([[barrel]]))[0]
+        if self.offsets is not None:
+            beside = self.offsets * turn
+            image = image + beside
+            slopes[ROLL] += 1j * beside
+            slopes[SCALE] += beside
         image += self._middle
         return image.view(np.float64), slopes.view(np.float64)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -76,7 +75,6 @@ class ViewTuning:
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     doubted_least: float = 2.0  # px, of that at least
     rates_last: float = 1.0  # s, after which a motion has changed
-    history: int = 45  # frames that can be taken back
 
 
 TUNING = ViewTuning()
@@ -105,27 +103,11 @@ class Belief(NamedTuple):
     covariance: Array
 
 
-class _Step(NamedTuple):
-    """One frame of the filter, by which it can be run again.
-
-    The time is s since the frame before; walk and unrest (8,) are the process noise over it.
-    """
-
-    elapsed: float
-    walk: Array
-    unrest: Array
-    before: Belief
-    seen: Mapping[int, Point]
-    variances: Sequence[float]
-
-
 class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
     How far each marker lies from where all the others put it follows in closed form from the
-    innovations and their covariance (see `Correction.surprise`). A marker whose light turns out to
-    have been another one for some time is taken back: the frames since then are filtered again
-    without it.
+    innovations and their covariance (see `Correction.surprise`).
     """
 
     def __init__(
@@ -155,8 +137,6 @@ class ViewFilter:
         self._seen = len(shape.points)
         self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
         self._motion: Array = before._motion if before else np.ones(COUNT)
-        self._steps: deque[_Step] = deque(maxlen=TUNING.history)
-        self._step = (0.0, _WALK, _UNREST)
 
     @property
     def _known(self) -> list[int]:
@@ -187,8 +167,7 @@ class ViewFilter:
         """Go on to a later time (s)."""
         walk, unrest = self._motion * _WALK, self._motion * _UNREST
         walk[self._known] = 0.0
-        self._step = time - self.time, walk, unrest
-        self.belief = _predicted(self.belief, *self._step)
+        self.belief = _predicted(self.belief, time - self.time, walk, unrest)
         self.time = time
         if self._seen < _FEWEST_HOLDING:
             usual = np.clip(self._liveliest, TUNING.least_unseen, TUNING.most_unseen)
@@ -240,27 +219,11 @@ class ViewFilter:
         self._seen = len(correction.found)
         if self._seen >= _FEWEST_TELLING:
             self._learn_motion(correction)
-        self._steps.append(_Step(*self._step, self.belief, correction.found, correction.variances))
         self.belief = correction.after
         # Four markers before a lens that is not known fit any rig.
         fewest = _FEWEST_TELLING if self._known else max(len(self.shape.points), _FEWEST_TELLING)
         if self._seen >= fewest:
             self._learn_rig_error(correction)
-
-    def without(self, marker: int, frames: int) -> Belief:
-        """The prior of this frame if a marker had not been seen in so many frames before it."""
-        steps = list(self._steps)[-frames:] if frames else []
-        if not steps:
-            return self.belief
-        belief, own = steps[0].before, self.deviation**2
-        for number, step in enumerate(steps):
-            if number:
-                belief = _predicted(belief, step.elapsed, step.walk, step.unrest)
-            rest = {m: place for m, place in step.seen.items() if m != marker}
-            kept = [v for m, v in zip(step.seen, step.variances, strict=True) if m != marker]
-            if rest:
-                belief = Correction.of(self.shape, belief, rest, kept, own).after
-        return _predicted(belief, *self._step)
 
     def _learn_motion(self, correction: Correction) -> None:
         """The steps from the predicted views over their variances tell how lively the motion is."""
@@ -349,7 +312,7 @@ class Correction:
         noise = np.repeat(variances, 2)
         prior = parameters = np.ascontiguousarray(mean[:COUNT])
         for _ in range(_MAX_ITERATIONS):
-            expected, slopes = (each[0] for each in shape.linearize_all(parameters[None]))
+            expected, slopes = shape.linearize_one(parameters)
             if columns is not None:
                 expected, slopes = expected[columns], slopes[:, columns]
             innovation = places - expected
@@ -370,7 +333,7 @@ class Correction:
                 break
         else:
             # What the last slopes foretell of the residuals cannot be trusted.
-            expected = shape.linearize_all(parameters[None])[0][0]
+            expected = shape.linearize_one(parameters)[0]
             weighed = (places - (expected if columns is None else expected[columns])) / noise
         change[:COUNT] = parameters - prior
         return cls(before, found, change, towards, slopes, weight, weighed, variances, own)

@@ -96,21 +96,3 @@ def test_what_is_known_does_not_become_less_certain():
     assert sizes[FOCAL] == 1.0
     np.testing.assert_allclose(sizes[:FOCAL], 10.0)
     assert np.linalg.eigvalsh(views.belief.covariance).min() > 0.0
-
-
-def test_a_marker_taken_back_leaves_what_the_others_alone_have_told():
-    """Frames with another light in a marker's place, filtered again without it."""
-    truth = dict(enumerate(SHAPE.project(VIEW).tolist()))
-    wrong = {**truth, 2: (truth[2][0] + 3.0, truth[2][1])}
-    right = {m: place for m, place in truth.items() if m != 2}
-    filters = [ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0) for _ in range(2)]
-    for views, seen in zip(filters, (wrong, right), strict=True):
-        for frame in range(1, 6):
-            views.predict(frame / 30)
-            views.commit(views.correct(seen))
-        views.predict(0.2)
-    misled, clean = filters
-    again = misled.without(2, 5).mean
-    apart = np.abs(misled.belief.mean[:6] - clean.belief.mean[:6]) / SPREAD[:6]
-    assert apart.max() > 0.05
-    np.testing.assert_allclose((again[:6] - clean.belief.mean[:6]) / SPREAD[:6], 0.0, atol=0.005)

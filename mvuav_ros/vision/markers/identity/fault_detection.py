@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -25,16 +25,6 @@ class FaultTuning:
     gate: float = 16.0
     doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
     fewest_firm: int = 3  # markers, without which none can be doubted
-    # Of a squared distance over variance, per frame: what is more is evidence.
-    allowance: float = 6.0
-    enough: float = 20.0  # evidence from which on a marker contradicts the others
-    most_evidence: float = 100.0  # to which the evidence against any marker can add up
-    forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
-    # Of the evidence against the worst marker, by which another must have less so that it is not a
-    # suspect as well.
-    doubtful_share: float = 0.1
-    # Evidence that a marker has against it that was out of sight shortly before.
-    contested: float = 50.0
     # px (1 sigma), of a marker's place by the others, up to which they would contradict another
     # light there.
     protected: float = 4.0
@@ -69,11 +59,7 @@ class Consensus:
 
 
 class FaultDetector:
-    """Holds every frame's named lights against the rig, and adds up what speaks against each.
-
-    How far a marker lies from where all others put it, frame after frame, is the evidence that it
-    is another light; when that is enough, the frames since it began are filtered without it.
-    """
+    """Holds every frame's named lights against the rig: each marker against all the others."""
 
     def __init__(self, views: ViewFilter) -> None:
         self.views = views  # how the rig is seen
@@ -82,9 +68,6 @@ class FaultDetector:
         self.contested: set[int] = set()
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
-        self._evidence = [0.0] * len(views.shape.points)
-        # Frames since the evidence against each marker was last zero.
-        self._doubted_for = [0] * len(views.shape.points)
         self._corrected: tuple[Belief, object, Correction] | None = None
 
     def _correct(self, found: Mapping[int, Point]) -> Correction:
@@ -104,7 +87,7 @@ class FaultDetector:
         return dict(zip(found, self._correct(found).surprise, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
-        """Which of the named lights agree, by this frame and by those before it.
+        """Which of the named lights agree.
 
         The fewest are dropped without which the others fit; while it is not clear which those
         are, all that they may be are suspects.
@@ -112,26 +95,15 @@ class FaultDetector:
         if not found:
             return Consensus(self.views.view, ())
         correction = self._correct(found)
-        evidence = self._weighed(correction)
         markers = tuple(found)
-        strange = max(correction.surprise) > TUNING.gate
-        if not strange and max(evidence) < TUNING.enough:
+        if max(correction.surprise) <= TUNING.gate:
             return Consensus(correction.view, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
-        suspicion = None
-        if len(markers) > 2 and max(evidence) > TUNING.doubt:
-            suspicion = self._without_suspects(found, evidence)
-            if suspicion is not None and not suspicion.suspects:
-                return suspicion
         contested = len(self.contested.intersection(markers))
         judged = 0 < contested <= len(markers) - TUNING.fewest_firm
-        if (strange or suspicion is not None) and not judged and self._moved_oddly(found):
+        if not judged and self._moved_oddly(found):
             return Consensus(self.views.look(found), markers)
-        if suspicion is not None:
-            return suspicion
-        if not strange:
-            return Consensus(correction.view, markers)
         for dropped in (1, 2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
@@ -149,49 +121,9 @@ class FaultDetector:
         view = self.views.look(found)
         few = len(found) <= TUNING.fewest_agreeing
         if view.cost <= (TUNING.fitting_few if few else TUNING.fitting):
-            self._forget_evidence()
             return True
         self.views.belief = before
         return False
-
-    def _forget_evidence(self) -> None:
-        self._evidence = [0.0] * len(self._evidence)
-        self._doubted_for = [0] * len(self._evidence)
-
-    def _weighed(self, correction: Correction) -> list[float]:
-        """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
-        evidence = [TUNING.forgetting * before for before in self._evidence]
-        for marker, surprise in zip(correction.found, correction.surprise, strict=True):
-            evidence[marker] = max(self._evidence[marker] + surprise - TUNING.allowance, 0.0)
-        return evidence
-
-    def _without_suspects(
-        self, found: Mapping[int, Point], evidence: Sequence[float]
-    ) -> Consensus | None:
-        """What the others agree on if the worst marker has been another light all along."""
-        score = {m: evidence[m] for m in found if evidence[m] > TUNING.doubt}
-        for marker in score:
-            score[marker] += TUNING.contested * (marker in self.contested)
-            score[marker] += self.jumps.get(marker, 0.0)
-        if not score:
-            return None
-        worst = max(score, key=lambda marker: score[marker])
-        margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
-        suspects = tuple(m for m in score if score[m] > score[worst] - margin)
-        before = self.views.belief
-        self.views.belief = self.views.without(worst, self._doubted_for[worst])
-        rest = {m: place for m, place in found.items() if m != worst}
-        view = self.views.look(rest)
-        if view.surprise.max() > TUNING.gate:
-            self.views.belief = before
-            return None
-        kept = tuple(rest)
-        if len(suspects) > 1:
-            self.views.belief = before
-            kept = tuple(m for m in found if m not in suspects)
-            return Consensus(view, kept, (), suspects)
-        self._forget_evidence()
-        return Consensus(view, kept, (worst,))
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
@@ -256,12 +188,4 @@ class FaultDetector:
         """Take a frame's named lights, which agree."""
         if not found:
             return
-        correction = self._correct(found)
-        evidence = self._weighed(correction)
-        over = max(max(evidence) - TUNING.most_evidence, 0.0)
-        self._evidence = [max(one - over, 0.0) for one in evidence]
-        self._doubted_for = [
-            frames + 1 if one else 0
-            for frames, one in zip(self._doubted_for, self._evidence, strict=True)
-        ]
-        self.views.commit(correction)
+        self.views.commit(self._correct(found))
