@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mvuav_ros.vision.markers.identity.jumps import TUNING, Jumps
+from mvuav_ros.vision.markers.marker_memory import TUNING, Jumps
 
 RNG = np.random.default_rng(5)
 

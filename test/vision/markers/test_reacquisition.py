@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers.assignment import reacquire
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.identity.reacquisition import reacquire
 from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter

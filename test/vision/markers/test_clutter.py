@@ -1,8 +1,8 @@
 """Lights that are not the marker whose name they had."""
 
+from mvuav_ros.vision.markers.assignment import Expectation
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.identity.assignment import Expectation
-from mvuav_ros.vision.markers.identity.clutter import REJECTED_FOR, Rejections
+from mvuav_ros.vision.markers.search import REJECTED_FOR, Rejections
 
 
 def light(x: float) -> Detection:

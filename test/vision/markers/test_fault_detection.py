@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.markers.identity.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.markers.rig_view import PITCH, ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
