@@ -24,8 +24,6 @@ USUAL_SPREAD = 1.06
 LIKELY_AREA = (0.3, 3.2)
 LIKELY_SPREAD = 1.3
 """The same for a spot that may be the marker after all."""
-JOINED_AREA, JOINED_SPREAD = 1.25, 1.1
-"""From these on it may be the marker together with another one."""
 _MEMORY = 0.8
 PLACE_NOISE = 0.5  # px (1 sigma): of a joined light's middle, and of a marker's place in its view
 SURE_SIDE = 2.0
@@ -66,10 +64,6 @@ class AppearanceModel:
             return False
         return spot.spread <= max(LIKELY_SPREAD * self.spread, 1.0) + 2.0 / spot.area
 
-    def may_be_joined(self, spot: Detection) -> bool:
-        """Whether it is large or long enough to be the light and another one."""
-        return spot.area >= JOINED_AREA * self.area or spot.spread >= JOINED_SPREAD * self.spread
-
 
 def offset_in(
     spot: Detection, areas: tuple[float, float], places: Array, spread: Array
@@ -103,22 +97,6 @@ def offset_in(
     widest = math.sqrt(max(float(np.linalg.eigvalsh(apart @ spread @ apart.T)[-1]), 0.0))
     sure = math.hypot(x1 - x0, y1 - y0) > SURE_SIDE * widest
     return (x1 - x0, y1 - y0) if sure else None
-
-
-def is_joined(
-    index: int,
-    spot: Detection,
-    looks: Sequence[AppearanceModel],
-    expected: Mapping[int, Expectation],
-) -> bool:
-    """Whether a spot is probably this marker and another of those expected together."""
-    if not looks[index].may_be_joined(spot):
-        return False
-    return any(
-        math.hypot(spot.x - place.x, spot.y - place.y) < spot.radius + looks[other].radius + 3.0
-        for other, place in expected.items()
-        if other != index
-    )
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from mvuav_ros.vision.markers.marker_memory import (
     KNOWN_PLACE,
     AppearanceModel,
     Motion,
-    is_joined,
     offset_in,
 )
 from mvuav_ros.vision.markers.rig_view import COUNT, ViewState
@@ -245,9 +244,7 @@ class Search:
             def fits(index: int, spot: Detection, gates: dict[int, Expectation] = gates) -> bool:
                 if gates[index].deviation > KNOWN_PLACE and self._clutter.include(spot):
                     return False
-                return self._is_likely(index, spot) and not is_joined(
-                    index, spot, self._looks, gates
-                )
+                return self._is_likely(index, spot)
 
             named = assign(gates, self._free, fits)
             if not named:

@@ -16,18 +16,15 @@ from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
     FOCAL,
-    PITCH,
     ROLL,
     SCALE,
     SETTLED,
-    YAW,
     Array,
     Fits,
     NamedPlaces,
     ViewState,
     WeakPerspective,
     X,
-    Y,
     columns_of,
     deviations_of,
     fit,
@@ -43,8 +40,8 @@ class ViewTuning:
     """How views change, and how exactly rigs are measured.
 
     Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
-    simulator's docking approaches; `learning` and `most_unseen` on seeds 9000 to 9029 and 9500 to
-    9529. The parameters are those of `WeakPerspective.project`.
+    simulator's docking approaches; `learning` on seeds 9000 to 9029 and 9500 to 9529. The parameters
+    are those of `WeakPerspective.project`.
     """
 
     # Random walk of the parameters, per square root of a second.
@@ -59,19 +56,6 @@ class ViewTuning:
     # Per frame, of a rig error that turns out less, or more.
     learning: float = 0.25
     unlearning: float = 0.003
-    # Per frame, by which the variances of jitter and unrest follow the motion.
-    motion_learning: float = 0.1
-    # Per frame in which too few markers are seen, by which they grow again.
-    motion_forgetting: float = 1.2
-    # To which they grow at least, and at most.
-    least_unseen: float = 0.1
-    most_unseen: float = 8.0
-    # To which they grow, in parts of the rates' squares over their variances.
-    rates_share: float = 3.0
-    most_surprising: float = 25.0  # of a step's square over its variance, that is learnt from
-    # Of those variances, in parts of the usual ones.
-    least_motion: float = 0.02
-    most_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     doubted_least: float = 2.0  # px, of that at least
     rates_last: float = 1.0  # s, after which a motion has changed
@@ -82,18 +66,11 @@ _STATES = 2 * COUNT
 _UNITY: Array = np.eye(_STATES)
 _MAX_ITERATIONS = 6
 _UNREST: Array = np.square(TUNING.unrest)
-_STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST
-"""Variances of the rates in the long run."""
-_LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
+_STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST  # Of the rates in the long run
 _WALK: Array = np.square(TUNING.jitter)
-_ALIKE = np.eye(COUNT)
-for _pair in ((X, Y), (PITCH, YAW)):
-    _ALIKE[np.ix_(_pair, _pair)] = 0.5
-"""Averages over parameters whose motions are alike."""
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
-_FEWEST_TELLING, _FEWEST_HOLDING = 4, 3
-"""Markers by which a frame tells how the view moves, and with which that is not forgotten."""
+_MIN_EXACT = 4  # Markers whose residuals tell how exact the rig is
 
 
 class Belief(NamedTuple):
@@ -134,9 +111,8 @@ class ViewFilter:
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
         # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
-        self._seen = len(shape.points)
-        self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
-        self._motion: Array = before._motion if before else np.ones(COUNT)
+        self._walk = _WALK.copy()
+        self._walk[self._known] = 0.0
 
     @property
     def _known(self) -> list[int]:
@@ -165,15 +141,8 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        walk, unrest = self._motion * _WALK, self._motion * _UNREST
-        walk[self._known] = 0.0
-        self.belief = _predicted(self.belief, time - self.time, walk, unrest)
+        self.belief = _predicted(self.belief, time - self.time, self._walk, _UNREST)
         self.time = time
-        if self._seen < _FEWEST_HOLDING:
-            usual = np.clip(self._liveliest, TUNING.least_unseen, TUNING.most_unseen)
-            grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
-            self._motion = np.maximum(self._motion, grown)
-        self._seen = 0
 
     def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
         """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
@@ -216,30 +185,15 @@ class ViewFilter:
 
     def commit(self, correction: Correction) -> None:
         """Take what a frame's named lights, which agree, have made of the view."""
-        self._seen = len(correction.found)
-        if self._seen >= _FEWEST_TELLING:
-            self._learn_motion(correction)
         self.belief = correction.after
         # Four markers before a lens that is not known fit any rig.
-        fewest = _FEWEST_TELLING if self._known else max(len(self.shape.points), _FEWEST_TELLING)
-        if self._seen >= fewest:
+        fewest = _MIN_EXACT if self._known else max(len(self.shape.points), _MIN_EXACT)
+        if len(correction.found) >= fewest:
             self._learn_rig_error(correction)
-
-    def _learn_motion(self, correction: Correction) -> None:
-        """The steps from the predicted views over their variances tell how lively the motion is."""
-        before, after = correction.before, correction.after
-        step = after.mean[:COUNT] - before.mean[:COUNT]
-        expected = (before.covariance - after.covariance).diagonal()[:COUNT]
-        shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
-        shown = np.minimum(shown, TUNING.most_surprising)
-        motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
-        self._motion = np.minimum(np.maximum(motion, TUNING.least_motion), TUNING.most_motion)
-        rates = before.mean[COUNT:]
-        self._liveliest = np.maximum(0.998 * self._liveliest, rates * rates * _LIVELY)
 
     def _learn_rig_error(self, correction: Correction) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
-        seen, scale = self._seen, math.exp(float(correction.after.mean[SCALE]))
+        seen, scale = len(correction.found), math.exp(float(correction.after.mean[SCALE]))
         shown = correction.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
