@@ -33,6 +33,8 @@ class FaultTuning:
     # Markers not out of sight before, by which alone others' places are told.
     fewest_telling: int = 2
     fewest_agreeing: int = 4  # markers that tell each other's places
+    # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
+    beside: float = 6.0
     upset: float = 4.0  # by which all variances grow where what is seen makes no sense
     # By which they grow to find out whether it is only the motion that was not foreseen.
     free: float = 1e3
@@ -184,8 +186,13 @@ class FaultDetector:
         """What was seen contradicts the view as a whole."""
         self.views.upset(TUNING.upset)
 
-    def commit(self, found: Mapping[int, Point]) -> None:
-        """Take a frame's named lights, which agree."""
+    def commit(self, found: Mapping[int, Point]) -> dict[int, float]:
+        """Take a frame's named lights, which agree; what each place says for its name.
+
+        See `Correction.log_odds`.
+        """
         if not found:
-            return
-        self.views.commit(self._correct(found))
+            return {}
+        correction = self._correct(found)
+        self.views.commit(correction)
+        return correction.log_odds(TUNING.beside, self.views.unknowns)

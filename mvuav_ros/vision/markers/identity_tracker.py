@@ -73,7 +73,8 @@ class Reporter:
             spot = spots[index]
             if spot is not None:
                 x, y, area, _ = spot
-                markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area))
+                confidence = memory.markers[index].confidence
+                markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area, confidence))
             elif memory.markers[index].last_seen >= earliest and index in expected:
                 x, y, _ = expected[index]
                 markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
@@ -204,10 +205,10 @@ class IdentityTracker:
         faults.contested = memory.contested
         consensus = faults.weigh(places_of(found))
         if len(consensus.kept) == self._count:
-            faults.commit(places_of(found))
+            odds = faults.commit(places_of(found))
             self._rejections.clear()
             self._doubts = self._unexplained = 0
-            memory.remember(frame.time, spots, {})
+            memory.remember(frame.time, spots, {}, odds)
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
@@ -241,7 +242,8 @@ class IdentityTracker:
         unverified = search.faults.unverified(
             places_of(search.found), memory.returned - trusted, memory.contested - trusted
         )
-        expected = self._in_image(search.finish())
+        expected, odds = search.finish()
+        expected = self._in_image(expected)
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
@@ -251,7 +253,7 @@ class IdentityTracker:
         hidden = search.suspects
         if self._clutter.is_about:
             hidden = hidden | unverified
-        memory.remember(frame.time, spots, expected, unverified)
+        memory.remember(frame.time, spots, expected, odds, unverified)
         spots = [None if index in hidden else spot for index, spot in enumerate(spots)]
         return self._report.result(memory, spots, frame.earliest, expected, windows, status)
 

@@ -182,6 +182,24 @@ class Motion(NamedTuple):
         return by_view
 
 
+@dataclass(frozen=True)
+class ConfidenceTuning:
+    """How the probability of a name follows what the places say.
+
+    Chosen on seeds 20000 to 20008 of `tools/compare_markers.py`.
+    """
+
+    first: float = 5.0  # log odds of a name that is given to the whole body
+    again: float = 2.5  # of one that is given back to a single marker
+    # Of what a frame's place says, as the errors of following frames are alike.
+    share: float = 0.5
+    stolen: float = 2e-4  # probability per frame that another light takes a marker's place
+    most: float = 9.0  # log odds
+
+
+CONFIDENCE = ConfidenceTuning()
+
+
 @dataclass
 class KnownMarker:
     """What is remembered of one marker."""
@@ -192,6 +210,18 @@ class KnownMarker:
     returning: int = RETURNING  # frames until its motion is known again
     contested: int = 0  # frames in which its light may be another one
     returned: int = 0  # frames in which it may be another one that shines in its place
+    odds: float = CONFIDENCE.first  # of its name, their logarithm
+
+    @property
+    def confidence(self) -> float:
+        """Probability of its name."""
+        return 1.0 / (1.0 + math.exp(-self.odds))
+
+    def weigh(self, ratio: float) -> None:
+        """Bayes's rule with a log ratio of likelihoods, after a frame in which it may be stolen."""
+        kept = self.confidence * (1.0 - CONFIDENCE.stolen)
+        odds = math.log(kept / (1.0 - kept)) + CONFIDENCE.share * ratio
+        self.odds = min(max(odds, -CONFIDENCE.most), CONFIDENCE.most)
 
 
 class MarkerMemory:
@@ -206,7 +236,7 @@ class MarkerMemory:
         # x and y of every marker in turn in the newest frame, px, by its own motion; and where
         # those out of sight should be by all that is known.
         self.predicted = self.told = [math.nan] * (2 * len(spots))
-        self.remember(time, spots, {})
+        self.remember(time, spots, {}, {})
 
     @property
     def looks(self) -> list[AppearanceModel]:
@@ -307,6 +337,7 @@ class MarkerMemory:
         for index, marker in enumerate(self.markers):
             marker.returning = RETURNING
             marker.contested = marker.returned = 0
+            marker.odds = CONFIDENCE.first
             self.predictor.forget(index)
 
     def remember(
@@ -314,11 +345,13 @@ class MarkerMemory:
         time: float,
         spots: Sequence[Detection | None],
         expected: Mapping[int, Expectation],
+        odds: Mapping[int, float],
         unverified: Collection[int] = (),
     ) -> None:
         """Learn from a frame's spots of all markers, and where those should be that have none.
 
-        Those found that the others cannot contradict are unverified.
+        The odds are what the places say for the names (see `Correction.log_odds`). Those found that
+        the others cannot contradict are unverified.
         """
         positions: list[float | None] = []
         for index, (marker, spot) in enumerate(zip(self.markers, spots, strict=True)):
@@ -339,9 +372,12 @@ class MarkerMemory:
             marker.returning = max(marker.returning - 1, 0)
             if marker.unseen:
                 marker.unseen = 0
+                marker.odds = CONFIDENCE.again
                 marker.returning = RETURNING
                 if self.predictor.unseen(index) > FORGOTTEN:
                     self.predictor.forget(index)
+            if index in odds:
+                marker.weigh(odds[index])
         self.predictor.update(positions)
 
 

@@ -364,11 +364,15 @@ class Search:
         self.found = dict(enumerate(named.spots))
         self.suspects = set()
 
-    def finish(self) -> dict[int, Expectation]:
-        """Keep the view of this frame; where markers not found should be, px without distortion."""
+    def finish(self) -> tuple[dict[int, Expectation], dict[int, float]]:
+        """Keep the view of this frame.
+
+        Returns:
+            Where markers not found should be, px without distortion; and for those found what their
+            places say for their names (see `Correction.log_odds`).
+        """
         expected = self._expectations(self.missing)
-        self.faults.commit(places_of(self.found))
-        return expected
+        return expected, self.faults.commit(places_of(self.found))
 
     def _look(self) -> None:
         self._view = self.views.look(places_of(self.found))

@@ -205,5 +205,5 @@ def measure_window(
 
 
 def _moving(marker: Marker, motion: Motion) -> Marker:
-    label, state, x, y, *_, area = marker
-    return Marker(label, state, x, y, *motion.velocity, *motion.acceleration, area)
+    label, state, x, y = marker[:4]
+    return Marker(label, state, x, y, *motion.velocity, *motion.acceleration, marker.area)

@@ -40,8 +40,8 @@ class ViewTuning:
     """How views change, and how exactly rigs are measured.
 
     Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
-    simulator's docking approaches; `learning` on seeds 9000 to 9029 and 9500 to 9529. The parameters
-    are those of `WeakPerspective.project`.
+    simulator's docking approaches; `learning` on seeds 9000 to 9029 and 9500 to 9529. The
+    parameters are those of `WeakPerspective.project`.
     """
 
     # Random walk of the parameters, per square root of a second.
@@ -134,6 +134,11 @@ class ViewFilter:
     def doubted_deviation(self) -> float:
         """The same of a marker that is doubted."""
         return max(TUNING.doubted * self.deviation, TUNING.doubted_least)
+
+    @property
+    def unknowns(self) -> int:
+        """Parameters that the lights alone tell."""
+        return COUNT - len(self._known)
 
     def deviation_of(self, parameter: int) -> float:
         """How uncertain a parameter is (1 sigma)."""
@@ -348,6 +353,26 @@ class Correction:
             largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
             told[marker] = math.sqrt(max(largest, 0.0))
         return told
+
+    def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
+        """What each marker's place says for its name: the log of a ratio of two likelihoods.
+
+        That of the marker where all others put it, over that of another light which lies within so
+        many px of there (1 sigma per axis). It counts by the mean redundancy of the places in a fit
+        of so many unknowns: what only goes on as before may as well be a light that was taken for
+        the marker earlier.
+        """
+        redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
+        odds = {}
+        for marker, (x, y, xx, xy, yy) in zip(self.found, self._others, strict=True):
+            costs = []
+            for variance in (self.own, self.own + beside * beside):
+                a, b = max(xx, 0.0) + variance, max(yy, 0.0) + variance
+                determinant = max(a * b - xy * xy, 1e-12 * a * b)
+                square = (b * x * x - 2.0 * xy * x * y + a * y * y) / determinant
+                costs.append(0.5 * (square + math.log(determinant)))
+            odds[marker] = redundancy * (costs[1] - costs[0])
+        return odds
 
     @cached_property
     def view(self) -> ViewState:
