@@ -102,10 +102,6 @@ class FaultDetector:
             return Consensus(correction.view, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
-        contested = len(self.contested.intersection(markers))
-        judged = 0 < contested <= len(markers) - TUNING.fewest_firm
-        if not judged and self._moved_oddly(found):
-            return Consensus(self.views.look(found), markers)
         for dropped in (1, 2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
@@ -113,19 +109,6 @@ class FaultDetector:
             if consensus is not None:
                 return consensus
         return self._greedy(found)
-
-    def _moved_oddly(self, found: Mapping[int, Point]) -> bool:
-        """Whether all fit the rig but not where expected: a motion not foreseen, now told."""
-        if 2 * len(found) < TUNING.fewest_free:
-            return False
-        before = self.views.belief
-        self.views.upset(TUNING.free)
-        view = self.views.look(found)
-        few = len(found) <= TUNING.fewest_agreeing
-        if view.cost <= (TUNING.fitting_few if few else TUNING.fitting):
-            return True
-        self.views.belief = before
-        return False
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
