@@ -53,11 +53,16 @@ _PAIRS_UP_TO = 8
 class Consensus:
     """What a set of named lights agrees on."""
 
-    view: ViewState  # by the markers that agree
+    seen: ViewState | Correction  # the view by the markers that agree, or what tells it
     kept: tuple[int, ...]  # those markers
     dropped: tuple[int, ...] = ()  # the ones that contradict them
     # one of which, or some, must be another light; which ones, later frames tell.
     suspects: tuple[int, ...] = ()
+
+    @property
+    def view(self) -> ViewState:
+        """By the markers that agree."""
+        return self.seen.view if isinstance(self.seen, Correction) else self.seen
 
 
 class FaultDetector:
@@ -99,7 +104,7 @@ class FaultDetector:
         correction = self._correct(found)
         markers = tuple(found)
         if max(correction.surprise) <= TUNING.gate:
-            return Consensus(correction.view, markers)
+            return Consensus(correction, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
         for dropped in (1, 2, 3):

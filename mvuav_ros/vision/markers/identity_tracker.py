@@ -203,9 +203,10 @@ class IdentityTracker:
         memory.watch(seen)
         faults.jumps = memory.jumps.evidence
         faults.contested = memory.contested
-        consensus = faults.weigh(places_of(found))
+        named = places_of(found)
+        consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
-            odds = faults.commit(places_of(found))
+            odds = faults.commit(named)
             self._rejections.clear()
             self._doubts = self._unexplained = 0
             memory.remember(frame.time, spots, {}, odds)

@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +22,7 @@ Complex = NDArray[np.complex128]
 ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 """Places in a view's parameters."""
 COUNT = 8
+_AT_REST: Array = np.zeros(3)
 KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
 _NEAREST = 0.05
@@ -166,39 +168,58 @@ class WeakPerspective:
         return image.view(np.float64), slopes.view(np.float64)
 
     def linearize_one(self, view: Array) -> tuple[Array, Array]:
-        """The same of one view (8,), (2 n,) and (8, 2 n): with less to do for every frame."""
+        """The same of one view (8,), (2 n,) and (8, 2 n), by OpenCV: it takes every frame half.
+
+        The rig is a turned one before a pinhole camera, whose derivatives by pose, focal length and
+        distortion become those by the view's parameters.
+        """
         roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
-        n = len(self.points)
-        both, apart = yaw + pitch, yaw - pitch
-        cos, sin = math.cos, math.sin
-        turns = cos(both), sin(both), cos(apart), sin(apart), cos(yaw), sin(yaw)
-        seen = np.array((*turns, cos(pitch), sin(pitch))).dot(self._turns)
-        qz = seen[6 * n : 7 * n]
-        near = math.exp(scale - focal)
+        size = math.exp(scale)
+        near = min(math.exp(scale - focal), self.most_nearness)
         free = near < self.most_nearness
-        near = min(near, self.most_nearness)
-        larger = 1.0 / np.maximum(near * qz + 1.0, _NEAREST)
-        turn = cmath.rect(math.exp(scale), roll)
-        turned = seen[: 6 * n].view(np.complex128).reshape(3, n) * (turn * larger)
-        image = turned[0] + (complex(x, y) - self._middle) * larger
-        nearer = image * (near * larger)
-        slopes = np.empty((COUNT, n), np.complex128)
-        slopes[X] = larger
-        slopes[Y] = 1j * larger
-        slopes[ROLL] = 1j * turned[0]
-        slopes[FOCAL] = nearer * qz if free else 0.0
-        slopes[SCALE] = turned[0] - slopes[FOCAL]
-        slopes[PITCH : YAW + 1] = turned[1:] + nearer * seen[7 * n :].reshape(2, n)
-        slopes[BARREL] = 0.0
+        (cx, cy), length, bend = self._centre, size / near, 0.0
+        per_barrel = (length / self.lens.half_diagonal) ** 2
         if self.lens.focal is None:
-            image = self._bend(image[None], slopes[None], np.array([[barrel]]))[0]
+            bend = barrel * per_barrel
+        (cr, cb, ca), (sr, sb, sa) = (
+            (turn(roll), turn(pitch), turn(yaw)) for turn in (math.cos, math.sin)
+        )
+        sa_sb, ca_sb = sa * sb, ca * sb
+        rotation = np.array(
+            (
+                (cr * ca - sr * sa_sb, -sr * cb, cr * sa + sr * ca_sb),
+                (sr * ca + cr * sa_sb, cr * cb, sr * sa - cr * ca_sb),
+                (-sa * cb, sb, ca * cb),
+            )
+        )
+        beside, below, away = (x - cx) / size, (y - cy) / size, 1.0 / near
+        seen, derivatives = cv2.projectPoints(
+            self.points.dot(rotation.T)[:, None],
+            _AT_REST,
+            np.array((beside, below, away)),
+            np.array(((length, 0.0, cx), (0.0, length, cy), (0.0, 0.0, 1.0))),
+            np.array((bend, 0.0, 0.0, 0.0)),
+        )
+        # By small turns, place, focal lengths, principal point and k1.
+        by = np.zeros((COUNT, 14))
+        by[ROLL, 2] = 1.0
+        by[PITCH, :2] = cr, sr
+        by[YAW, :3] = -sr * cb, cr * cb, sb
+        by[X, 3] = by[Y, 4] = 1.0 / size
+        by[SCALE, 3:5] = -beside, -below
+        if free:
+            by[SCALE, 5], by[FOCAL, 5] = -away, away
+        by[FOCAL if free else SCALE, 6:8] = length
+        if self.lens.focal is None:
+            by[FOCAL if free else SCALE, 10] = 2.0 * bend
+            by[BARREL, 10] = per_barrel
+        places, slopes = seen.ravel(), by.dot(derivatives.T)
         if self.offsets is not None:
-            beside = self.offsets * turn
-            image = image + beside
-            slopes[ROLL] += 1j * beside
-            slopes[SCALE] += beside
-        image += self._middle
-        return image.view(np.float64), slopes.view(np.float64)
+            shift = self.offsets * cmath.rect(size, roll)
+            places = places + shift.view(np.float64)
+            slopes[ROLL] += (1j * shift).view(np.float64)
+            slopes[SCALE] += shift.view(np.float64)
+        return places, slopes
 
     def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> Complex:
         """Points (m, n) seen through a lens that is not calibrated; changes their slopes too."""
@@ -209,6 +230,11 @@ class WeakPerspective:
         slopes += (barrel * image)[:, None] * outward
         slopes[:, BARREL] = image * squared
         return np.asarray(image * bent)
+
+    @cached_property
+    def _centre(self) -> tuple[float, float]:
+        x, y = self.centre.tolist()
+        return x, y
 
     @cached_property
     def _middle(self) -> complex:

@@ -235,7 +235,6 @@ class Correction:
         found: the lights' places by marker, px without distortion.
         change: (16,), of the state.
         towards: (16, 2 k), covariance of the state with the places.
-        slopes: (8, 2 k), of the places by the parameters.
         weight: (2 k, 2 k), inverse covariance of the innovations, px^-2.
         weighed: (2 k,), the innovations times that.
         variances: k, px², at which the markers take part.
@@ -246,7 +245,6 @@ class Correction:
     found: Mapping[int, Point]
     change: Array
     towards: Array
-    slopes: Array
     weight: Array
     weighed: Array
     variances: Sequence[float]
@@ -295,16 +293,12 @@ class Correction:
             expected = shape.linearize_one(parameters)[0]
             weighed = (places - (expected if columns is None else expected[columns])) / noise
         change[:COUNT] = parameters - prior
-        return cls(before, found, change, towards, slopes, weight, weighed, variances, own)
+        return cls(before, found, change, towards, weight, weighed, variances, own)
 
     @cached_property
     def after(self) -> Belief:
-        """The state with what has been seen, in Joseph's form: no variance gets negative."""
-        gain = self.towards.dot(self.weight)
-        left = _UNITY.copy()
-        left[:, :COUNT] -= gain.dot(self.slopes.T)
-        covariance = left.dot(self.before.covariance).dot(left.T)
-        covariance += (gain * np.repeat(self.variances, 2)).dot(gain.T)
+        """The state with what has been seen."""
+        covariance = self.before.covariance - self.towards.dot(self.weight).dot(self.towards.T)
         return Belief(self.before.mean + self.change, 0.5 * (covariance + covariance.T))
 
     @cached_property
@@ -334,17 +328,17 @@ class Correction:
         return told
 
     @cached_property
-    def surprise(self) -> list[float]:
-        """For each marker how far it lies from where all others put it.
+    def _distances(self) -> list[tuple[float, float]]:
+        """For each marker from where all others put it: squared distance over the variance.
 
-        The squared distance over its variance, that of the marker included (chi² of two degrees).
+        And the determinant of that variance, the marker's own included, px⁴.
         """
-        far = []
-        for x, y, xx, xy, yy in self._others:
-            xx, yy = max(xx, 0.0) + self.own, max(yy, 0.0) + self.own
-            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-            far.append((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
-        return far
+        return [_weighed_distance(*other, self.own) for other in self._others]
+
+    @cached_property
+    def surprise(self) -> list[float]:
+        """For each marker how far it lies from where all others put it (chi², two degrees)."""
+        return [square for square, _ in self._distances]
 
     def told_by_others(self) -> dict[int, float]:
         """How exactly all others tell each marker's place (1 sigma, px): the larger axis."""
@@ -363,15 +357,13 @@ class Correction:
         the marker earlier.
         """
         redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
+        wide = self.own + beside * beside
         odds = {}
-        for marker, (x, y, xx, xy, yy) in zip(self.found, self._others, strict=True):
-            costs = []
-            for variance in (self.own, self.own + beside * beside):
-                a, b = max(xx, 0.0) + variance, max(yy, 0.0) + variance
-                determinant = max(a * b - xy * xy, 1e-12 * a * b)
-                square = (b * x * x - 2.0 * xy * x * y + a * y * y) / determinant
-                costs.append(0.5 * (square + math.log(determinant)))
-            odds[marker] = redundancy * (costs[1] - costs[0])
+        for marker, other, (near, least) in zip(
+            self.found, self._others, self._distances, strict=True
+        ):
+            far, most = _weighed_distance(*other, wide)
+            odds[marker] = 0.5 * redundancy * (far - near + math.log(most / least))
         return odds
 
     @cached_property
@@ -384,3 +376,12 @@ class Correction:
             self.misfit,
             surprise=np.array(self.surprise),
         )
+
+
+def _weighed_distance(
+    x: float, y: float, xx: float, xy: float, yy: float, variance: float
+) -> tuple[float, float]:
+    """A squared distance over its covariance and a variance of both axes, and the determinant."""
+    xx, yy = (xx if xx > 0.0 else 0.0) + variance, (yy if yy > 0.0 else 0.0) + variance
+    determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+    return (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant, determinant
