@@ -213,7 +213,8 @@ class WeakPerspective:
         if self.lens.focal is None:
             by[FOCAL if free else SCALE, 10] = 2.0 * bend
             by[BARREL, 10] = per_barrel
-        places, slopes = seen.ravel(), by.dot(derivatives.T)
+        places: Array = np.asarray(seen, np.float64).ravel()
+        slopes: Array = by.dot(derivatives.T)
         if self.offsets is not None:
             shift = self.offsets * cmath.rect(size, roll)
             places = places + shift.view(np.float64)

@@ -16,15 +16,18 @@ from mvuav_ros.vision.markers.rig_view import (
     BARREL,
     COUNT,
     FOCAL,
+    PITCH,
     ROLL,
     SCALE,
     SETTLED,
+    YAW,
     Array,
     Fits,
     NamedPlaces,
     ViewState,
     WeakPerspective,
     X,
+    Y,
     columns_of,
     deviations_of,
     fit,
@@ -40,8 +43,8 @@ class ViewTuning:
     """How views change, and how exactly rigs are measured.
 
     Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
-    simulator's docking approaches; `learning` on seeds 9000 to 9029 and 9500 to 9529. The
-    parameters are those of `WeakPerspective.project`.
+    simulator's docking approaches; `learning` and `max_unseen` on seeds 9000 to 9029 and 9500 to
+    9529. The parameters are those of `WeakPerspective.project`.
     """
 
     # Random walk of the parameters, per square root of a second.
@@ -56,6 +59,19 @@ class ViewTuning:
     # Per frame, of a rig error that turns out less, or more.
     learning: float = 0.25
     unlearning: float = 0.003
+    # Per frame, by which the variances of jitter and unrest follow the motion.
+    motion_learning: float = 0.1
+    # Per frame in which too few markers are seen, by which they grow again.
+    motion_forgetting: float = 1.2
+    # To which they grow at least, and at most.
+    min_unseen: float = 0.1
+    max_unseen: float = 8.0
+    # To which they grow, in parts of the rates' squares over their variances.
+    rates_share: float = 3.0
+    max_step: float = 25.0  # square over its variance, of a step that is learnt from
+    # Of those variances, in parts of the usual ones.
+    min_motion: float = 0.02
+    max_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     doubted_least: float = 2.0  # px, of that at least
     rates_last: float = 1.0  # s, after which a motion has changed
@@ -67,10 +83,16 @@ _UNITY: Array = np.eye(_STATES)
 _MAX_ITERATIONS = 6
 _UNREST: Array = np.square(TUNING.unrest)
 _STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST  # Of the rates in the long run
+_LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
 _WALK: Array = np.square(TUNING.jitter)
+_ALIKE = np.eye(COUNT)
+for _pair in ((X, Y), (PITCH, YAW)):
+    _ALIKE[np.ix_(_pair, _pair)] = 0.5
+"""Averages over parameters whose motions are alike."""
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
-_MIN_EXACT = 4  # Markers whose residuals tell how exact the rig is
+_MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
+_MIN_EXACT = 4  # Markers by which a frame tells how the view moves, and how exact the rig is
 
 
 class Belief(NamedTuple):
@@ -111,13 +133,15 @@ class ViewFilter:
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
         # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
-        self._walk = _WALK.copy()
-        self._walk[self._known] = 0.0
+        self._is_calibrated = shape.lens.focal is not None
+        self._seen = len(shape.points)
+        self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
+        self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
     def _known(self) -> list[int]:
         """Parameters that a calibration tells."""
-        return [FOCAL, BARREL] if self.shape.lens.focal is not None else []
+        return [FOCAL, BARREL] if self._is_calibrated else []
 
     @property
     def view(self) -> ViewState:
@@ -146,8 +170,16 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        self.belief = _predicted(self.belief, time - self.time, self._walk, _UNREST)
+        walk, unrest = self._motion * _WALK, self._motion * _UNREST
+        if self._is_calibrated:
+            walk[FOCAL:] = 0.0
+        self.belief = _predicted(self.belief, time - self.time, walk, unrest)
         self.time = time
+        if self._seen < _MIN_HOLDING:
+            usual = np.clip(self._liveliest, TUNING.min_unseen, TUNING.max_unseen)
+            grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
+            self._motion = np.maximum(self._motion, grown)
+        self._seen = 0
 
     def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
         """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
@@ -190,11 +222,26 @@ class ViewFilter:
 
     def commit(self, correction: Correction) -> None:
         """Take what a frame's named lights, which agree, have made of the view."""
+        self._seen = len(correction.found)
+        if self._seen >= _MIN_EXACT:
+            self._learn_motion(correction)
         self.belief = correction.after
         # Four markers before a lens that is not known fit any rig.
         fewest = _MIN_EXACT if self._known else max(len(self.shape.points), _MIN_EXACT)
         if len(correction.found) >= fewest:
             self._learn_rig_error(correction)
+
+    def _learn_motion(self, correction: Correction) -> None:
+        """The steps from the predicted views over their variances tell how lively the motion is."""
+        before, after = correction.before, correction.after
+        step = correction.change[:COUNT]
+        expected = (before.covariance - after.covariance).diagonal()[:COUNT]
+        shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
+        shown = np.minimum(shown, TUNING.max_step)
+        motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
+        self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
+        rates = before.mean[COUNT:]
+        self._liveliest = np.maximum(0.998 * self._liveliest, rates * rates * _LIVELY)
 
     def _learn_rig_error(self, correction: Correction) -> None:
         """How well markers that agree fit tells how exact the rig is; less exact only slowly."""

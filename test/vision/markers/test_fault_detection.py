@@ -1,4 +1,4 @@
-"""Names that the other markers contradict."""
+"""Names that the other markers contradict, and how lively a view's motion is."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.lights import Lens
-from mvuav_ros.vision.markers.rig_view import ViewState, WeakPerspective
+from mvuav_ros.vision.markers.rig_view import PITCH, ViewState, WeakPerspective
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import TANKER_747
 
@@ -50,6 +50,15 @@ def test_a_light_that_wanders_off_loses_its_name_before_four_pixels():
         assert 4 in (*consensus.dropped, *consensus.suspects)
         assert 4 not in consensus.kept
         assert frames * moved < 4.0
+
+
+def test_a_calm_flight_is_expected_to_go_on_calmly():
+    spreads = []
+    for wave in (0.0, 0.4):
+        detector, frames = follow(60, wave)
+        detector.views.predict(frames / 30)
+        spreads.append(detector.views.deviation_of(PITCH))
+    assert spreads[0] < 0.7 * spreads[1]
 
 
 def test_what_the_others_do_not_tell_is_not_verified():
