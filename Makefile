@@ -1,7 +1,7 @@
 # The two commands are `make demo` and `make test`; each builds what it needs of .venv.
 PYTHON ?= python3
 BIN := .venv/bin
-SOURCES := $(shell find mvuav_ros executables config launch bags resource sros2 -type f \
+SOURCES := $(shell find mvuav_ros mvuav_thesis executables config launch bags resource sros2 -type f \
 		-not -name '*.pyc' 2>/dev/null) \
 	setup.py setup.cfg package.xml pyproject.toml requirements/tested.txt tools/install.py Makefile
 TOOLS := ros,panel,dask,remote,parquet,test,docs,dev

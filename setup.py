@@ -30,7 +30,7 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
-        NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*', 'vision/approach/runway/*.json'],
+        NAME: ['py.typed', 'nodes/*.xml', 'panel/static/*', 'vision/approach/*.json'],
     },
     python_requires='>=3.11',
     install_requires=[
@@ -98,12 +98,7 @@ setup(
     ],
     entry_points={
         'console_scripts': [
-            'marker_tracker = mvuav_ros.__main__:marker_tracker',
-            'runway_detector = mvuav_ros.__main__:runway_detector',
-            'video_source = mvuav_ros.__main__:video_source',
-            'vision_process = mvuav_ros.__main__:vision_process',
-            'tuning_panel = mvuav_ros.__main__:tuning_panel',
-            'mvuav = mvuav_ros.__main__:mvuav',
+            f'{path.name} = mvuav_ros.__main__:{path.name}' for path in HERE.glob('executables/*')
         ],
     },
     zip_safe=True,

@@ -2,7 +2,7 @@
 
 from mvuav_ros import ApproachDetector, CameraModel
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.sources.opening import open_source
 
 detector = ApproachDetector(RunwayDetectorParameters(mode='approach', runway_width=45.0))
 for frame in open_source('sim:runway?frames=40&width=320&height=240').frames():

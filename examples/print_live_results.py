@@ -5,6 +5,7 @@ import sys
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from rclpy.executors import ExternalShutdownException
 from rclpy.qos import qos_profile_sensor_data as sensor_data
 
 count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
@@ -25,5 +26,10 @@ rclpy.init()
 node = rclpy.create_node('print_live_results')
 node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, sensor_data)
 node.create_subscription(PoseWithCovarianceStamped, '/marker_tracker/pose', show_pose, sensor_data)
-for _ in range(count):
-    rclpy.spin_once(node)
+try:
+    for _ in range(count):
+        rclpy.spin_once(node)
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass  # Ctrl-C, or kill
+finally:
+    rclpy.try_shutdown()

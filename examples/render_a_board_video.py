@@ -7,8 +7,8 @@ import sys
 
 import av
 
-from mvuav_ros.recordings.sources.opening import open_source
-from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.simulation.board_video import BoardVideo
+from mvuav_ros.sources.opening import open_source
 
 if len(sys.argv) != 3:
     sys.exit('usage: python examples/render_a_board_video.py FLIGHT OUT.mp4')

@@ -3,7 +3,7 @@
 import sys
 
 from mvuav_ros import MarkerTracker
-from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.sources.opening import open_source
 
 if len(sys.argv) != 2:
     sys.exit('usage: python examples/replay_a_bag.py BAG')

@@ -18,10 +18,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mvuav_ros.parameters.nodes import load_parameters
+    from mvuav_ros.parameters.parameter_file import load_parameters
     from mvuav_ros.processing.tracking import draw, track
-    from mvuav_ros.recordings.sources.calibration import load_calibration
-    from mvuav_ros.recordings.sources.opening import open_source
+    from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.opening import open_source
     from mvuav_ros.vision.approach.detector import ApproachDetector
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.image import Image
@@ -58,11 +58,11 @@ _MODULES = {
     'MarkerTracker': 'vision.markers.tracker',
     'PoseEstimator': 'vision.pose',
     'RunwayDetector': 'vision.runway.detector',
-    'load_calibration': 'recordings.sources.calibration',
+    'load_calibration': 'sources.calibration',
     'draw': 'processing.tracking',
-    'load_parameters': 'parameters.nodes',
+    'load_parameters': 'parameters.parameter_file',
     'load_rig': 'vision.rig',
-    'open_source': 'recordings.sources.opening',
+    'open_source': 'sources.opening',
     'track': 'processing.tracking',
 }
 

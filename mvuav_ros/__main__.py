@@ -6,19 +6,19 @@ Nothing large is imported here: a node is to end cleanly even while it is still 
 import os
 import signal
 import sys
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from types import FrameType
 
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.missing_module import explain_missing_module
 
 NODES = {
     **dict.fromkeys(
-        ('marker_tracker', 'runway_detector', 'video_source', 'vision_process'),
-        'mvuav_ros.nodes.executables',
+        (*DETECTORS, 'video_source', 'vision_process', 'resume_bag'), 'mvuav_ros.nodes.running'
     ),
     'tuning_panel': 'mvuav_ros.panel.main',
-    'resume_bag': 'mvuav_ros.nodes.bag_resuming',
 }
 EXECUTABLES = {**NODES, 'mvuav': 'mvuav_ros.cli.app'}
 """The module of each; its function has the executable's name, or is `main`."""
@@ -47,19 +47,18 @@ def _run(name: str) -> None:
         signal.signal(number, leave)
     try:
         module = import_module(EXECUTABLES[name])
-        run = vars(module).get(name) or module.main
+        run = getattr(module, name, None) or module.main
         run()
     except ModuleNotFoundError as error:
         sys.exit(f'{name}: {explain_missing_module(name, error)}')
 
 
-# The console scripts.
-marker_tracker = partial(_run, 'marker_tracker')
-runway_detector = partial(_run, 'runway_detector')
-video_source = partial(_run, 'video_source')
-vision_process = partial(_run, 'vision_process')
-tuning_panel = partial(_run, 'tuning_panel')
-mvuav = partial(_run, 'mvuav')
+def __getattr__(name: str) -> Callable[[], None]:
+    """The console script of an executable."""
+    if name in EXECUTABLES:
+        return partial(_run, name)
+    raise AttributeError(name)
+
 
 if __name__ == '__main__':
     main()

@@ -18,6 +18,8 @@ _ROS = frozenset(
 )
 _PIP = {'cv2': 'opencv-python-headless', 'yaml': 'PyYAML', 'mcap_ros2': 'mcap-ros2-support'}
 """PyPI's name of a module, where it is another."""
+_OWN = {'mvuav_thesis': 'pip install ./mvuav_thesis in a checkout of mvuav_ros'}
+"""Optional parts of this repository."""
 _APT = {
     'cv2': 'python3-opencv',
     'matplotlib': 'python3-matplotlib',
@@ -40,6 +42,8 @@ def explain_missing_module(what: str, error: ImportError) -> str:
     module = (error.name or '').partition('.')[0]
     if module in _ROS:
         return f'{what} needs ROS 2 ({module}): source it, or pip install "mvuav_ros[ros]"'
+    if module in _OWN:
+        return f'{what} needs {module}: {_OWN[module]}'
     pip = f'pip install {_PIP.get(module, module)}'
     if module in _APT:
         return f'{what} needs {module}: apt install {_APT[module]}, or {pip}'

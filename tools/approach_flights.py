@@ -12,13 +12,10 @@ import numpy as np
 from approach_rows import Pixels, Row, Timed, judged
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation import terrain
-from mvuav_ros.simulation.attitude_sensor import measured_attitude
-from mvuav_ros.simulation.ground import GroundPainter, load_ground
-from mvuav_ros.simulation.ripmap import Ripmap
-from mvuav_ros.simulation.runway import RunwayFlight
-from mvuav_ros.simulation.runway_surface import Surface
-from mvuav_ros.simulation.runway_truth import CameraPose
+from mvuav_ros.simulation.airfield import Surface, draw_terrain
+from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
+from mvuav_ros.simulation.pinhole import CameraPose
+from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
@@ -99,7 +96,7 @@ class SlabFlight(BankedFlight):
     def _painter(self) -> GroundPainter:
         s = self.settings
         ground = load_ground(s.runway_width, s.runway_length, s.detail, s.seed)
-        land = terrain.draw_terrain(s.runway_length, s.detail, s.seed)
+        land = draw_terrain(s.runway_length, s.detail, s.seed)
         surface = Slabs(land, s.runway_width, s.runway_length, s.detail, s.seed)
         runway = Ripmap(surface.texture, surface.origin, surface.step, wrap=False)
         return GroundPainter(ground._replace(runway=runway), self.camera, s.visibility)

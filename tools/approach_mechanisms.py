@@ -4,35 +4,68 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
-from mvuav_ros.vision.approach.followed_strip import Shape
-from mvuav_ros.vision.approach.overlaid import Overlaid
-from mvuav_ros.vision.approach.registration import Registration
-from mvuav_ros.vision.approach.runway import edge_track, probability, track
-from mvuav_ros.vision.approach.runway.edge_track import EdgeTrack
-from mvuav_ros.vision.approach.runway.edges import EdgeLook
+from mvuav_ros.vision.approach import track, tuning
+from mvuav_ros.vision.approach.candidates import LevelledImage
+from mvuav_ros.vision.approach.edges import EdgeLook
+from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
+from mvuav_ros.vision.approach.horizon import HorizonTracker
+from mvuav_ros.vision.approach.side_lines import LineChoice, _Side
+from mvuav_ros.vision.approach.track import EdgeTrack
 
 
 def _returns(value: Any) -> Callable[..., Any]:
     return lambda *arguments, **options: value
 
 
-WITHOUT: dict[str, tuple[Any, str, Any]] = {
-    'overlays': (Overlaid, 'take', _returns(None)),
-    'weights from near by': (probability, '_NEAR_BY', math.inf),
-    'side lines': (EdgeTrack, '_lines_along', _returns(None)),
-    'edges alone': (track, '_LOCK_WIDTH', math.inf),
-    'shoulders': (edge_track, 'shows_shoulders', _returns(None)),
-    'jumps': (EdgeTrack, '_watch', _returns(None)),
-    'growth': (Shape, 'grow', _returns(None)),
-    'registration': (Registration, 'shift', _returns((0.0, 0.0))),
-    'colour': (EdgeLook, 'coloured', property(_returns(False))),
+WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
+    'overlays': [(Overlaid, 'take', _returns(None))],
+    'tracks hidden by overlays': [(LevelledImage, 'share_hidden', _returns(0.0))],
+    'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
+    'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
+    'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
+    'meeting at the horizon': [(tuning.DETECTOR, 'max_off_horizon', -1.0)],
+    'side lines': [(EdgeTrack, '_lines_along', _returns(None))],
+    'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
+    'lines over many frames': [(tuning.LINES, 'memory', 1.0)],
+    'line held': [(tuning.LINES, 'switch_margin', 0.0)],
+    'lines move together': [(_Side, '_shift', _returns(0.0))],
+    'lines near the mean': [
+        (tuning.LINES, 'away_cost', 0.0),
+        (tuning.LINES, 'away_from_colour_cost', 0.0),
+    ],
+    "shoulders' lines": [(tuning.LINES, 'shoulder_cost', 0.0)],
+    'doubt from other lines': [(LineChoice, 'other', _returns(0.0))],
+    'known span': [(EdgeTrack, 'known_span', lambda self, strip: strip)],
+    'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
+    'shoulders': [(track, 'shows_shoulders', _returns(None))],
+    'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
+    'colour': [(EdgeLook, 'coloured', property(_returns(False)))],
+    'clear colours': [(tuning.EDGES, 'clear_contrast', math.inf)],
+    'edges in paint': [(tuning.EDGES, 'min_paint_lead', math.inf)],
+    'edges on the frame': [(track, 'agrees', _returns(False))],
+    'edges kept': [(tuning.TRACK, 'min_distinct', math.inf)],
+    'strips over many frames': [(tuning.TRACK, 'strip_memory', 1.0)],
+    'mean of strips': [(tuning.TRACK, 'hot', (20.0, 0.02)), (tuning.TRACK, 'cold', (40.0, 0.02))],
+    'third track': [(tuning.TRACKER, 'max_tracks', 2)],
+    'young and dim': [(tuning.TRACK, 'dim_odds', -math.inf)],
+    'weighed every sixth frame': [
+        (tuning.TRACKER, 'best_period', 1),
+        (tuning.TRACKER, 'others_period', 1),
+    ],
+    'coarsest level': [(tuning.SEARCH, 'levels', 3)],
 }
 """Where it is, its name there, and what stands in for it."""
 
 
 def switch_off(name: str) -> None:
     """Switch one off for the rest of this process."""
-    place, attribute, value = WITHOUT[name]
-    setattr(place, attribute, value)
+    for place, attribute, value in WITHOUT[name]:
+        assert hasattr(place, attribute), (place, attribute)
+        if isinstance(place, type | ModuleType):
+            setattr(place, attribute, value)
+        else:
+            # The constants are frozen.
+            object.__setattr__(place, attribute, value)

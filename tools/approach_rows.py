@@ -14,9 +14,9 @@ from mvuav_ros.offline.evaluation.corners import WARM_UP
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
-from mvuav_ros.vision.approach.finders import RunwayFinder
+from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.results import ApproachResult
-from mvuav_ros.vision.approach.runway.probability import Report
+from mvuav_ros.vision.approach.tracker import RunwayTracker
 
 Pixels = NDArray[Any]
 MIN_CONFIDENCE = 0.5
@@ -141,6 +141,6 @@ def judged(name: str, detector: Timed, result: ApproachResult, error: float) -> 
     """A frame of a row; reported is what has a confidence of `MIN_CONFIDENCE`."""
     corners = None if result.corners is None else [(float(x), float(y)) for x, y in result.corners]
     reported = corners is not None and result.confidence >= MIN_CONFIDENCE
-    finder = detector.detector._finder
-    report = finder.report if isinstance(finder, RunwayFinder) else None
+    tracker = detector.detector._finder.tracker
+    report = tracker.report if isinstance(tracker, RunwayTracker) else None
     return Frame(name, float(result.confidence), reported, min(error, 1e6), corners, report)

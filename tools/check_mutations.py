@@ -74,10 +74,10 @@ MUTATIONS = (
     ),
     Mutation(
         'CDR padding',
-        'mvuav_ros/recordings/serialization/cdr.py',
+        'mvuav_ros/messages/cdr.py',
         'data += bytes(_SIZES[layout[-1]] - excess)',
         'data += bytes(excess)',
-        ('test/processing/messages/test_cdr.py', 'test/recordings/serialization'),
+        ('test/messages',),
     ),
     Mutation(
         'index order of the Hough grid',
@@ -98,7 +98,7 @@ MUTATIONS = (
         'mvuav_ros/vision/frames.py',
         '[(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]',
         '[(0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]',
-        ('test/vision/test_pose.py', 'test/simulation/test_camera.py'),
+        ('test/vision/test_pose.py', 'test/simulation/test_pinhole.py'),
     ),
 )
 

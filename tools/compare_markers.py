@@ -3,7 +3,7 @@
     python tools/compare_markers.py [--flights 300] [--seeds 20000 21000] [--against CHECKOUT]
         [--only PART_OF_A_GROUP] [--name NAME] [--json FILE] [--csv FILE]
 
-The groups are the scenes of `mvuav_ros.offline.evaluation.integrity_runs`, with their calibration
+The groups are the scenes of `mvuav_thesis.integrity_runs`, with their calibration
 and five of them without, and those of `test/support/marker_flights.py`, whose motion, projection
 and drawing are not the package's. Every group flies the seeds from the first one on. With another
 checkout, or a file that --json wrote, its figures stand in the line above. Each flight is flown by
@@ -101,7 +101,7 @@ def work() -> None:
 
 def _package_groups() -> dict[str, tuple[str, bool]]:
     """Scenes of the package by their groups, and whether they are calibrated."""
-    from mvuav_ros.offline.evaluation.integrity_runs import SCENES
+    from mvuav_thesis.integrity_runs import SCENES
 
     names = list(SCENES)
     groups = {f'package: {name}': (name, True) for name in names}
@@ -112,9 +112,9 @@ def _package_groups() -> dict[str, tuple[str, bool]]:
 
 
 def _fly_package(name: str, calibrated: bool, seed: int) -> dict[str, Any]:
-    from mvuav_ros.offline.evaluation.integrity_runs import SCENES
     from mvuav_ros.simulation.light_flights import LightFlight, random_rig
     from mvuav_ros.vision.rig import TANKER_747
+    from mvuav_thesis.integrity_runs import SCENES
 
     scene, count = SCENES[name]
     rig = TANKER_747 if count == len(TANKER_747.names) else random_rig(count, seed)

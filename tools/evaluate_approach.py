@@ -189,11 +189,11 @@ def clip(name: str, path: Path, gray: bool, step: int, text: str) -> Row:
     view = with_text(text) if text else as_it_is
     video = cv2.VideoCapture(str(path))
     for index in range(CLIPS[f'{path.parent.name}/{path.name}']):
-        grabbed, image = video.read()
-        if not grabbed:
+        if not video.grab():
             break
         if index % step:
             continue
+        _, image = video.retrieve()
         if image.shape[1] >= 960:
             # As large as a flight's frames, so that it takes no longer to read.
             image = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)

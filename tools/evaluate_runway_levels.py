@@ -25,7 +25,7 @@ from scipy.special import ndtri
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.results import ApproachResult

@@ -1,4 +1,4 @@
-"""Fits the log odds of mode approach to footage (runway/probability.json).
+"""Fits the log odds of mode approach to footage (probability.json).
 
 Not part of the package: it needs the footage, which is not given away, and takes minutes. Only
 the tuning half is used: the flights of run 3 and of run 5, the cockpit stills of every other
@@ -29,12 +29,12 @@ from scipy.optimize import minimize
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, read_horizon
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.runway.appearance import FEATURES, LEAST_SKY
-from mvuav_ros.vision.approach.runway.candidates import Candidates, LevelledImage, find_candidates
-from mvuav_ros.vision.approach.runway.evidence import shrink_levels
+from mvuav_ros.vision.approach.appearance import FEATURES, LEAST_SKY
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, find_candidates
+from mvuav_ros.vision.approach.evidence import shrink_levels
 
-OUTPUT = Path('mvuav_ros/vision/approach/runway/probability.json')
+OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 QUANTILES = (0.1, 0.35, 0.65, 0.9)
 """Of the right strips' features: where the slopes of the log odds change."""
 PENALTY = 40.0

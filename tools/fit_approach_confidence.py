@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from mvuav_ros.vision.approach.runway.probability import ConfidenceWeights, Report
+from mvuav_ros.vision.approach.probability import ConfidenceWeights, Report
 
-OUTPUT = Path('mvuav_ros/vision/approach/runway/probability.json')
+OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 CHECK = ('run2', 'check', 'udacity')
 """Parts of the names of rows that nothing is fitted to."""
 LEFT_OUT = ('simulated',)

@@ -1,6 +1,7 @@
 """Builds a virtual environment: install.py FOLDER EXTRA,... or install.py FOLDER FILE.txt.
 
-With extras it holds this package and their dependencies, in the versions that were tested; with a
+With extras it holds this package with the thesis's experiments and their dependencies, in the
+versions that were tested; with a
 file of requirements just those.
 Installs with uv, which takes a fraction of pip's time, from wherever pip is configured to
 install from (index, mirror, proxy, certificates); with pip itself where uv cannot be had.
@@ -48,11 +49,12 @@ def main() -> None:
     if not python.exists():
         _run(f'building {folder.name}', [sys.executable, '-m', 'venv', str(folder)])
     # A module that was moved or deleted would be installed from here for ever.
-    shutil.rmtree(ROOT / 'build' / 'lib', ignore_errors=True)
+    for package in (ROOT, ROOT / 'mvuav_thesis'):
+        shutil.rmtree(package / 'build' / 'lib', ignore_errors=True)
     if wanted.endswith('.txt'):
         what = ['--requirement', str(ROOT / wanted)]
     else:
-        what = ['--constraint', str(CONSTRAINTS), f'{ROOT}[{wanted}]']
+        what = ['--constraint', str(CONSTRAINTS), f'{ROOT}[{wanted}]', f'{ROOT}/mvuav_thesis']
     if not install(python, f'installing {wanted} into {folder.name}', what):
         sys.exit(1)
 
@@ -76,8 +78,9 @@ def install(python: Path, title: str, what: Sequence[str]) -> bool:
     if uv.exists():
         options, variables = uv_settings(pip_settings(pip))
         command = [str(uv), 'pip', 'install', '--python', str(python)]
-        # Our own package is built anew each time: its version does not change with its files.
-        command += ['--reinstall-package', 'mvuav_ros', *options, *what]
+        # Our own packages are built anew each time: their version does not change with the files.
+        command += ['--reinstall-package', 'mvuav_ros', '--reinstall-package', 'mvuav_thesis']
+        command += [*options, *what]
         for strategy in STRATEGIES:
             if _run(title, [*command, '--index-strategy', strategy], variables, quiet=True):
                 return True

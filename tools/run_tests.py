@@ -25,9 +25,12 @@ ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / '.venv' / 'bin'
 PYTHONS = ('3.11', '3.12', '3.13')
 WITH_GRAPH = ('nodes', 'cli/demo', 'panel')
-LIBRARY = ('vision', 'parameters', 'processing', 'simulation', 'package')
+LIBRARY = ('vision', 'parameters', 'messages', 'processing', 'simulation', 'package')
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
-QUICK = ['test/vision', 'test/parameters', 'test/processing', 'test/recordings', 'test/package']
+QUICK = [
+    *('test/vision', 'test/parameters', 'test/messages', 'test/processing', 'test/recordings'),
+    *('test/sources', 'test/package'),
+]
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
 _running: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()

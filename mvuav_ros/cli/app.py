@@ -1,26 +1,44 @@
-"""``mvuav``: the subcommands, and how mistakes and interruptions end."""
+"""``mvuav``: the subcommands, what their inputs lost, and how mistakes and interruptions end.
+
+Every command that takes an input says what it lost: on stderr, in ``--json``, and with ``--strict``
+(`account_for_inputs`), whatever it does itself.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
+import json
 import signal
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext, redirect_stdout
 from importlib import import_module
-from types import FrameType
-from typing import Annotated, NoReturn
+from io import StringIO
+from types import FrameType, UnionType
+from typing import Annotated, Any, NoReturn, Union, get_args, get_origin, get_type_hints
 
 import typer
 
 import mvuav_ros
-from mvuav_ros.cli.accounting import account_for_inputs
-from mvuav_ros.cli.terminal import say
-from mvuav_ros.cli.typer_annotations import spell_unions_out
+from mvuav_ros.cli.options import AsJson, MaxSize, Strict
+from mvuav_ros.cli.terminal import say, tell_account
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.account import Account, collecting
+from mvuav_ros.recordings.limits import allowing
+from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.sources.source import SourceError
 
+_INPUTS = frozenset({'source', 'sources'})
+"""Of a command that reads what others wrote."""
+_ADDED = {
+    'strict': (Strict, False),
+    'max_size': (MaxSize, None),
+    'as_json': (AsJson, False),
+}
+"""What every such command takes, with the defaults."""
 COMMANDS = (
     'replay',
     'info',
@@ -35,6 +53,100 @@ COMMANDS = (
     'rig',
 )
 """Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
+
+
+def spell_unions_out(app: typer.Typer) -> None:
+    """Write ``X | None`` as ``Optional[X]`` in all commands of an application and its groups."""
+    callbacks = [command.callback for command in app.registered_commands]
+    if app.registered_callback is not None:
+        callbacks.append(app.registered_callback.callback)
+    for callback in filter(None, callbacks):
+        hints = get_type_hints(callback, include_extras=True)
+        _annotate(callback, {name: _spelt(hint) for name, hint in hints.items()})
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            spell_unions_out(group.typer_instance)
+
+
+def _annotate(callback: Callable[..., Any], annotations: dict[str, Any]) -> None:
+    """Both where typer looks."""
+    signature = inspect.signature(callback)
+    callback.__annotations__ = annotations
+    callback.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[
+            parameter.replace(annotation=annotations[name])
+            for name, parameter in signature.parameters.items()
+        ],
+        return_annotation=None,
+    )
+
+
+def _spelt(hint: Any) -> Any:
+    if get_origin(hint) is Annotated:
+        inner, *extras = get_args(hint)
+        return Annotated[(_spelt(inner), *extras)]
+    return Union[get_args(hint)] if isinstance(hint, UnionType) else hint  # noqa: UP007
+
+
+def account_for_inputs(app: typer.Typer) -> None:
+    """Make every command of an application and its groups that has an input account for it."""
+    for command in app.registered_commands:
+        if command.callback and _INPUTS & inspect.signature(command.callback).parameters.keys():
+            command.callback = _accounting(command.callback)
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            account_for_inputs(group.typer_instance)
+
+
+def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
+    signature, hints = inspect.signature(work), get_type_hints(work, include_extras=True)
+    added = {name: each for name, each in _ADDED.items() if name not in signature.parameters}
+
+    def run(**given: Any) -> None:
+        strict = given['strict']
+        max_size = allowing(given['max_size'])
+        as_json = bool('as_json' in added and given['as_json'])
+        given = {name: value for name, value in given.items() if name not in added}
+        with collecting() as accounts, max_size:
+            # Words and numbers for people would be in the way of the machine that reads it.
+            with redirect_stdout(StringIO()) if as_json else nullcontext():
+                result, ending = _result(work, given)
+            for account in accounts:
+                if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
+                    tell_account(account)
+        if as_json:
+            _print_json(result, accounts)
+        if ending is not None:
+            raise ending
+        if strict and any(account.is_lossy for account in accounts):
+            raise RecordingError('--strict: something was lost or altered; see above')
+
+    parameters = [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+        )
+        for name, (annotation, default) in added.items()
+    ]
+    run.__name__, run.__doc__ = work.__name__, work.__doc__
+    run.__annotations__ = {**hints, **{name: annotation for name, (annotation, _) in added.items()}}
+    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*signature.parameters.values(), *parameters]
+    )
+    return run
+
+
+def _result(work: Callable[..., Any], given: dict[str, Any]) -> tuple[Any, Exception | None]:
+    """What a command returns, and how it ends otherwise; an interruption passes."""
+    try:
+        return work(**given), None
+    except Exception as error:
+        return None, error
+
+
+def _print_json(result: Any, accounts: Iterable[Account]) -> None:
+    content = result if isinstance(result, dict) else dataclasses.asdict(result) if result else {}
+    content = {**content, 'accounts': [account.record() for account in accounts]}
+    print(json.dumps(content, indent=2, default=str))
 
 
 def application(names: Iterable[str] = COMMANDS) -> typer.Typer:

@@ -20,8 +20,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.foreign import visible
 
 
 class _Rate(ProgressColumn):
@@ -65,7 +65,7 @@ def say(*lines: object, err: bool = False) -> None:
 
 def tell_account(account: Account) -> None:
     """A line for each thing that is wrong with an input or worth a note, and what it cost."""
-    account.is_told = True
+    account.is_reported = True
     tell_damage([*account.errors, *([account.balance] if account.is_lossy else [])])
     say(*(f'note: {warning}' for warning in account.warnings), err=True)
 

@@ -1,1 +1,1 @@
-"""The rclpy nodes: thin shells around `mvuav_ros.processing` and `mvuav_ros.recordings`."""
+"""The rclpy nodes: thin shells around `mvuav_ros.processing` and `mvuav_ros.sources`."""

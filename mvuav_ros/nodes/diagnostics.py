@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from mvuav_ros.nodes.image_input import InputEvents, InputState
-from mvuav_ros.nodes.transport import PROFILE
+from mvuav_ros.nodes.running import PROFILE
 from mvuav_ros.vision.image import Image
 
 WINDOW = 5.0

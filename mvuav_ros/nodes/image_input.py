@@ -1,15 +1,16 @@
-"""How images come to a node, raw and fast, with the CameraInfo and Imu that belong to them."""
+"""Images from a topic, or handed over in the same process: the newest one to be answered."""
 
 from __future__ import annotations
 
 import copy
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
-from threading import Event, Thread
+from threading import Condition, Event, Thread
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
@@ -31,14 +32,69 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import stamp_ns_in
+from mvuav_ros.messages.sensors import decode_imu, stamp_ns_of, type_name
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.serialization.messages import decode_imu, stamp_ns_of, type_name
-from mvuav_ros.recordings.serialization.serialized_image import stamp_ns_in
-from mvuav_ros.recordings.sources.frame import Frame
-from mvuav_ros.recordings.sources.pairing import AttitudePairing, StampPairing
+from mvuav_ros.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.image import ImageError
+
+_DEPTH = 5
+"""Frames that wait at most, as many as in the queue of a sensor subscription."""
+
+
+class IntraProcessInput:
+    """Takes frames from the source's thread and hands them on in a thread of its own.
+
+    Nothing is copied: source and detectors look at the same pixels, which none of them writes to.
+    A detector that is too slow loses the oldest frames, and the source never waits for it.
+    """
+
+    def __init__(self, topic: str, on_frame: Callable[[ReceivedImage], None]) -> None:
+        self.topic = topic
+        self._events = InputEvents()
+        self._on_frame = on_frame
+        self._waiting: deque[tuple[Frame, float]] = deque()
+        self._changed = Condition()
+        self._stopping = False
+        self._thread = Thread(target=self._run, name='frames', daemon=True)
+
+    def put(self, frame: Frame) -> None:
+        """Give the next frame."""
+        with self._changed:
+            if len(self._waiting) == _DEPTH:
+                self._waiting.popleft()
+                self._events.skipped += 1
+            self._waiting.append((frame, time.perf_counter()))
+            self._changed.notify()
+
+    def start(self) -> None:
+        """Begin to hand on frames."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+
+    def poll(self) -> InputState:
+        """What became of frames so far."""
+        return InputState(self.topic, ['this process'], self._events)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._stopping)
+                if self._stopping:
+                    return
+                frame, put = self._waiting.popleft()
+            self._on_frame(ReceivedImage(frame, math.nan, put))
+
 
 _CALM = 5
 """Wakes with a single image after which a node that was too slow counts as fast enough again."""

@@ -16,13 +16,15 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 
-DETECTORS = {'markers': 'marker_tracker', 'runway': 'runway_detector'}
+NODES = {detector.word: name for name, detector in DETECTORS.items()}
+"""The detectors by what they are called here."""
 _ARGUMENTS = {
     'source': ('0', 'Parameter source of video_source; none: a camera driver publishes the images'),
     'loop': ('false', 'Play a recording again and again'),
-    'detectors': ('markers,runway', 'markers, runway, or both, separated by a comma'),
+    'detectors': ('markers,runway', f'One or several of {", ".join(NODES)}, separated by commas'),
     'one_process': (
         'false',
         'The nodes in one process, without copies from source to detectors (docs/transport.md)',
@@ -107,8 +109,8 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
         raise RuntimeError(f'params_file: {params_file} does not exist')
     names = [name.strip() for name in given['detectors'].split(',') if name.strip()]
     for name in names:
-        if name not in DETECTORS:
-            raise RuntimeError(f'detectors: {name!r} is not one of {", ".join(DETECTORS)}')
+        if name not in NODES:
+            raise RuntimeError(f'detectors: {name!r} is not one of {", ".join(NODES)}')
     shared = {name: name in switches for name in ('use_sim_time', 'autostart')}
     seeing = {**shared, 'image_transport': given['transport'], **(more or {})}
     playing = {
@@ -138,11 +140,11 @@ def _nodes(context: LaunchContext, more: Mapping[str, Any] | None = None) -> lis
     if 'one_process' in switches:
         if has_source and given['transport'] != 'raw':
             raise RuntimeError('one_process: a source and its detectors take transport:=raw')
-        chosen = [DETECTORS[name] for name in names] + ['video_source'] * has_source
+        chosen = [NODES[name] for name in names] + ['video_source'] * has_source
         settings = {**(playing if has_source else {}), **seeing}
         return [node('vision_process', settings, '--nodes', ','.join(chosen))]
     source = [node('video_source', playing)] if has_source else []
-    return [*source, *(node(DETECTORS[name], seeing) for name in names)]
+    return [*source, *(node(NODES[name], seeing) for name in names)]
 
 
 def _remappings(image_topic: str) -> list[tuple[str, str]]:

@@ -22,10 +22,14 @@ from rclpy.parameter_service import ParameterService
 from rclpy.qos import QoSPolicyKind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, ParameterSpec, Value
-from mvuav_ros.parameters.descriptor_text import write_description
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
-from mvuav_ros.parameters.parameter_file import fits, read_node_keys
+from mvuav_ros.parameters.declaration import (
+    ParameterError,
+    ParameterSet,
+    ParameterSpec,
+    Value,
+    write_description,
+)
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, fits, read_node_keys
 
 P = TypeVar('P', bound=ParameterSet)
 OVERRIDABLE = QoSOverridingOptions(

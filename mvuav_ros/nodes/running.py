@@ -1,4 +1,4 @@
-"""Starting and ending a node as a process."""
+"""A process with nodes: which run in it, its transport, its start and its end."""
 
 from __future__ import annotations
 
@@ -6,22 +6,75 @@ import os
 import signal
 import sys
 import time
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+from pathlib import Path
 from threading import Timer
 from types import FrameType
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
+from mvuav_ros.detectors import DETECTORS, load_class
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.transport import prepare_transport
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.process_tuning import freeze_garbage, tune_process
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
+
+PROFILE = Path(__file__).with_name('fastdds_images.xml')
+"""Fast DDS settings for a process that publishes camera images."""
+_SMALLER = 'DEFAULT?sockets_size=4MB'
+"""Fast DDS makes a segment of twice that."""
+_SEGMENTS = {True: 1 << 24, False: 1 << 23}
+_TO_SPARE = 1 << 24
+_SHARED_MEMORY = Path('/dev/shm')
+_USERS_OWN = (
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_BUILTIN_TRANSPORTS',
+)
+
+
+def prepare_transport(*, camera_images: bool = True) -> None:
+    """Give our own publishers room for large images; call before ``rclpy.init()``.
+
+    Fast DDS's default shared-memory segment is 512 kB. A larger image goes out as UDP fragments,
+    of which best-effort subscribers lose most (640x480 bgr8: 11 of 90 frames arrived). Other
+    middlewares do not look at the variables. A set-up of the user's own is left alone.
+
+    A process that publishes a camera's images gets 16 MB, any other 8 MB, enough for debug images:
+    every process takes its segment as a whole, and a container often has 64 MB for all of them.
+    """
+    if any(os.environ.get(name) for name in _USERS_OWN):
+        return
+    if not _has_room(_SEGMENTS[camera_images] + _TO_SPARE):
+        # A segment that does not fit makes Fast DDS give up shared memory altogether.
+        print(
+            f'mvuav_ros: {_SHARED_MEMORY} is almost full or too small: large images may be lost; '
+            'start the container with --shm-size=256m (docs/transport.md)',
+            file=sys.stderr,
+        )
+    elif camera_images:
+        # A file, as the variable below is ignored under ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST.
+        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(PROFILE)
+    else:
+        os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = _SMALLER
+
+
+def _has_room(needed: int) -> bool:
+    try:
+        shared_memory = os.statvfs(_SHARED_MEMORY)
+    except OSError:
+        return False
+    return shared_memory.f_bavail * shared_memory.f_frsize >= needed
+
 
 _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02
@@ -131,3 +184,115 @@ def _spin(nodes: Sequence[ManagedNode]) -> None:
                 logged = time.monotonic()
                 nodes[0].get_logger().error(f'request dropped, {type(error).__name__}: {error}')
             time.sleep(_PAUSE_AFTER_ERROR)
+
+
+SOURCE = 'video_source'
+NODES = (*DETECTORS, SOURCE)
+
+
+def nodes_of(names: Sequence[str]) -> Callable[[], list[ManagedNode]]:
+    """What makes the nodes of one process, with the names, parameters and topics of all others.
+
+    Beside a source detectors take its frames as they are, without DDS in between.
+    """
+    from mvuav_ros.nodes.vision_node import VisionNode
+
+    handed_over = SOURCE in names
+    chosen = [detector for name, detector in DETECTORS.items() if name in names]
+    processors = [load_class(detector.processor) for detector in chosen]
+    if handed_over:
+        from mvuav_ros.nodes.video_source import VideoSource
+
+    def make() -> list[ManagedNode]:
+        detectors = [VisionNode(each(), handed_over=handed_over) for each in processors]
+        if not handed_over:
+            return list(detectors)
+        takers = [detector.take for detector in detectors]
+        source = VideoSource(takers, lambda: sum(detector.listens for detector in detectors))
+        # The source last: what it plays is to be answered from the first frame on.
+        return [*detectors, source]
+
+    return make
+
+
+def _run(name: str) -> None:
+    _parse(ArgumentParser(name))
+    sys.exit(run_nodes(nodes_of([name]), camera_images=name == SOURCE))
+
+
+def vision_process() -> None:
+    """Run several nodes in one process."""
+    parser = ArgumentParser('vision_process', description='Several nodes in one process.')
+    words = f'separated by commas, of {", ".join(NODES)}; all unless given'
+    parser.add_argument('--nodes', default=','.join(NODES), help=words)
+    names = [name.strip() for name in _parse(parser).nodes.split(',')]
+    if unknown := [name for name in names if name not in NODES]:
+        parser.error(f'--nodes: {unknown[0]!r} is not one of {", ".join(NODES)}')
+    sys.exit(run_nodes(nodes_of(names), camera_images=SOURCE in names))
+
+
+def own_arguments() -> list[str]:
+    """The command line without what is ROS's: from ``--ros-args`` to ``--`` or the end.
+
+    rclpy's own function stumbles over a mistake in those.
+    """
+    words, own, is_ros = sys.argv[1:], [], False
+    for word in words:
+        is_ros = (is_ros or word == '--ros-args') and word != '--'
+        if not is_ros and word != '--':
+            own.append(word)
+    return own
+
+
+def _parse(parser: ArgumentParser) -> Namespace:
+    """A process's own arguments; those of ROS without --ros-args would do nothing: refused."""
+    parser.epilog = 'Arguments of ROS follow --ros-args: -p NAME:=VALUE, --params-file FILE …'
+    own, strange = parser.parse_known_args(own_arguments())
+    if strange:
+        parser.error(f'{" ".join(strange)}: not used; arguments of ROS follow --ros-args')
+    return own
+
+
+def __getattr__(name: str) -> Callable[[], None]:
+    """The executable of a node."""
+    if name in NODES:
+        return partial(_run, name)
+    raise AttributeError(name)
+
+
+PLAYER = 'rosbag2_player'
+SETTLING_TIME = 1.0
+"""Seconds from the moment that detectors see the player until it surely sees them."""
+
+
+def resume_bag() -> None:
+    """Wait until as many detectors as asked for name the player as a publisher, then resume it."""
+    parser = ArgumentParser('resume_bag')
+    parser.add_argument('detectors', type=int, help='how many there are')
+    wanted = parser.parse_args(own_arguments()).detectors
+    try:
+        kind = import_module('rosbag2_interfaces.srv').Resume
+    except ImportError as error:
+        sys.exit(f'resume_bag needs rosbag2: apt install ros-jazzy-rosbag2 ({error})')
+    rclpy.init()
+    node, ready = rclpy.create_node('resume_bag'), set[str]()
+
+    def follow(message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if f'/{PLAYER}' in values.get('image_publishers', '').split():
+                ready.add(status.name)
+
+    try:
+        node.create_subscription(DiagnosticArray, '/diagnostics', follow, 10)
+        client = node.create_client(kind, f'/{PLAYER}/resume')
+        while len(ready) < wanted or not client.service_is_ready():
+            rclpy.spin_once(node, timeout_sec=0.1)
+        node.get_clock().sleep_for(rclpy.duration.Duration(seconds=SETTLING_TIME))
+        rclpy.spin_until_future_complete(node, client.call_async(kind.Request()))
+        node.get_logger().info(f'{", ".join(sorted(ready))} found the bag: it plays')
+    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -13,15 +13,16 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.nodes.diagnostics import SourceStatus, publish_status
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode
 from mvuav_ros.nodes.publishing import FramePublisher, Listener
 from mvuav_ros.parameters.video_source import VideoSourceParameters
-from mvuav_ros.recordings.sources.calibration import load_calibration
-from mvuav_ros.recordings.sources.camera import CameraSettings
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource, SourceError
-from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.sources.opening import open_source
+from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.sources.v4l2_camera import CameraSettings
 from mvuav_ros.vision.image import Image, ImageError
 
 RETRY_INTERVAL = 1.0

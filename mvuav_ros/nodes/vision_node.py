@@ -12,6 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import SetBool, Trigger
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.transforms import TF_TOPIC, TF_TYPE
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
     InputMonitor,
@@ -20,18 +23,18 @@ from mvuav_ros.nodes.diagnostics import (
     publish_status,
     status,
 )
-from mvuav_ros.nodes.frame_answering import FrameAnswerer
-from mvuav_ros.nodes.image_input import Companion, ImageInput, InputState, image_topic
-from mvuav_ros.nodes.intra_process import IntraProcessInput
+from mvuav_ros.nodes.image_input import (
+    Companion,
+    ImageInput,
+    InputState,
+    IntraProcessInput,
+    image_topic,
+)
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
 from mvuav_ros.nodes.managed_node import ManagedNode
-from mvuav_ros.nodes.publishing import ResultPublishers
-from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.parameters.descriptor_text import condition_text
-from mvuav_ros.processing.messages.transforms import TF_TOPIC, TF_TYPE
+from mvuav_ros.nodes.publishing import FrameAnswerer, ResultPublishers
+from mvuav_ros.parameters.declaration import ParameterSet, condition_text
 from mvuav_ros.processing.processor import Processor
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.sources.frame import Frame
 
 
 class DetectorStatus:

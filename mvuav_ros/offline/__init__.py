@@ -1,1 +1,1 @@
-"""Whole recordings at once: replay, sweeps, evaluation, the thesis report."""
+"""Whole recordings at once: replay, sweeps, evaluation."""

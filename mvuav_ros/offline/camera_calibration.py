@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.offline.report.model import Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, INK, drawing, label
-from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.offline.report import Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.board import Board, BoardView, different_views, sharpness
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.camera_calibration import (
-    FEWEST_VIEWS,
+    MIN_VIEWS,
     CameraCalibration,
     calibrate_camera,
 )
@@ -139,7 +140,7 @@ def calibrate_from(
     """The numbers of the views chosen, and the camera.
 
     Raises:
-        CalibrationError: the views are too few or do not tell the camera.
+        CalibrationError: the views are too few or do not determine the camera.
     """
     found = len(search.views)
     if not found:
@@ -150,10 +151,10 @@ def calibrate_from(
             + ('' if not board.dictionary else '; --charuco names its dictionary')
         )
     chosen = search.different(most)
-    if len(chosen) < FEWEST_VIEWS:
+    if len(chosen) < MIN_VIEWS:
         raise CalibrationError(
             f'the board is seen in {found} images, of which only {len(chosen)} '
-            f'{"differs" if len(chosen) == 1 else "differ"}: {FEWEST_VIEWS} are needed, and 20 '
+            f'{"differs" if len(chosen) == 1 else "differ"}: {MIN_VIEWS} are needed, and 20 '
             'to 40 are good; move the board over the whole image, and tilt it'
         )
     chosen = search.different(most, _NOT_THE_SAME)
@@ -225,7 +226,6 @@ def report_of(
             'searched': search.searched,
             'board found': len(search.views),
         },
-        (),
         (
             Section('Camera', (), (parameters, models) if found.kept_back else (parameters,)),
             Section('Coverage and residuals', (), figures),

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.parameters.declaration import ParameterError, Value
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS, refuse_unknown_nodes
 from mvuav_ros.parameters.parameter_file import (
+    NODE_PARAMETERS,
     is_every_nodes,
     parse_assignment,
     read_parameter_values,
+    refuse_unknown_nodes,
 )
 
-PROCESSING_NODES = ('marker_tracker', 'runway_detector')
+PROCESSING_NODES = tuple(DETECTORS)
 NodeParameters = dict[str, dict[str, Value]]
 """What differs from the defaults, by node and parameter."""
 

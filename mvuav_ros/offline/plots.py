@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
+from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.result_rows import ResultRows
+from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.tables import ResultRows
 
 Array = NDArray[np.float64]
 

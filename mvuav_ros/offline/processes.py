@@ -1,4 +1,4 @@
-"""Processes that do tasks: for replay, sweeps, the thesis's flights, the panel and bench."""
+"""Processes that do tasks: for replay, sweeps, evaluations, the panel and bench."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pickle
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import resource_tracker
@@ -19,6 +19,7 @@ import cv2
 
 from mvuav_ros.offline.stopping import (
     SIGNALS,
+    Interrupted,
     Stop,
     signals_held_back,
     stop_on_signals,
@@ -275,3 +276,61 @@ def _ending(exitcode: int | None) -> str:
         return f'its process ended with status {exitcode}'
     name = signal.Signals(-exitcode).name
     return f'its process ended with {name}' + (' (out of memory?)' if name == 'SIGKILL' else '')
+
+
+TaskT = TypeVar('TaskT')
+
+
+def each(
+    work: Callable[[TaskT], ResultT], tasks: Sequence[TaskT], jobs: int = 1
+) -> Iterator[Done[ResultT]]:
+    """Do the work on every task; one that fails does not stop the others.
+
+    The work is a function of a module, so that other processes find it; with one job all is done
+    in this one.
+
+    Yields:
+        Tasks as they end, in any order.
+
+    Raises:
+        Interrupted: by Ctrl-C or SIGTERM, when all processes have ended.
+    """
+    if jobs <= 1 or len(tasks) <= 1:
+        yield from (attempted(number, partial(work, task)) for number, task in enumerate(tasks))
+        return
+    with stop_on_signals() as stop:
+        done = run_in_processes(
+            partial(_plain, work), tasks, min(jobs, len(tasks)), stop, closing_time=0.0
+        )
+        for message in done:
+            if isinstance(message, Done):
+                yield message
+        if stop:
+            raise Interrupted(stop.number)
+
+
+def all_of(
+    work: Callable[[TaskT], ResultT],
+    tasks: Sequence[TaskT],
+    jobs: int = 1,
+    advance: Callable[[], None] = lambda: None,
+) -> list[ResultT]:
+    """As `each`, but all results in the tasks' order; the first failure ends it.
+
+    ``advance`` is called whenever a task has ended.
+    """
+    results: dict[int, ResultT] = {}
+    for done in each(work, tasks, jobs):
+        if done.error is not None:
+            raise done.error
+        assert done.result is not None
+        results[done.number] = done.result
+        advance()
+    return [results[number] for number in range(len(tasks))]
+
+
+def _plain(
+    function: Callable[[TaskT], ResultT], task: TaskT, _told: Report, _stop: Stop
+) -> ResultT:
+    """Work that neither tells anything nor looks at the stop."""
+    return function(task)

@@ -7,19 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.offline.report.model import Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, SOFT, drawing, label, legend_below
+from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.sensors import is_rectified_topic
+from mvuav_ros.offline.report import Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, legend_below
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.serialization.messages import is_rectified_topic
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource, SourceError
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.markers.results import Label, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.rig import MarkerRig, Point
 from mvuav_ros.vision.rig_calibration import (
-    FEWEST_LIGHTS,
+    MIN_LIGHTS,
     LightSightings,
     RigCalibration,
     RigCalibrationError,
@@ -78,9 +79,9 @@ def calibrate_from(
     """
     if source.live:
         raise SourceError(f'{source.name}: record the flight first; it is read several times')
-    if len(rough.names) < FEWEST_LIGHTS:
+    if len(rough.names) < MIN_LIGHTS:
         raise RigCalibrationError(
-            f'{len(rough.names)} lights are too few: an image with {FEWEST_LIGHTS} tells more than '
+            f'{len(rough.names)} lights are too few: an image with {MIN_LIGHTS} tells more than '
             'its own pose'
         )
     between = None
@@ -205,9 +206,8 @@ def report_of(name: str, made: CalibratedRig) -> Report:
             'rough rig': made.rough.name,
             'frames': made.frames,
             'passes': made.passes,
-            'fewest lights in an image': FEWEST_LIGHTS,
+            'fewest lights in an image': MIN_LIGHTS,
         },
-        (),
         (Section('Lights', (), (lights,)), Section('Residuals and shape', (), figures)),
     )
 

@@ -12,18 +12,16 @@ from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
+from mvuav_ros.messages.cdr import CdrWriter, cdr_header
+from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.marker_messages import POINT
+from mvuav_ros.messages.points import PointLayout
+from mvuav_ros.messages.runway_messages import LINE
+from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.processing.messages.markers import POINT
-from mvuav_ros.processing.messages.points import PointLayout
-from mvuav_ros.processing.messages.runway import LINE
-from mvuav_ros.processing.messages.sensors import encode_camera_info, encode_imu, make_header
-from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
-from mvuav_ros.recordings.serialization.messages import type_name
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.simulation.attitude_sensor import measured_attitude
 from mvuav_ros.simulation.flight import SimulatedFrame
-from mvuav_ros.simulation.runway_truth import RunwayTruth
-from mvuav_ros.simulation.tanker_truth import TankerTruth
+from mvuav_ros.simulation.runway_flight import RunwayTruth, measured_attitude
+from mvuav_ros.simulation.tanker_flight import TankerTruth
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion
 from mvuav_ros.vision.markers.results import MarkerState

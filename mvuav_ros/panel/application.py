@@ -2,24 +2,124 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
+import time
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
-from fastapi import FastAPI, WebSocket
+from fastapi import FastAPI
 from fastapi.responses import FileResponse, Response
 from jinja2.ext import Extension
 from nicegui import Client, app, core, ui
 from nicegui.client import templates
 from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
 
 from mvuav_ros.panel.guard import NONCE, Guard
-from mvuav_ros.panel.live_socket import LiveSocket
+from mvuav_ros.panel.image_feed import MAX_STREAMS, ImageFeed, streams_of
+from mvuav_ros.panel.live_nodes import LiveSystem
+from mvuav_ros.panel.live_results import SeriesFeed
 from mvuav_ros.panel.page.context import Services
-from mvuav_ros.panel.page.view import View
+from mvuav_ros.panel.page.view import PanelView
+from mvuav_ros.panel.ros_thread import RosThread
 
-_STATIC = Path(__file__).with_name('static')
+_CURVE_INTERVAL = 0.2
+"""Seconds between two batches of points."""
+_MAX_REQUEST = 10_000
+_UNANSWERED = 2
+"""Images of one stream on their way; a slow link gets fewer images, not older ones."""
 _RECONNECT_TIME = 30.0
 _TAB_MEMORY = 86_400.0
 """Seconds for which a browser tab's node, edits and ticks are kept."""
+
+
+class LiveSocket:
+    """One page's images and curves.
+
+    The page says what is on its screen: ``{"images": [key, …], "series": node}``, and names
+    each image that it has drawn: ``{"drawn": key}``. It gets images as binary messages
+    (uint32 length of a JSON header, the header, a JPEG), curves and the newest pose as JSON.
+    """
+
+    def __init__(
+        self, socket: WebSocket, ros: RosThread, system: LiveSystem, feed: ImageFeed
+    ) -> None:
+        self._socket, self._ros, self._system, self._feed = socket, ros, system, feed
+        self._waiting: dict[str, bytes] = {}
+        self._under_way: Counter[str] = Counter()
+        self._series: SeriesFeed | None = None
+        self._something = asyncio.Event()
+
+    async def run(self) -> None:
+        """Serve the page until it is closed."""
+        await self._socket.accept()
+        sender = asyncio.create_task(self._send())
+        try:
+            async for text in self._socket.iter_text():
+                if len(text) <= _MAX_REQUEST:
+                    self._take(json.loads(text))
+        except (ValueError, TypeError, AttributeError, RecursionError):
+            # No page of ours.
+            pass
+        finally:
+            sender.cancel()
+            self._look_at([])
+            self._follow('')
+
+    def _take(self, request: dict[str, Any]) -> None:
+        if 'drawn' in request:
+            key = str(request['drawn'])
+            if self._under_way[key] > 0:
+                self._under_way[key] -= 1
+                self._something.set()
+        if 'images' in request:
+            self._look_at([str(key) for key in request['images']])
+        if 'series' in request:
+            self._follow(str(request['series'] or ''))
+
+    def _look_at(self, keys: list[str]) -> None:
+        """Known streams only: what a page asks for never becomes a topic by itself."""
+        streams = [each for node in self._system.nodes.values() for each in streams_of(node)]
+        wanted = [each for each in streams if each.topic and each.key in keys][:MAX_STREAMS]
+        self._feed.look(self._arrived, set(wanted))
+        known = self._waiting.keys() | self._under_way.keys()
+        for key in known - {each.key for each in wanted}:
+            self._waiting.pop(key, None)
+            self._under_way.pop(key, None)
+
+    def _follow(self, name: str) -> None:
+        node = self._system.nodes.get(name)
+        if self._series is not None and (node is None or self._series.name != name):
+            self._series.close()
+            self._series = None
+        if self._series is None and node is not None:
+            self._series = SeriesFeed(self._ros, node, self._something.set)
+
+    def _arrived(self, key: str, message: bytes) -> None:
+        self._waiting[key] = message
+        self._something.set()
+
+    async def _send(self) -> None:
+        sent_curves = 0.0
+        while True:
+            await self._something.wait()
+            self._something.clear()
+            for key, message in list(self._waiting.items()):
+                if self._under_way[key] < _UNANSWERED:
+                    self._waiting.pop(key, None)
+                    self._under_way[key] += 1
+                    await self._socket.send_bytes(message)
+            now = time.monotonic()
+            if self._series is not None and now - sent_curves >= _CURVE_INTERVAL:
+                text = self._series.take()
+                if text:
+                    sent_curves = now
+                    await self._socket.send_text(text)
+
+
+_STATIC = Path(__file__).with_name('static')
 
 
 def make_application(services: Services, token: str) -> Guard:
@@ -48,7 +148,7 @@ def make_application(services: Services, token: str) -> Guard:
     async def page(client: Client) -> None:
         # What nodes say goes over the WebSocket only; the page's own HTML holds nothing of it.
         await client.connected()
-        await View(services, client, app.storage.tab).images.restore()
+        await PanelView(services, client, app.storage.tab).images.restore()
 
     ui.run_with(
         application,

@@ -12,20 +12,19 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
-from mvuav_ros.panel import foreign
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.descriptor_text import DescriptorText, default_text, read_description
+from mvuav_ros.panel import sanitized
+from mvuav_ros.parameters.declaration import DescriptorText, Value, default_text, read_description
 from mvuav_ros.parameters.parameter_file import is_every_nodes
 
 _CHOICES = 'one of '
 _LOGARITHMIC = 40
 """A range whose ends have at least this ratio is spread logarithmically."""
-_MOST_STEPS = 500
-"""Positions of a slider that a hand can still tell apart."""
-_WIDEST = 1e15
+_MAX_STEPS = 500
+"""Positions of a slider that a hand can still distinguish."""
+_MAX_RANGE = 1e15
 """Ends of a range that is a range: beyond that any number is allowed."""
 _SHORT = 40
-_LARGEST_INTEGER = 2**63 - 1
+_MAX_INTEGER = 2**63 - 1
 _BETWEEN = re.compile(r'[,;\s()\[\]]+')
 """Several numbers."""
 _TYPES = {
@@ -67,19 +66,19 @@ class Control:
     read_only: bool = False
 
     @property
-    def foreign(self) -> bool:
+    def is_every_nodes(self) -> bool:
         """Whether every ROS node has it, without a meaning for vision."""
         return is_every_nodes(self.name)
 
     @property
     def stage(self) -> str:
         """Of the processing."""
-        return 'Every ROS node' if self.foreign else self.text.stage or 'Other'
+        return 'Every ROS node' if self.is_every_nodes else self.text.stage or 'Other'
 
     @property
     def label(self) -> str:
         """The name for people."""
-        return foreign.words(self.name)
+        return sanitized.words(self.name)
 
     @property
     def default(self) -> Value | None:
@@ -114,7 +113,7 @@ class Control:
         number = _number(plain, 'a whole number' if whole else 'a number')
         if not whole:
             return number
-        if number != int(number) or abs(number) > _LARGEST_INTEGER:
+        if number != int(number) or abs(number) > _MAX_INTEGER:
             raise ValueError(f'takes a whole number, not {number:g}')
         return int(number)
 
@@ -144,7 +143,7 @@ def scale_of(control: Control, image_size: float = 0.0) -> tuple[float, ...]:
     if low > 0 and high / low >= _LOGARITHMIC:
         values = _two_digits(low, high, whole)
     else:
-        step = _step((high - low) / _MOST_STEPS, whole)
+        step = _step((high - low) / _MAX_STEPS, whole)
         count = math.floor((high - low) / step + 1e-9)
         values = [round(low + step * index, 10) for index in range(count + 1)]
     if control.odd:
@@ -175,12 +174,12 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
 
 def control_of(descriptor: ParameterDescriptor) -> Control:
     """The control that fits a descriptor; of other packages' nodes as well."""
-    text = read_description(foreign.words(descriptor.description, foreign.LONGEST_DESCRIPTION))
+    text = read_description(sanitized.words(descriptor.description, sanitized.LONGEST_DESCRIPTION))
     short: dict[str, Any] = {
-        n: foreign.words(getattr(text, n), _SHORT) for n in ('unit', 'default', 'stage')
+        n: sanitized.words(getattr(text, n), _SHORT) for n in ('unit', 'default', 'stage')
     }
-    text = replace(text, thesis=foreign.words(text.thesis), **short)
-    constraint = foreign.words(descriptor.additional_constraints, foreign.LONGEST_DESCRIPTION)
+    text = replace(text, thesis=sanitized.words(text.thesis), **short)
+    constraint = sanitized.words(descriptor.additional_constraints, sanitized.LONGEST_DESCRIPTION)
     type_ = _TYPES.get(descriptor.type)
     choices: tuple[str, ...] = ()
     kind, minimum, maximum = Kind.TEXT, math.nan, math.nan
@@ -192,7 +191,7 @@ def control_of(descriptor: ParameterDescriptor) -> Control:
         kind = Kind.NUMBER
         for each in (*descriptor.integer_range, *descriptor.floating_point_range):
             low, high = float(each.from_value), float(each.to_value)
-            if -_WIDEST < low < high < _WIDEST:
+            if -_MAX_RANGE < low < high < _MAX_RANGE:
                 kind, minimum, maximum = Kind.SLIDER, low, high
     return Control(
         name=str(descriptor.name),
@@ -213,5 +212,5 @@ def value_text(value: object) -> str:
     if value is None:
         return '-'
     if isinstance(value, (bool, int, float, str, tuple)):
-        return foreign.words(default_text(value))
-    return foreign.words(value)
+        return sanitized.words(default_text(value))
+    return sanitized.words(value)

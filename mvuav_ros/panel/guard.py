@@ -43,7 +43,7 @@ def make_token(host: str) -> str:
 class Guard:
     """ASGI application around another one that answers only those who may.
 
-    On loopback only names of this machine are served, so that a foreign page cannot reach the
+    On loopback only names of this machine are served, so that a page of others cannot reach the
     panel by having its own name resolve to 127.0.0.1. Elsewhere a token is asked for; given once
     in the address, it is kept in a cookie. What comes from a page (a WebSocket, any method that
     changes something) must come from a page of ours.
@@ -72,7 +72,7 @@ class Guard:
         await (answer or self.app)(scope, receive, _with_headers(send))
 
     def _refusal(self, visitor: HTTPConnection, token: str) -> Response | None:
-        """What a visitor with this token is told who is turned away; None where he is not."""
+        """The answer to a visitor with this token who is turned away; None where he is not."""
         host, origin = visitor.headers.get('host', ''), visitor.headers.get('origin')
         if not self._token and not is_loopback(_PORT.sub('', host.lower())):
             return PlainTextResponse(f'{host or "no host"} is not a name of this machine\n', 403)

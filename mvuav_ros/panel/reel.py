@@ -10,23 +10,21 @@ from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
 from mvuav_ros.offline.replay.frames import make_processors, process
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.panel.figures import TOPICS, Figures
-from mvuav_ros.panel.images import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
+from mvuav_ros.panel.live_results import TOPICS, Figures
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization import serialized_image
-from mvuav_ros.recordings.serialization.image_decoding import decode_image
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.recordings.sources.selection import Selection
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.source import EncodedFrame, Selection, SourceError
 
-MOST_BYTES = 256_000_000
+MAX_BYTES = 256_000_000
 """Of the frames kept in memory; of a longer recording a stretch is shown."""
 _WARM_UP = 30
 """Frames before the one asked for, from which a tracker gets into its state."""
@@ -140,11 +138,11 @@ class Reel:
                 if not isinstance(item, RecordedMessage):
                     self._items.append(item)
                     size += _size(item)
-                if size > MOST_BYTES:
+                if size > MAX_BYTES:
                     break
         finally:
             images.close()
-        self._is_whole = size <= MOST_BYTES and start_s == 0
+        self._is_whole = size <= MAX_BYTES and start_s == 0
         self._opened = source, start_s
 
     def _process(self, number: int, kind: str, values: dict[str, Value], index: int) -> Result:
@@ -186,7 +184,7 @@ class _Lane:
             if name in TOPICS[self.kind]:
                 self._figures.take(name, deserialize_message(data, TOPICS[self.kind][name]))
             elif name == RESULT_OF_KIND[self.kind]:
-                jpeg = encode_jpeg(decode_image(serialized_image.view_image(data)))
+                jpeg = encode_jpeg(decode_image(view_image(data)))
         return Result(jpeg, self._figures.said(), '; '.join(results.reasons))
 
 

@@ -24,7 +24,7 @@ class NoAnswerError(RuntimeError):
 
 
 class RosThread:
-    """Spins one node. Its callbacks run in the thread and use `tell`; all else is for the loop.
+    """Spins one node, whose callbacks use `call_in_loop`; all else is called from the loop.
 
     rclpy lets other threads make and end subscriptions and clients while one spins.
     """
@@ -41,7 +41,7 @@ class RosThread:
         self._stopping = False
 
     def start(self) -> None:
-        """Begin to spin; `tell` reaches the loop in which this is called."""
+        """Begin to spin; `call_in_loop` reaches the loop in which this is called."""
         self._loop = asyncio.get_running_loop()
         self._thread.start()
 
@@ -54,7 +54,7 @@ class RosThread:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def tell(self, function: Callable[..., object], *arguments: object) -> None:
+    def call_in_loop(self, function: Callable[..., object], *arguments: object) -> None:
         """Have the loop call a function; from the ROS thread."""
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(function, *arguments)
@@ -86,7 +86,7 @@ class RosThread:
                 while not client.service_is_ready():
                     await asyncio.sleep(0.05)
                 asked = client.call_async(request)
-                asked.add_done_callback(lambda done: self.tell(take, done.result()))
+                asked.add_done_callback(lambda done: self.call_in_loop(take, done.result()))
                 return await answer
         except TimeoutError:
             raise NoAnswerError(f'the node did not answer within {_PATIENCE:g} s') from None

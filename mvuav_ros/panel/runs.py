@@ -19,22 +19,21 @@ import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Told, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
-from mvuav_ros.offline.report.model import Cell, Column, Table
+from mvuav_ros.offline.report import Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
-from mvuav_ros.panel import foreign
-from mvuav_ros.panel.foreign import NameRefusedError, checked_name
-from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.parameters.descriptor_text import default_text
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
+from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.content import BAG_SUFFIXES
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.layout import BAG_SUFFIXES
+from mvuav_ros.recordings.recording import RecordingError
 
 RESULTS = 'results.mcap'
 REPORT = 'report'
 _SUMMARY = 'run.json'
-_MOST_BAGS, _MOST_METRICS = 500, 200
-_LARGEST_SUMMARY = 1_000_000
-_LATEST = 253_402_300_799.0
+_MAX_BAGS, _MAX_METRICS = 500, 200
+_MAX_SUMMARY = 1_000_000
+_MAX_TIME = 253_402_300_799.0
 """s since the epoch: the end of the year 9999."""
 _ENDING_TIME = 5.0
 _NICENESS = 5
@@ -111,7 +110,7 @@ def _measured_replay(task: tuple[Run, Path], report: Report, stop: Stop) -> Run:
     from mvuav_ros.offline.evaluation.bag_report import bag_report
     from mvuav_ros.offline.evaluation.evaluation_run import read_bag
     from mvuav_ros.offline.evaluation.metrics import metrics_of
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
 
     os.nice(_NICENESS)
     run, folder = task
@@ -153,7 +152,7 @@ class RunStore:
             except Exception as error:
                 # It may hold anything, and one such file must not hide the others.
                 said = f'{type(error).__name__}: {error}'
-                self.rejected[foreign.words(path.parent.name)] = foreign.words(said)
+                self.rejected[sanitized.words(path.parent.name)] = sanitized.words(said)
         return sorted(runs, key=lambda run: run.made)
 
     def free_name(self) -> str:
@@ -194,24 +193,24 @@ class RunStore:
 
 
 def _read(path: Path) -> Run:
-    content = json.loads(foreign.file_text(path, _LARGEST_SUMMARY))
-    number, words = foreign.number, foreign.words
+    content = json.loads(sanitized.file_text(path, _MAX_SUMMARY))
+    number, words = sanitized.number, sanitized.words
     made, frames, answered = (number(content[key]) for key in ('made', 'frames', 'answered'))
-    if not (0.0 <= made <= _LATEST and 0.0 <= answered <= frames):
+    if not (0.0 <= made <= _MAX_TIME and 0.0 <= answered <= frames):
         raise ValueError('made at no time, or over an impossible number of frames')
     return Run(
         # The folder's name counts: a user may have renamed it.
         name=checked_name(path.parent.name),
         kind=PROCESSORS[content['kind']].name,
-        source=words(content['source'], foreign.LONGEST_DESCRIPTION),
+        source=words(content['source'], sanitized.LONGEST_DESCRIPTION),
         parameters={
             words(name): value
             for name, given in dict(content['parameters']).items()
-            if (value := foreign.plain_value(given)) is not None
+            if (value := sanitized.plain_value(given)) is not None
         },
         metrics=tuple(
             Metric(words(m['group']), words(m['name']), words(m['unit']), number(m['value']))
-            for m in content['metrics'][:_MOST_METRICS]
+            for m in content['metrics'][:_MAX_METRICS]
         ),
         version=words(content['version']),
         made=made,
@@ -247,7 +246,7 @@ def find_bags(folders: Sequence[Path]) -> dict[str, Path]:
     bags: dict[str, Path] = {}
     for folder in folders:
         for path in sorted(folder.rglob('*')) if folder.is_dir() else [folder]:
-            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MOST_BAGS:
+            if path.suffix in BAG_SUFFIXES and path.is_file() and len(bags) < _MAX_BAGS:
                 name = str(path.relative_to(folder)) if path != folder else path.name
-                bags.setdefault(foreign.words(name), path)
+                bags.setdefault(sanitized.words(name), path)
     return bags

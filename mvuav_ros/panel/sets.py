@@ -8,16 +8,16 @@ from typing import NamedTuple
 
 import yaml
 
-from mvuav_ros.panel import foreign
-from mvuav_ros.panel.foreign import NameRefusedError, checked_name
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import parameter_values
 from mvuav_ros.processing.registry import PROCESSORS
 
-LARGEST_SET = 100_000
+MAX_SET_BYTES = 100_000
 """Bytes."""
 _SUFFIX = '.yaml'
-_DEEPEST = 20
+_MAX_DEPTH = 20
 _BUILT_IN = ('default', 'thesis')
 
 
@@ -52,7 +52,7 @@ class SetStore:
                 if self.load(name, kind) and self._path(name).stem == name:
                     found.append(name)
             except (ParameterError, NameRefusedError) as error:
-                self.rejected[foreign.words(name)] = foreign.words(error)
+                self.rejected[sanitized.words(name)] = sanitized.words(error)
         return found
 
     def is_built_in(self, name: str) -> bool:
@@ -62,12 +62,12 @@ class SetStore:
     def load(self, name: str, kind: str) -> dict[str, Value]:
         """The values of a set for a kind of node; lists of anything but numbers are left out."""
         values = _values(self._path(name), kind)
-        known = {name: foreign.plain_value(value) for name, value in values.items()}
+        known = {name: sanitized.plain_value(value) for name, value in values.items()}
         return {name: value for name, value in known.items() if value is not None}
 
     def content(self, name: str) -> bytes:
         """The file of a set."""
-        return foreign.file_text(self._path(name), LARGEST_SET).encode()
+        return sanitized.file_text(self._path(name), MAX_SET_BYTES).encode()
 
     def add(self, name: str, content: bytes) -> list[str]:
         """Take in a parameter file; returns the kinds of nodes that it says something of."""
@@ -116,16 +116,16 @@ class SetStore:
 def _values(path: Path, kind: str) -> dict[str, object]:
     """Of a file for a kind of node; what takes YAML's reader all memory or stack is refused."""
     try:
-        text, depth = foreign.file_text(path, LARGEST_SET), 0
+        text, depth = sanitized.file_text(path, MAX_SET_BYTES), 0
         for event in yaml.parse(text, yaml.SafeLoader):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+            if depth > _MAX_DEPTH or isinstance(event, yaml.AliasEvent):
                 raise ParameterError(
                     path.stem, 'is not a parameter file: nested too deeply, or with aliases'
                 )
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(path.stem, f'cannot be read: {foreign.words(error)}') from None
+        raise ParameterError(path.stem, f'cannot be read: {sanitized.words(error)}') from None
     return parameter_values(text, path.stem, kind)
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import (
+from mvuav_ros.parameters.common_parameters import (
     autostart,
     base_frame,
     camera_frame,
@@ -18,6 +17,7 @@ from mvuav_ros.parameters.image_input import (
     opencv_threads,
     publish_tf,
 )
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 
 MODES = ('detect', 'detect_any', 'track', 'track_any')
 PREDICTIONS = ('kalman', 'none', 'velocity', 'acceleration', 'acceleration_program')

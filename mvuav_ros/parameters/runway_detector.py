@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import (
+from mvuav_ros.parameters.common_parameters import (
     autostart,
     base_frame,
     camera_frame,
@@ -18,9 +17,10 @@ from mvuav_ros.parameters.image_input import (
     opencv_threads,
     publish_tf,
 )
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
 
 OPENING_SHAPES = ('vertical_line', 'square', 'disk', 'diamond')
-MOST_ROUND = 31
+MAX_ROUND = 31
 """px; every pixel of a round element costs a pass over the rows searched."""
 _THESIS, _APPROACH = ({'mode': ('thesis',)},), ({'mode': ('approach',)},)
 _approach = partial(parameter, counts=_APPROACH, stage='Approach')
@@ -260,10 +260,10 @@ class RunwayDetectorParameters(ParameterSet):
         if not self.runway_frame:
             raise ParameterError('runway_frame', 'must not be empty')
         check_frames(self, 'runway_frame', 'camera_frame', 'base_frame')
-        if self.opening_shape in ('disk', 'diamond') and self.opening_length > MOST_ROUND:
+        if self.opening_shape in ('disk', 'diamond') and self.opening_length > MAX_ROUND:
             raise ParameterError(
                 'opening_length',
-                f'must be at most {MOST_ROUND} with opening_shape {self.opening_shape}, '
+                f'must be at most {MAX_ROUND} with opening_shape {self.opening_shape}, '
                 f'not {self.opening_length}',
             )
         if (self.start_row or self.end_row) and self.end_row <= self.start_row:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
+from mvuav_ros.parameters.common_parameters import autostart, check_frames
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.parameters.image_input import autostart, check_frames
 
 _at_start = partial(parameter, read_only=True)
 

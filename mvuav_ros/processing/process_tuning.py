@@ -7,7 +7,7 @@ import gc
 import sys
 
 _M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_THRESHOLD = -1, -2, -3
-_LARGEST_KEPT = 1 << 25
+_MAX_KEPT = 1 << 25
 """32 MB: a 4K frame in colour, and the most that glibc takes here."""
 _KEPT_FREE = 1 << 28
 _SWITCH_INTERVAL = 0.0005
@@ -24,9 +24,9 @@ def keep_freed_memory() -> None:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError):
         return
-    mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
+    mallopt(_M_MMAP_THRESHOLD, _MAX_KEPT)
     mallopt(_M_TRIM_THRESHOLD, _KEPT_FREE)
-    mallopt(_M_TOP_PAD, _LARGEST_KEPT)
+    mallopt(_M_TOP_PAD, _MAX_KEPT)
 
 
 def tune_process() -> None:

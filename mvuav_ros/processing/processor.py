@@ -9,10 +9,10 @@ from typing import Any, ClassVar, NamedTuple
 
 from sensor_msgs.msg import Image
 
+from mvuav_ros.messages import transforms
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import Frame
 from mvuav_ros.parameters.declaration import ParameterSet
-from mvuav_ros.processing.messages import transforms
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.sources.frame import Frame
 from mvuav_ros.vision.camera import CameraModel
 
 
@@ -40,6 +40,40 @@ def resolve(topic: str, node: str = '~') -> str:
     return topic if topic.startswith('/') else f'{node}/{topic}'
 
 
+class Chart(NamedTuple):
+    """Curves over time that the panel draws of a result topic.
+
+    Attributes:
+        topic: below the node's.
+        field: of a PointCloud2, with a curve for each row; of another message such as ``point.x``.
+        title: for people.
+        unit: ``°`` for angles, which messages have in rad.
+        rows: what a row of a PointCloud2 is called.
+    """
+
+    topic: str
+    field: str
+    title: str
+    unit: str
+    rows: str = ''
+
+
+class PanelPage(NamedTuple):
+    """What the panel shows of a node; `Processor.topics` says which topics there are.
+
+    Attributes:
+        known_by: a topic that only nodes of this kind have.
+        image: the debug image with the results drawn in.
+        images: all debug images in their order.
+        charts: the curves, by a short name.
+    """
+
+    known_by: str
+    image: str
+    images: tuple[str, ...]
+    charts: Mapping[str, Chart]
+
+
 class Processor(ABC):
     """A node's work without its ROS connections.
 
@@ -51,6 +85,8 @@ class Processor(ABC):
         parameters_type: its parameters.
         topics: result topics below ``~/`` and their message classes.
         debug_topics: image topics below ``~/`` that are computed only when wanted.
+        descriptions: what each topic holds, for the reference pages.
+        panel: what the panel shows.
         periodic_topics: topics below ``~/`` of `periodic`, and their message classes.
         uses_camera_info: whether frames should come with their camera.
         uses_attitude: whether frames should come with the body's attitude.
@@ -65,6 +101,8 @@ class Processor(ABC):
     parameters_type: ClassVar[type[ParameterSet]]
     topics: ClassVar[Mapping[str, type]]
     debug_topics: ClassVar[tuple[str, ...]]
+    descriptions: ClassVar[Mapping[str, str]]
+    panel: ClassVar[PanelPage]
     periodic_topics: ClassVar[Mapping[str, type]] = {}
     uses_camera_info: ClassVar[bool] = False
     uses_attitude: ClassVar[bool] = False

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.detectors import DETECTORS, load_class
 from mvuav_ros.processing.processor import Processor
-from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
 
 PROCESSORS: dict[str, type[Processor]] = {
-    processor.name: processor for processor in (MarkerTrackerProcessor, RunwayDetectorProcessor)
+    name: load_class(detector.processor) for name, detector in DETECTORS.items()
 }

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.sources.calibration import load_calibration
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource
-from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.sources.opening import open_source
+from mvuav_ros.sources.source import FrameSource
 from mvuav_ros.vision.approach.overlay import draw_approach
 from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
@@ -26,7 +27,7 @@ from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
 from mvuav_ros.vision.reprojection import FEWEST
 from mvuav_ros.vision.rig import MarkerRig, load_rig
-from mvuav_ros.vision.runway.overlay import draw_overlay
+from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 
 

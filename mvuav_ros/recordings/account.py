@@ -1,7 +1,7 @@
 """What became of a recording's messages: how many were kept, lost or altered, and why.
 
 Everything that opens a recording hands one of these out, whoever reads the recording fills it, and
-`collecting` finds all that were opened meanwhile: so a command tells a loss without doing anything.
+`collecting` finds all that were opened meanwhile: so every command reports its losses.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple
 
-from mvuav_ros.recordings.foreign import LONGEST_LINE, words
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 
-_MOST_TEXTS = 200
-_MOST_ENTRIES = 10_000
+_MAX_TEXTS = 200
+_MAX_ENTRIES = 10_000
 _collected: ContextVar[list[Account] | None] = ContextVar('accounts', default=None)
 
 
@@ -27,20 +27,20 @@ class _Entry(NamedTuple):
 class Account:
     """The account of one input; the same again (in a second pass) changes nothing.
 
-    Of very many reasons the first are told.
+    Of very many reasons the first are reported.
 
     Attributes:
         name: of the input.
         kept: messages (of a video or a folder: frames) that the newest pass handed on.
         skipped: messages of topics that cannot be read, as they are not ROS's.
-        is_told: whether somebody has shown it.
+        is_reported: whether somebody has shown it.
     """
 
     def __init__(self, name: object = '') -> None:
         self.name = words(name)
         self.kept = 0
         self.skipped = 0
-        self.is_told = False
+        self.is_reported = False
         self._entries: dict[tuple[Hashable, Hashable], _Entry] = {}
         self._notes: dict[Hashable, str] = {}
         self._written: dict[Hashable, tuple[int, int]] = {}
@@ -58,16 +58,16 @@ class Account:
             text: what and why.
             count: of the messages; None if nobody knows, 0 if there are none.
         """
-        self._enter((file, key), _Entry(words(text, LONGEST_LINE), count))
+        self._enter((file, key), _Entry(words(text, MAX_LINE), count))
 
     def alter(self, key: Hashable, text: str, count: int) -> None:
         """Say what was written otherwise than it was read."""
-        self._enter(('altered', key), _Entry(words(text, LONGEST_LINE), count, True))
+        self._enter(('altered', key), _Entry(words(text, MAX_LINE), count, True))
 
     def note(self, key: Hashable, text: str) -> None:
         """Say what is unusual, though nothing is lost by it."""
-        if len(self._notes) < _MOST_TEXTS:
-            self._notes[key] = words(text, LONGEST_LINE)
+        if len(self._notes) < _MAX_TEXTS:
+            self._notes[key] = words(text, MAX_LINE)
 
     def promise(self, file: Hashable, written: int) -> None:
         """Take what a list of files says of one, which counts where that has no index itself."""
@@ -112,7 +112,7 @@ class Account:
 
     @property
     def is_exact(self) -> bool:
-        """Whether no more can be lost than `lost` says, as far as the files tell."""
+        """Whether no more can be lost than `lost` says, as far as the files say."""
         return not self._is_full and all(
             entry.messages is not None or file in self._written
             for (file, _), entry in self._entries.items()
@@ -127,8 +127,8 @@ class Account:
     def errors(self) -> list[str]:
         """What was lost or altered, in order of discovery."""
         texts = [entry.text for entry in self._entries.values()]
-        more = len(texts) - _MOST_TEXTS
-        return [*texts[:_MOST_TEXTS], f'and {more} more'] if more > 0 else texts
+        more = len(texts) - _MAX_TEXTS
+        return [*texts[:_MAX_TEXTS], f'and {more} more'] if more > 0 else texts
 
     @property
     def warnings(self) -> list[str]:
@@ -155,7 +155,7 @@ class Account:
         }
 
     def _enter(self, key: tuple[Hashable, Hashable], entry: _Entry) -> None:
-        if key in self._entries or len(self._entries) < _MOST_ENTRIES:
+        if key in self._entries or len(self._entries) < _MAX_ENTRIES:
             self._entries[key] = entry
         else:
             self._is_full = True

@@ -17,8 +17,8 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.errors import RecordingError
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
+from mvuav_ros.recordings.recording import RecordingError
 
 _AT_ONCE = 1 << 26
 _TOO_LARGE = 'it is larger than it says'
@@ -26,7 +26,7 @@ _TOO_LARGE = 'it is larger than it says'
 _ZSTD_PIECE = 1 << 10
 _PIECE = 1 << 22
 # Of a block; recorders write one. Each of an empty frame's few bytes would cost a decoder.
-_MOST_FRAMES = 1 << 8
+_MAX_FRAMES = 1 << 8
 _DAMAGE = (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError)
 
 
@@ -150,7 +150,7 @@ def _pour(
     stream: BinaryIO, length: int, compression: str, limit: int, take: Callable[[bytes], Any]
 ) -> str:
     """Decompress until more than ``limit`` bytes have come; return what is wrong with them."""
-    pieces = _decoded(stream, length, _DECODERS[compression], _MOST_FRAMES)
+    pieces = _decoded(stream, length, _DECODERS[compression], _MAX_FRAMES)
     try:
         while limit >= 0:
             piece = next(pieces)
@@ -164,7 +164,7 @@ def _pour(
 
 
 def _decoded(
-    stream: BinaryIO, length: int, decoder_type: Callable[[], Any], most_frames: float = inf
+    stream: BinaryIO, length: int, decoder_type: Callable[[], Any], max_frames: float = inf
 ) -> Generator[bytes, None, str]:
     """Yield small pieces; return why the end is not reached, '' if it is."""
     decoder = decoder_type()
@@ -179,8 +179,8 @@ def _decoded(
         yield decoder.decompress(data)
         data, fresh = b'', False
         if decoder.eof:
-            most_frames -= 1
-            if most_frames < 0:
+            max_frames -= 1
+            if max_frames < 0:
                 return 'it consists of too many pieces'
             data = decoder.unused_data or b''
             decoder, fresh = decoder_type(), True

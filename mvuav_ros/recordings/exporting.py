@@ -9,20 +9,19 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.recording import RecordingError, counted
 from mvuav_ros.recordings.remote import write_text
-from mvuav_ros.recordings.result_rows import Columns, ResultRows, is_table
-from mvuav_ros.recordings.tables import TABLES, Table
+from mvuav_ros.recordings.tables import TABLES, Columns, ResultRows, Table, is_table
 
 ACCOUNT = 'account.json'
 """Beside the tables: what could not be read or exported."""
 
-_LONGEST_NAME = 200
-_LONGEST_REASON = 200
-_MOST_TABLES = 500
+_MAX_NAME = 200
+_MAX_REASON = 200
+_MAX_TABLES = 500
 _ENDINGS = {'mot': 'txt'}
 _ONE_FLIGHT = ('tum', 'mot')
 """Forms without a column for the flight."""
@@ -83,7 +82,7 @@ def _export(flight: str, source: Path, files: _Files, stack: ExitStack) -> Accou
             try:
                 columns, values = rows.of(message)
             except MalformedMessageError as error:
-                lost[message.topic, str(error)[:_LONGEST_REASON]] += 1
+                lost[message.topic, str(error)[:_MAX_REASON]] += 1
                 continue
             files.table(message.topic, flight, columns, own if files.one_flight else stack).add(
                 values
@@ -132,8 +131,8 @@ class _Files:
         """
         key = topic, columns, flight if self.one_flight else ''
         if key not in self.tables:
-            if len(self.tables) == _MOST_TABLES:
-                raise RecordingError(f'it would be more than {_MOST_TABLES} tables')
+            if len(self.tables) == _MAX_TABLES:
+                raise RecordingError(f'it would be more than {_MAX_TABLES} tables')
             path = self._free_path(topic, flight)
             self._taken[path] = topic
             self.tables[key] = stack.enter_context(TABLES[self._form](path, columns))
@@ -144,7 +143,7 @@ class _Files:
         return any(known == topic and its == of for known, _, its in self.tables)
 
     def _free_path(self, topic: str, flight: str) -> Path:
-        name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_LONGEST_NAME] or 'root'
+        name = re.sub(r'[^\w.-]', '_', topic.strip('/'))[:_MAX_NAME] or 'root'
         ending = _ENDINGS.get(self._form, self._form)
         number = 1
         while True:

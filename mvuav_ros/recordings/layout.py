@@ -1,9 +1,10 @@
-"""Which files make up a recording, and in what order."""
+"""Which recordings a user names, which files make up one, and what each file is."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,15 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.content import is_bag_file
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.recording import RecordingError, counted
+from mvuav_ros.recordings.remote import is_url
+
+IMAGE_SUFFIXES = frozenset(
+    {'.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp'}
+)
 
 _NEVER_BAGS = frozenset({'.yaml', '.png', '.jpg', '.jpeg', '.txt', '.csv'})
-_LARGEST_METADATA = 1 << 24
+_MAX_METADATA = 1 << 24
 _ACCEPTED = 'a rosbag2 folder, a .mcap, a .db3 or a ROS 1 .bag file'
 METADATA = 'metadata.yaml'
 
@@ -56,13 +60,13 @@ def recording_files(path: Path, account: Account) -> list[Path]:
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
     try:
-        if not path.is_file() or path.stat().st_size > _LARGEST_METADATA:
+        if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')
         content = YAML(typ='safe').load(path.read_text('utf-8'))
-        told = content['rosbag2_bagfile_information']
-        names = told['relative_file_paths']
+        listed = content['rosbag2_bagfile_information']
+        names = listed['relative_file_paths']
         if names and all(isinstance(name, str) for name in names):
-            _take_counts(told, [Path(name).name for name in names], account)
+            _take_counts(listed, [Path(name).name for name in names], account)
             return [Path(name).name for name in names]
     except (OSError, YAMLError, RecursionError, KeyError, TypeError, ValueError):
         pass
@@ -70,10 +74,12 @@ def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     return None
 
 
-def _take_counts(told: Mapping[str, Any], names: Sequence[str], account: Account) -> None:
+def _take_counts(content: Mapping[str, Any], names: Sequence[str], account: Account) -> None:
     """What metadata.yaml says of each file's messages."""
-    listed = told.get('files') or [{'path': names[0], 'message_count': told.get('message_count')}]
-    if len(names) == 1 or told.get('files'):
+    listed = content.get('files') or [
+        {'path': names[0], 'message_count': content.get('message_count')}
+    ]
+    if len(names) == 1 or content.get('files'):
         for file in listed:
             if isinstance(file.get('message_count'), int):
                 account.promise(_plain(Path(file['path']).name), file['message_count'])
@@ -151,3 +157,172 @@ def _series(name: str) -> str:
 def _natural_key(name: str) -> list[tuple[int, str]]:
     """Sorts bag_10 behind bag_9."""
     return [(int(part), '') if part.isdigit() else (-1, part) for part in re.split(r'(\d+)', name)]
+
+
+MCAP_START = b'\x89MCAP0\r\n'
+SQLITE_START = b'SQLite format 3\0'
+ROS1_START = b'#ROSBAG V'
+ZSTD_START = b'\x28\xb5\x2f\xfd'
+BAG_SUFFIXES = ('.mcap', '.db3', '.bag')
+"""After `plain_name`."""
+
+_BAG_STARTS = (MCAP_START, SQLITE_START, ROS1_START, ZSTD_START)
+# PNG, JPEG, TIFF, BMP, grey and colour PNM.
+_IMAGE_STARTS = (b'\x89PNG', b'\xff\xd8\xff', b'II*\0', b'MM\0*', b'BM', b'P5\n', b'P6\n')
+# AVI and WebP; Matroska; Ogg; Flash; MPEG.
+_MEDIA_STARTS = (
+    *_IMAGE_STARTS,
+    *(b'RIFF', b'\x1a\x45\xdf\xa3', b'OggS', b'FLV', b'\0\0\1\xba', b'\0\0\1\xb3'),
+)
+_ISO_MEDIA = slice(4, 8), b'ftyp'
+_OWN_ENDINGS = ('.zstd', '.zst', '.active')
+
+
+def plain_name(name: str) -> str:
+    """A file's name in small letters without what compression and a running recorder append."""
+    name = name.lower()
+    for ending in _OWN_ENDINGS:
+        name = name.removesuffix(ending)
+    return name
+
+
+def start_of(path: Path) -> bytes:
+    """The first bytes of a regular file; nothing of a pipe or device, which would block.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    if not path.is_file():
+        return b''
+    with path.open('rb') as stream:
+        return stream.read(16)
+
+
+def is_image_start(start: bytes) -> bool:
+    """Whether a file that begins so is an image."""
+    return start.startswith(_IMAGE_STARTS) or (start[:4] == b'RIFF' and start[8:12] == b'WEBP')
+
+
+def is_bag_file(path: Path) -> bool:
+    """Whether a file is (part of) a recording, perhaps with damaged first bytes."""
+    try:
+        start = start_of(path)
+    except OSError:
+        start = b''
+    if start.startswith(_BAG_STARTS):
+        return True
+    place, mark = _ISO_MEDIA
+    if start.startswith(_MEDIA_STARTS) or start[place] == mark:
+        return False
+    return plain_name(path.name).endswith(BAG_SUFFIXES)
+
+
+VIDEO_SUFFIXES = frozenset(
+    {'.mp4', '.avi', '.mov', '.mkv', '.webm', '.m4v', '.mpg', '.mpeg', '.ts', '.wmv', '.flv'}
+)
+_SUFFIXES = ('.zstd', '.zst', '.mcap', '.db3', '.bag')
+_PART = re.compile(r'(.*)_(\d+)\.[^.]+')
+_DATE = re.compile(r'\d{4}[-_]\d\d[-_]\d\d[-_\d]*')
+
+
+def recordings_in(source: str) -> list[str]:
+    """What a path names: itself, or the recordings in a folder of them.
+
+    A folder of images is one recording, and so is one with a rosbag2 ``metadata.yaml``. Without
+    it files are the parts of one if all are named as rosbag2 and rosbag name parts: by the
+    folder or by a date, and a number.
+    """
+    path = Path(source).expanduser()
+    if is_url(source) or not path.is_dir() or _is_one(path):
+        return [source]
+    found = [entry for entry in _entries(path) if _is_recording(entry)]
+    return [str(Path(source) / entry.name) for entry in found] or [source]
+
+
+def flight_name(source: str) -> str:
+    """What a recording's results are called: its name without what says how it is stored."""
+    path = Path(source.split('?')[0] if is_url(source) else source).expanduser()
+    if path.name == METADATA:
+        path = path.parent
+    name = path.absolute().name
+    if any(sign in name for sign in '*?['):
+        name = path.absolute().parent.name
+    if path.is_dir():
+        return name
+    for suffix in _SUFFIXES:
+        name = name.removesuffix(suffix)
+    return name if path.suffix in _SUFFIXES else name.removesuffix(path.suffix)
+
+
+def by_flight(sources: Sequence[str]) -> dict[str, str]:
+    """Recordings by the names of their flights.
+
+    Raises:
+        RecordingError: two have the same name.
+    """
+    flights: dict[str, str] = {}
+    for source in sources:
+        name = flight_name(source)
+        if name in flights:
+            raise RecordingError(
+                f'{flights[name]} and {source} would both become {name}; '
+                'take them one after the other, into folders of their own'
+            )
+        flights[name] = source
+    return flights
+
+
+def _entries(folder: Path) -> list[Path]:
+    """In their natural order; of a file that is also there compressed only one."""
+    entries = [entry for entry in folder.iterdir() if not entry.name.startswith('.')]
+    names = {entry.name for entry in entries}
+    return sorted(
+        (
+            entry
+            for entry in entries
+            if entry.name.removesuffix('.zstd') not in names - {entry.name}
+        ),
+        key=lambda entry: [
+            part.zfill(20) if part.isdigit() else part for part in re.split(r'(\d+)', entry.name)
+        ],
+    )
+
+
+def _is_recording(entry: Path) -> bool:
+    if entry.is_dir():
+        return _is_one(entry)
+    return is_bag_file(entry) or entry.suffix.lower() in VIDEO_SUFFIXES
+
+
+def _is_one(folder: Path) -> bool:
+    """Whether a folder is one recording."""
+    try:
+        entries = _entries(folder)
+    except OSError:
+        return False
+    if any(entry.name == METADATA for entry in entries):
+        return True
+    files = [entry for entry in entries if entry.is_file()]
+    if not any(map(_is_recording, files)):
+        return any(entry.suffix.lower() in IMAGE_SUFFIXES for entry in files)
+    return _are_parts(folder.absolute().name, [file.name for file in files if is_bag_file(file)])
+
+
+def _are_parts(folder: str, names: Iterable[str]) -> bool:
+    found = [_PART.fullmatch(plain_name(name)) for name in names]
+    if len(found) == 1:
+        return True
+    # ROS 1 gives each part the date at which it begins.
+    stems = {_DATE.sub('DATE', match[1]) if match else '' for match in found}
+    return stems == {_DATE.sub('DATE', folder.lower())} or (
+        len(stems) == 1 and 'DATE' in min(stems)
+    )
+
+
+def shipped_folder(name: str) -> Path | None:
+    """The folder ``config`` or ``bags``; None where it is not installed."""
+    package = Path(__file__).resolve().parent.parent
+    # colcon: install/mvuav_ros/lib/python3.x/site-packages/mvuav_ros
+    shares = [Path(sys.prefix), *package.parents]
+    places = [package.parent / name, *(base / 'share' / 'mvuav_ros' / name for base in shares)]
+    return next((place for place in places if place.is_dir()), None)

@@ -17,7 +17,7 @@ VARIABLE = 'MVUAV_MAX_SIZE_MB'
 
 _PROPORTION = 200
 """Images of a dark sky become 100 times as large."""
-_LEAST = 1 << 29
+_MIN_ALLOWED = 1 << 29
 
 
 class Limit:
@@ -31,7 +31,7 @@ class Limit:
     def __init__(self, size: int) -> None:
         """Take a file of so many bytes."""
         given = os.environ.get(VARIABLE, '')
-        in_proportion = max(size * _PROPORTION, _LEAST)
+        in_proportion = max(size * _PROPORTION, _MIN_ALLOWED)
         self.allowed = int(given) * 1_000_000 if given.isdigit() else in_proportion
         self.left = self.allowed
 

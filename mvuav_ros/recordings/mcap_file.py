@@ -1,37 +1,41 @@
-"""Reading one mcap file in stored order, whole or damaged."""
+"""One mcap file, or several that were joined, read in stored order, whole or damaged.
+
+The mcap library parses what schemas, channels, statistics, attachments and footers hold. Its
+readers end at the first damaged byte, take a record that is cut short for a whole one, and
+allocate what a chunk's header claims. So where records begin and end, and what may become of a
+chunk, is found out here; so are the 22 bytes before a message's data, for its speed.
+"""
 
 from __future__ import annotations
 
+import re
+import struct
 import zlib
 from collections import Counter
 from collections.abc import Container, Hashable, Iterator, Sequence
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Channel, Footer, Metadata, Statistics
+from mcap.records import Schema as SchemaRecord
 from rosbags.serde import SerdeError
 
+from mvuav_ros.messages.definitions import (
+    Ros1Type,
+    Schema,
+    UnknownTypeError,
+    normalised_type,
+    ros1_type,
+)
+from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import unpack
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.mcap_channels import (
-    MOST_SCHEMA_BYTES,
-    PARSE_ERRORS,
-    Channels,
-    DefinitionError,
-    statistics_of,
-)
-from mvuav_ros.recordings.mcap_records import (
-    HEADER,
-    MAGIC,
-    MESSAGE_HEADER,
-    ChunkHeader,
-    RecordSpan,
-    RecordWalk,
-)
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
     ChunkTally,
@@ -40,16 +44,57 @@ from mvuav_ros.recordings.recording import (
     counted,
 )
 
-_INDEX_ENTRY_SIZE = 16
-_FIRST_BODY = len(MAGIC) + HEADER.size
+MAGIC = b'\x89MCAP0\r\n'
+HEADER = struct.Struct('<BQ')
+CHUNK_HEADER = struct.Struct('<QQQII')
+MESSAGE_HEADER = struct.Struct('<HIQQ')
+
+_MIN_LENGTHS = {
+    Opcode.HEADER: 8,
+    Opcode.FOOTER: 20,
+    Opcode.SCHEMA: 14,
+    Opcode.CHANNEL: 16,
+    Opcode.MESSAGE: 22,
+    Opcode.CHUNK: 40,
+    Opcode.MESSAGE_INDEX: 6,
+    Opcode.CHUNK_INDEX: 64,
+    Opcode.ATTACHMENT: 36,
+    Opcode.ATTACHMENT_INDEX: 48,
+    Opcode.STATISTICS: 46,
+    Opcode.METADATA: 8,
+    Opcode.METADATA_INDEX: 20,
+    Opcode.SUMMARY_OFFSET: 17,
+    Opcode.DATA_END: 4,
+}
+_PRIVATE_OPCODES = 0x80
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_EXTRAS: dict[int, Any] = {Opcode.ATTACHMENT: Attachment, Opcode.METADATA: Metadata}
+_IN_CHUNK = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}
+"""The records of a chunk that count, and how long they are at least."""
+_IN_SUMMARY = (
+    *_DEFINITIONS,
+    *(Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
+    *(Opcode.SUMMARY_OFFSET, Opcode.FOOTER, *range(_PRIVATE_OPCODES, 0x100)),
+)
+_PARSE_ERRORS = (McapError, struct.error, UnicodeDecodeError, ValueError)
+_CANDIDATE = re.compile(rb'[\x01-\x0f](?=.{4}\0{4})', re.DOTALL)
 _BLOCK = 1 << 20
-_LARGEST_EXTRA = 1 << 28
+_FOOTER_SIZE = HEADER.size + 20 + len(MAGIC)
+_FIRST_BODY = len(MAGIC) + HEADER.size
+_INDEX_ENTRY_SIZE = 16
+_MAX_COMPRESSION_NAME = 16
+_MAX_EXTRA = 1 << 28
+_MAX_SCHEMAS = 1 << 26
+"""Bytes of all schemas together; those of Autoware's hundreds of types are two million."""
 # Of a chunk that is out of the range: enough to see its first message's time.
 _PEEK = 1 << 16
 # A chunk whose size is wrong is still good where its checksum holds, up to this size in bytes.
 _CREDIBLE_SIZE = 1 << 26
 # From here on a message is given as a view of its chunk, as two copies would take twice the memory.
 _LARGE = 1 << 24
+_END_OF_TIME = 1 << 64
+
+_Key = tuple[int, str, str, str]
 
 
 class McapFile:
@@ -65,7 +110,7 @@ class McapFile:
         self._limit = limit
         self._name = path.name
         self._account = account
-        self._channels = Channels()
+        self._channels = _Channels()
         self._indexed = False
         self._scanned = False
 
@@ -75,9 +120,9 @@ class McapFile:
             with self._path.open('rb') as stream:
                 self._indexed = self._read_summary(stream)
                 if not self._indexed:
-                    self._channels = Channels()
+                    self._channels = _Channels()
                     self._channels.counts = Counter()
-                    for channel, _ in self._messages(stream, -1, 1 << 64):
+                    for channel, _ in self._messages(stream, -1, _END_OF_TIME):
                         self._channels.count(channel)
             self._scanned = True
         return self._channels.listed()
@@ -89,7 +134,7 @@ class McapFile:
         self.channels()
         self._channels.begin()
         first = -1 if start_ns is None else start_ns
-        last = 1 << 64 if end_ns is None else end_ns
+        last = _END_OF_TIME if end_ns is None else end_ns
         unreadable: Counter[str] = Counter()
         self.sound = self.skipped = 0
         with self._path.open('rb') as stream:
@@ -122,17 +167,16 @@ class McapFile:
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata."""
         with self._path.open('rb') as stream:
-            walk = RecordWalk(stream, self._name, self._account)
+            walk = _Records(stream, self._name, self._account)
             for span in walk.spans():
                 if span.opcode not in _EXTRAS:
                     continue
                 kind = _EXTRAS[span.opcode]
                 try:
-                    if span.length > _LARGEST_EXTRA:
+                    if span.length > _MAX_EXTRA:
                         raise ValueError('too large')
-                    body = walk.read(span.body, span.length)
-                    yield kind.read(ReadDataStream(BytesIO(body)))
-                except (*PARSE_ERRORS, MemoryError) as error:
+                    yield _parsed(kind, walk.read(span.body, span.length))
+                except (*_PARSE_ERRORS, MemoryError) as error:
                     said = f'{kind.__name__.lower()} at byte {span.body} not read: {error}'
                     self._lose(('extra', span.body), said, 0)
 
@@ -141,11 +185,23 @@ class McapFile:
             return self._channels.ros1[channel].to_cdr(data)
         return bytes(data) if len(data) < _LARGE else data
 
+    def _read_summary(self, stream: BinaryIO) -> bool:
+        """Whether the channels could be taken from the file's end, and the data begin likewise."""
+        try:
+            if not self._channels.read_summary(stream):
+                return False
+        except _DefinitionError as error:
+            self._lose('index', str(error), 0)
+            return False
+        self._channels.begin()
+        next(self._messages(stream, -1, _END_OF_TIME), None)
+        return not self._is_contradicted
+
     def _messages(
         self, stream: BinaryIO, first: int, last: int
     ) -> Iterator[tuple[int, memoryview]]:
         """Message records with their channels, whose definitions are taken in on the way."""
-        walk = RecordWalk(stream, self._name, self._account)
+        walk = _Records(stream, self._name, self._account)
         self._limit.begin()
         chunk = ChunkTally(self._name)
         promised: int | None = None
@@ -158,9 +214,9 @@ class McapFile:
                 continue
             chunk.end(self._account)
             chunk = ChunkTally(self._name)
-            if span.opcode == Opcode.CHUNK:
+            if span.chunk is not None:
                 chunk = ChunkTally(self._name, span.body - HEADER.size)
-                for opcode, body in self._chunk(walk, span, first, last, chunk):
+                for opcode, body in self._chunk(walk, span, span.chunk, (first, last), chunk):
                     if opcode == Opcode.MESSAGE:
                         chunk.got += 1
                         yield MESSAGE_HEADER.unpack_from(body)[0], body
@@ -176,15 +232,15 @@ class McapFile:
             elif span.opcode == Opcode.FOOTER:
                 totals.append(promised if walk.is_summary_intact(span) else None)
                 promised, is_closed = None, True
-            elif span.opcode == Opcode.STATISTICS and span.available == span.length < _BLOCK:
-                statistics = statistics_of(walk.read(span.body, span.length))
+            elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
+                statistics = _statistics(walk.read(span.body, span.length))
                 promised = None if statistics is None else statistics.message_count
             elif span.length > SIZE_LIMIT:
                 self._lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
-            elif span.length > MOST_SCHEMA_BYTES and span.opcode in _DEFINITIONS:
+            elif span.length > _MAX_SCHEMAS and span.opcode in _DEFINITIONS:
                 said = f'definition at byte {span.body} skipped: larger than 64 MB'
                 self._lose(span.body, said, 0)
-            elif span.opcode in _CONTENT and span.available == span.length:
+            elif span.opcode in _IN_CHUNK:
                 body = memoryview(walk.read(span.body, span.length))
                 if span.opcode == Opcode.MESSAGE:
                     yield MESSAGE_HEADER.unpack_from(body)[0], body
@@ -196,13 +252,16 @@ class McapFile:
         self.written = sum(counts) if len(counts) == len(totals) else None
 
     def _chunk(
-        self, walk: RecordWalk, span: RecordSpan, first: int, last: int, chunk: ChunkTally
+        self,
+        walk: _Records,
+        span: _Span,
+        header: _ChunkHeader,
+        wanted: tuple[int, int],
+        chunk: ChunkTally,
     ) -> Iterator[tuple[int, memoryview]]:
         """The records of a chunk; why it cannot be read, or not all of it, goes to its reason."""
-        header = walk.chunk_header(span)
-        assert header is not None
         # Without an index, a chunk out of the range may still define a channel within it.
-        if self._indexed and not (header.start_ns < last and first <= header.end_ns):
+        if self._indexed and not (header.start_ns < wanted[1] and wanted[0] <= header.end_ns):
             if self._are_true(walk, header):
                 return
             said = f'{self._name}: times of chunks are wrong; all are read'
@@ -221,7 +280,7 @@ class McapFile:
         )
         self._limit.spend(len(raw))
         if span.available < span.length:
-            yield from self._records(raw)
+            yield from _records_in(raw)
             return
         if header.crc and header.crc == zlib.crc32(raw):
             problem = ''
@@ -230,78 +289,377 @@ class McapFile:
         elif size > SIZE_LIMIT:
             problem = f'it is larger than 1 GB ({size} bytes)'
         is_whole = True
-        records = self._records(raw)
-        while (record := next(records, None)) is not None:
+        for record in _records_in(raw):
             is_whole = record[0] != 0
             # The first chunk often defines the channels of all others, at its very start.
             if is_whole and not (problem and record[0] == Opcode.MESSAGE):
                 yield record
         chunk.reason = problem or ('' if is_whole else 'it holds what is no record')
 
-    def _are_true(self, walk: RecordWalk, header: ChunkHeader) -> bool:
+    @staticmethod
+    def _are_true(walk: _Records, header: _ChunkHeader) -> bool:
         """Whether the first message of a chunk lies between the times that its header says."""
         length = min(header.data_size, _PEEK)
         stream = walk.stream_at(header.data_offset)
         raw, _ = unpack(stream, length, header.compression, -1, _CREDIBLE_SIZE)
-        for opcode, body in self._records(raw, whole=False):
+        for opcode, body in _records_in(raw, whole=False):
             if opcode == Opcode.MESSAGE:
                 stamp_ns = MESSAGE_HEADER.unpack_from(body)[2]
                 return bool(header.start_ns <= stamp_ns <= header.end_ns)
         return header.end_ns > 0
 
-    def _records(self, view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, memoryview]]:
-        """The records of a chunk, the last one of kind 0 if it ends in what is none."""
-        position = 0
-        while position + HEADER.size <= len(view):
-            opcode, length = HEADER.unpack_from(view, position)
-            position += HEADER.size
-            if opcode == 0 or (whole and position + length > len(view)):  # zeros are no records
-                break
-            credible = length <= MOST_SCHEMA_BYTES or opcode == Opcode.MESSAGE
-            end = min(position + length, len(view))
-            if credible and opcode in _CONTENT and end - position >= _CONTENT[opcode]:
-                yield opcode, view[position:end]
-            position += length
-        if whole and position != len(view):
-            yield 0, view[:0]
-
     def _define(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> None:
         try:
             contradiction = self._channels.define(opcode, body, in_summary=in_summary)
-        except DefinitionError as error:
+        except _DefinitionError as error:
             self._lose('definitions', str(error), 0)
             return
         if contradiction:
             self._is_contradicted = True
             self._account.note((self._name, contradiction), f'{self._name}: {contradiction}')
 
-    def _read_summary(self, stream: BinaryIO) -> bool:
-        """Whether the channels could be taken from the file's end, and the data begin likewise."""
-        try:
-            if not self._channels.read_summary(stream):
-                return False
-        except DefinitionError as error:
-            self._lose('index', str(error), 0)
-            return False
-        self._channels.begin()
-        next(self._messages(stream, -1, 1 << 64), None)
-        return not self._is_contradicted
-
     def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
         self._account.lose(self._name, key, f'{self._name}: {text}', count)
 
 
-def _contradiction(header: ChunkHeader, raw: memoryview) -> str:
+class _DefinitionError(ValueError):
+    """A schema, channel or index that cannot be used, with the reason in words."""
+
+
+class _Channels:
+    """Channels by their number, as they are defined on the way through the file.
+
+    Attributes:
+        topics: each channel's topic by now.
+        ros1: what converts the messages of a channel that holds ROS 1's.
+        counts: messages of each definition; None if nobody has said or counted them.
+    """
+
+    def __init__(self) -> None:
+        self.topics: dict[int, TopicInfo] = {}
+        self.ros1: dict[int, Ros1Type] = {}
+        self.counts: Counter[_Key] | None = None
+        self._found: dict[_Key, TopicInfo] = {}
+        self._first: dict[int, TopicInfo] = {}
+        self._schemas: dict[int, tuple[str, Schema | None]] = {}
+        self._schema_bytes = 0
+
+    def begin(self) -> None:
+        """Begin at the file's start: until it defines a channel, the first that is known counts."""
+        self.topics = dict(self._first)
+
+    def forget(self) -> None:
+        """Begin another file, joined to the one before: its numbers mean something else."""
+        self.topics = {}
+        self._schemas = {}
+        self._schema_bytes = 0
+
+    def listed(self) -> tuple[TopicInfo, ...]:
+        """Every definition with its number of messages."""
+        if self.counts is None:
+            return tuple(self._found.values())
+        counts = self.counts
+        return tuple(replace(info, message_count=counts[key]) for key, info in self._found.items())
+
+    def count(self, channel: int) -> None:
+        """Count a message, if its channel is known."""
+        if self.counts is not None and channel in self.topics:
+            self.counts[_key(channel, self.topics[channel])] += 1
+
+    def read_summary(self, stream: BinaryIO) -> bool:
+        """Take the channels and counts from the file's end; whether it has them.
+
+        Raises:
+            _DefinitionError: not all of it is sound.
+        """
+        size = stream.seek(0, 2)
+        found = _summary(stream, size)
+        if found is None:
+            raise _DefinitionError('its index is missing (was the recording cut off?)')
+        start, is_intact = found
+        statistics, end = None, size - len(MAGIC)
+        while is_intact and start + HEADER.size <= end:
+            stream.seek(start)
+            opcode, length = HEADER.unpack(stream.read(HEADER.size))
+            start += HEADER.size + length
+            is_intact = opcode in _IN_SUMMARY and start <= end
+            if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
+                self.define(opcode, stream.read(length))
+            elif is_intact and opcode == Opcode.STATISTICS:
+                statistics = _statistics(stream.read(length))
+        if not is_intact:
+            raise _DefinitionError('its index is damaged')
+        if statistics is not None:
+            counts = statistics.channel_message_counts
+            self.counts = Counter({key: counts.get(key[0], 0) for key in self._found})
+        return bool(self._found) or (statistics is not None and statistics.message_count == 0)
+
+    def define(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> str:
+        """Take in a schema or channel record; one of a summary counts where the data have none.
+
+        Returns:
+            In words, how it contradicts what was said of the channel before; '' if it does not.
+
+        Raises:
+            _DefinitionError: it is damaged.
+        """
+        if opcode == Opcode.SCHEMA:
+            self._schema_bytes += len(body)
+            if self._schema_bytes > _MAX_SCHEMAS:
+                raise _DefinitionError('its schemas are implausibly large')
+        try:
+            record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
+        except _PARSE_ERRORS:
+            raise _DefinitionError('a channel or schema record is damaged') from None
+        if opcode == Opcode.SCHEMA:
+            text = record.data.decode('utf-8', 'replace')
+            schema = Schema(record.encoding, text) if text else None
+            if not (in_summary and record.id in self._schemas):
+                self._schemas[record.id] = normalised_type(record.name), schema
+            return ''
+        return '' if in_summary and record.id in self.topics else self._take_channel(record)
+
+    def _take_channel(self, channel: Channel) -> str:
+        topic = self._topic(channel)
+        before = self.topics.get(channel.id)
+        self.topics[channel.id] = topic
+        self._first.setdefault(channel.id, topic)
+        self._found.setdefault(_key(channel.id, topic), topic)
+        if before is None or _key(0, before) == _key(0, topic):
+            return ''
+        return (
+            f'channel {channel.id} was said to be {words(before.name)} ({words(before.type)}), '
+            f'and is {words(topic.name)} ({words(topic.type)}) in the data'
+        )
+
+    def _topic(self, channel: Channel) -> TopicInfo:
+        kind, schema = self._schemas.get(channel.schema_id, ('', None))
+        encoding = channel.message_encoding
+        self.ros1.pop(channel.id, None)
+        if encoding == 'ros1':
+            try:
+                self.ros1[channel.id] = ros1_type(kind, schema.text if schema else '')
+                schema = self.ros1[channel.id].schema
+            except UnknownTypeError:
+                encoding = 'ros1 without a valid definition'
+        qos = channel.metadata.get('offered_qos_profiles', '')
+        return TopicInfo(channel.topic, kind, None, encoding, schema, qos)
+
+
+class _ChunkHeader(NamedTuple):
+    """What stands before a chunk's data; times in ns, sizes in bytes."""
+
+    start_ns: int
+    end_ns: int
+    uncompressed_size: int
+    crc: int
+    compression: str
+    data_offset: int
+    data_size: int
+
+
+class _Span(NamedTuple):
+    """Where a record lies; of a chunk that is cut fewer bytes are ``available``."""
+
+    opcode: int
+    body: int
+    length: int
+    available: int
+    chunk: _ChunkHeader | None
+
+
+class _Records:
+    """The records of an open mcap file in stored order."""
+
+    def __init__(self, stream: BinaryIO, name: str, account: Account) -> None:
+        self._stream = stream
+        self._name = name
+        self._account = account
+        self._size = stream.seek(0, 2)
+        self._base = 0
+
+    def spans(self) -> Iterator[_Span]:
+        """Every record, those of files that were joined included; damage is stepped over."""
+        offset = search_from = len(MAGIC)
+        is_closed = False
+        while offset < self._size:
+            span = self._span_at(offset)
+            if span is None:
+                found = self._next_record(search_from)
+                if found is None:
+                    self._note_end(offset, is_closed)
+                    return
+                said = f'damaged at byte {offset}, reading continues at byte {found}'
+                self._account.lose(self._name, offset, f'{self._name}: {said}')
+                offset, search_from = found, found + 1
+                continue
+            if span.opcode >= _PRIVATE_OPCODES:
+                said = f'record of unknown kind {span.opcode} skipped at byte {offset}'
+                self._account.lose(self._name, offset, f'{self._name}: {said}', 0)
+            elif span.opcode == Opcode.HEADER:
+                self._base = offset - len(MAGIC)
+            yield span
+            if span.available < span.length:
+                self._note_end(offset)
+                return
+            offset = span.body + span.length
+            is_closed = span.opcode == Opcode.FOOTER
+            while is_closed and self.read(offset, len(MAGIC)) == MAGIC:
+                offset += len(MAGIC)
+            # A message's length cannot be checked: if what follows makes no sense, it was wrong.
+            search_from = span.body if span.opcode == Opcode.MESSAGE else offset + 1
+
+    def read(self, offset: int, size: int) -> bytes:
+        """The bytes there, fewer at the file's end."""
+        return self.stream_at(offset).read(size)
+
+    def stream_at(self, offset: int) -> BinaryIO:
+        """The file, to be read from there."""
+        self._stream.seek(offset)
+        return self._stream
+
+    def is_summary_intact(self, footer: _Span) -> bool:
+        """Whether the checksum in a footer holds, if it has one."""
+        found = _summary(self._stream, footer.body + footer.length + len(MAGIC), self._base)
+        return found is not None and found[1]
+
+    def _span_at(self, offset: int) -> _Span | None:
+        """The record there, if its length may be true: a chunk repeats it, others must fit."""
+        head = self.read(offset, HEADER.size)
+        if len(head) < HEADER.size:
+            return None
+        opcode, length = HEADER.unpack(head)
+        minimum = 0 if opcode >= _PRIVATE_OPCODES else _MIN_LENGTHS.get(opcode)
+        if minimum is None or length < minimum:
+            return None
+        body = offset + HEADER.size
+        available = min(length, self._size - body)
+        chunk = self._chunk_header(body, length) if opcode == Opcode.CHUNK else None
+        if chunk is None and (opcode == Opcode.CHUNK or available < length):
+            return None
+        return _Span(opcode, body, length, available, chunk)
+
+    def _chunk_header(self, body: int, length: int) -> _ChunkHeader | None:
+        """The header of a chunk; None if it contradicts the record's length."""
+        fixed = CHUNK_HEADER.size
+        head = self.read(body, min(fixed + _MAX_COMPRESSION_NAME + 8, length))
+        if len(head) < fixed:
+            return None
+        start_ns, end_ns, size, crc, name_length = CHUNK_HEADER.unpack_from(head)
+        end = fixed + name_length + 8
+        if name_length > _MAX_COMPRESSION_NAME or len(head) < end:
+            return None
+        (data_size,) = struct.unpack_from('<Q', head, end - 8)
+        compression = head[fixed : end - 8].decode('ascii', 'replace')
+        # The records of one that is too large, and plain, can be found one by one.
+        if end + data_size != length or (size > SIZE_LIMIT and compression in ('', 'none')):
+            return None
+        return _ChunkHeader(start_ns, end_ns, size, crc, compression, body + end, data_size)
+
+    def _next_record(self, start: int) -> int | None:
+        while start < self._size:
+            # 8 bytes more, so that no candidate is split between two blocks.
+            for match in _CANDIDATE.finditer(self.read(start, _BLOCK + 8)):
+                if self._convinces(start + match.start()):
+                    return start + match.start()
+            start += _BLOCK
+        return None
+
+    def _convinces(self, offset: int) -> bool:
+        """Whether a chunk, the footer, or three records in a row begin there."""
+        for _ in range(3):
+            span = self._span_at(offset)
+            if span is None or span.chunk is not None:
+                return span is not None
+            offset = span.body + span.length
+            if span.opcode == Opcode.FOOTER:
+                return self.read(offset, len(MAGIC)) == MAGIC
+            if offset == self._size:
+                break
+        return True
+
+    def _note_end(self, offset: int, is_closed: bool = False) -> None:
+        left = self._size - offset
+        if is_closed:
+            said = f'{self._name}: the {left} bytes behind its end are no records'
+            self._account.note((self._name, 'end'), said)
+            return
+        said = f'cut off or damaged; its last {left} bytes cannot be read in full'
+        self._account.lose(self._name, 'end', f'{self._name}: {said}')
+
+
+def _parsed(kind: Any, body: bytes | memoryview) -> Any:
+    """A record's content as the mcap library has it; see `_PARSE_ERRORS`."""
+    return kind.read(ReadDataStream(BytesIO(body)))
+
+
+def _statistics(body: bytes) -> Statistics | None:
+    """The statistics record; None if it is damaged."""
+    try:
+        statistics: Statistics = _parsed(Statistics, body)
+    except _PARSE_ERRORS:
+        return None
+    return statistics
+
+
+def _records_in(view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, memoryview]]:
+    """The records of a chunk, the last one of kind 0 if it ends in what is none."""
+    position = 0
+    while position + HEADER.size <= len(view):
+        opcode, length = HEADER.unpack_from(view, position)
+        position += HEADER.size
+        if opcode == 0 or (whole and position + length > len(view)):  # zeros are no records
+            break
+        credible = length <= _MAX_SCHEMAS or opcode == Opcode.MESSAGE
+        end = min(position + length, len(view))
+        if credible and opcode in _IN_CHUNK and end - position >= _IN_CHUNK[opcode]:
+            yield opcode, view[position:end]
+        position += length
+    if whole and position != len(view):
+        yield 0, view[:0]
+
+
+def _contradiction(header: _ChunkHeader, raw: memoryview) -> str:
     """Why a chunk that was unpacked is not what its header says; '' if it may be."""
     if header.crc:
-        if len(raw) == header.uncompressed_size:
-            return 'its checksum is wrong'
-    elif header.compression in ('', 'none'):
-        # Its length stands twice in the record.
-        return ''
-    return '' if len(raw) == header.uncompressed_size else 'its size is wrong'
+        return 'its checksum is wrong' if len(raw) == header.uncompressed_size else _WRONG_SIZE
+    # The length of a plain one stands twice in the record.
+    is_plain = header.compression in ('', 'none')
+    return '' if is_plain or len(raw) == header.uncompressed_size else _WRONG_SIZE
 
 
-_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_EXTRAS: dict[int, Any] = {Opcode.ATTACHMENT: Attachment, Opcode.METADATA: Metadata}
-_CONTENT = {Opcode.SCHEMA: 8, Opcode.CHANNEL: 12, Opcode.MESSAGE: MESSAGE_HEADER.size}
+_WRONG_SIZE = 'its size is wrong'
+
+
+def _key(channel: int, topic: TopicInfo) -> _Key:
+    return channel, topic.name, topic.type, topic.serialization_format
+
+
+def _summary(stream: BinaryIO, end: int, base: int = 0) -> tuple[int, bool] | None:
+    """Where the summary begins (the footer, if there is none), and whether its checksum holds.
+
+    None without a footer; without a checksum the summary is believed.
+
+    Args:
+        stream: the file.
+        end: where the file ends, or that one of several that were joined.
+        base: where it begins.
+    """
+    footer_offset = end - _FOOTER_SIZE
+    if footer_offset < base + len(MAGIC):
+        return None
+    stream.seek(footer_offset)
+    tail = stream.read(_FOOTER_SIZE)
+    if tail[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(tail) != (Opcode.FOOTER, 20):
+        return None
+    footer = _parsed(Footer, tail[HEADER.size :])
+    start: int = base + footer.summary_start if footer.summary_start else footer_offset
+    if start > footer_offset:
+        return None
+    stream.seek(start)
+    checksum, left = 0, end - len(MAGIC) - 4 - start
+    while footer.summary_crc and left > 0:
+        block = stream.read(min(left, _BLOCK))
+        checksum = zlib.crc32(block, checksum)
+        left -= len(block)
+    return start, bool(checksum == footer.summary_crc)

@@ -16,21 +16,21 @@ from mvuav_ros.recordings.compression import (
     decompress_file,
     decompress_message,
 )
-from mvuav_ros.recordings.content import (
+from mvuav_ros.recordings.layout import (
     MCAP_START,
     ROS1_START,
     SQLITE_START,
     ZSTD_START,
     plain_name,
+    recording_files,
     start_of,
 )
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.layout import recording_files
 from mvuav_ros.recordings.limits import Limit
 from mvuav_ros.recordings.mcap_file import McapFile
 from mvuav_ros.recordings.recording import (
     READABLE_FORMATS,
     RecordedMessage,
+    RecordingError,
     RecordingFile,
     SkippedChannel,
     TopicInfo,
@@ -81,7 +81,7 @@ class Recording:
         try:
             self._files = self._readable_files(recording_files(path, self.account))
         except BaseException:
-            self.account.is_told = True  # by the error
+            self.account.is_reported = True  # by the error
             self.close()
             raise
 

@@ -6,14 +6,16 @@ from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.account import Account
 
 
-class Schema(NamedTuple):
-    """A message definition as text; ``encoding`` is 'ros2msg' or 'ros2idl'."""
+class RecordingError(Exception):
+    """A recording that cannot be read or written; one visible line that says what to do."""
 
-    encoding: str
-    text: str
+    def __init__(self, text: object) -> None:
+        super().__init__(words(text, MAX_LINE))
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,6 @@ class RecordingFile(Protocol):
 
 
 READABLE_FORMATS = ('cdr', 'ros1')
-
-
-def normalised_type(name: str) -> str:
-    """'pkg/Type' as 'pkg/msg/Type'; other names unchanged."""
-    parts = name.split('/')
-    return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name
 
 
 def counted(count: int, noun: str) -> str:

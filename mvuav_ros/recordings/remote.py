@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.output_file import write_whole
+from mvuav_ros.recordings.recording import RecordingError
 
 _MARKS = ('ETag', 'LastModified', 'created', 'mtime')
 _URL = re.compile(r'[a-z][a-z0-9+.-]+://', re.IGNORECASE)
@@ -180,3 +181,31 @@ def _reached(url: str, done: str) -> Iterator[tuple[Any, str]]:
     except Exception as error:  # each protocol's library has errors of its own
         reason = ' '.join(f'{type(error).__name__}: {error}'.split())
         raise RecordingError(f'{url} cannot be {done}: {reason}') from None
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, and its folder; a file of that name is replaced as a whole or not at all.
+
+    Raises:
+        RecordingError: it cannot be written; what was there stays.
+    """
+    data = content.encode('utf-8', 'replace') if isinstance(content, str) else content
+    new = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise RecordingError(f'{path} is a folder; give the name of a file')
+        with tempfile.NamedTemporaryFile(
+            dir=path.parent, prefix=f'.{path.name}.', delete=False
+        ) as file:
+            new = Path(file.name)
+            file.write(data)
+        # What a file opened in the usual way may be read by.
+        mask = os.umask(0)
+        os.umask(mask)
+        new.chmod(0o666 & ~mask)
+        new.replace(path)
+    except OSError as error:
+        if new is not None:
+            new.unlink(missing_ok=True)
+        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None

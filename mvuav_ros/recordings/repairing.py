@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.rosbag2_folder import open_writer
 
 _PROGRESS_STEP = 100
@@ -44,7 +44,7 @@ def repair(
         output: a file that ends in .mcap; with ``split_bytes``, a folder as rosbag2 makes it.
         overwrite: whether what exists may be replaced.
         split_bytes: the size at which the folder's next file begins; 0 never.
-        progress: told now and then the number of messages, and of all as far as known.
+        progress: called now and then with the number of messages, and of all as far as known.
 
     Raises:
         RecordingError: nothing can be read, or the output not be written.

@@ -10,41 +10,113 @@ import struct
 from collections import Counter
 from collections.abc import Container, Hashable, Iterator, Sequence
 from dataclasses import replace
-from io import BytesIO
+from io import BytesIO, RawIOBase
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, cast
 
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from rosbags.serde import SerdeError
 
+from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, normalised_type, ros1_type
+from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import CompressionError, unpack
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.foreign import words
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
 from mvuav_ros.recordings.recording import (
     ChunkTally,
     RecordedMessage,
+    RecordingError,
     TopicInfo,
     counted,
-    normalised_type,
 )
-from mvuav_ros.recordings.ros1_records import (
-    MAGIC,
-    PARSE_ERRORS,
-    VERSION_LINE,
-    Record,
-    next_chunk,
-    record_at,
-    stream_of,
-)
-from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError, ros1_type
 
-_LARGEST_CONNECTION = 1 << 24
+MAGIC = b'#ROSBAG V'
+VERSION_LINE = MAGIC + b'2.0\n'
+PARSE_ERRORS = (ReaderError, struct.error, UnicodeDecodeError, ValueError)
+_MAX_HEADER = 1 << 20
+_SEARCH_BLOCK = 1 << 20
+_KINDS = frozenset(int(kind) for kind in RecordType)
+
+
+class Record(NamedTuple):
+    """A record's header and kind, and where its data are (bytes)."""
+
+    header: Header
+    kind: int
+    data: int
+    size: int
+
+
+def record_at(stream: BinaryIO, position: int) -> Record | None:
+    """The record there, None where none is; the stream is left at its data."""
+    stream.seek(position)
+    length = stream.read(4)
+    if len(length) < 4 or not 0 < int.from_bytes(length, 'little') < _MAX_HEADER:
+        return None
+    stream.seek(position)
+    try:
+        header = Header.read(stream)
+        kind = header.get_uint8('op')
+    except PARSE_ERRORS:
+        return None
+    length = stream.read(4)
+    if len(length) < 4 or kind not in _KINDS:
+        return None
+    return Record(header, kind, stream.tell(), int.from_bytes(length, 'little'))
+
+
+def next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
+    """Where the next chunk's record begins; its header holds three fields in any order."""
+    first = start
+    while start < size:
+        stream.seek(start)
+        block = stream.read(_SEARCH_BLOCK + 64)
+        place = block.find(b'op=\x05')
+        while 0 <= place < _SEARCH_BLOCK + 32:
+            for back in range(8, 64):
+                record = None
+                if start + place - back >= first:
+                    record = record_at(stream, start + place - back)
+                if (
+                    record is not None
+                    and record.kind == RecordType.CHUNK
+                    and {'compression', 'size'} <= record.header.keys()
+                ):
+                    return start + place - back
+            place = block.find(b'op=\x05', place + 1)
+        start += _SEARCH_BLOCK
+    return None
+
+
+def stream_of(raw: memoryview) -> BinaryIO:
+    """A chunk as a stream, without copying it as BytesIO does."""
+    return cast(BinaryIO, _View(raw))
+
+
+class _View(RawIOBase):
+    def __init__(self, raw: memoryview) -> None:
+        self._raw = raw
+        self._position = 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        assert whence == 0
+        self._position = offset
+        return offset
+
+    def tell(self) -> int:
+        return self._position
+
+    def read(self, size: int = -1) -> bytes:
+        data = bytes(self._raw[self._position : self._position + size])
+        self._position += len(data)
+        return data
+
+
+_MAX_CONNECTION = 1 << 24
 _INDEX_ENTRY_SIZE = 12
-_MOST_CONNECTIONS = 1 << 16
+_MAX_CONNECTIONS = 1 << 16
 # Each costs some milliseconds; Autoware has hundreds.
-_MOST_DEFINITIONS = 2000
+_MAX_DEFINITIONS = 2000
 _SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
 
@@ -235,8 +307,8 @@ class Ros1File:
                 in_index or (known.topic.name, known.raw) == (name, bytes(data))
             ):
                 return
-            full = key not in self._first and len(self._first) >= _MOST_CONNECTIONS
-            if len(data) > _LARGEST_CONNECTION or full:
+            full = key not in self._first and len(self._first) >= _MAX_CONNECTIONS
+            if len(data) > _MAX_CONNECTION or full:
                 raise ValueError('implausibly large')
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
             kind = normalised_type(fields.get_string('type'))
@@ -246,7 +318,7 @@ class Ros1File:
             return
         self._definitions.add((kind, definition))
         try:
-            if len(self._definitions) > _MOST_DEFINITIONS:
+            if len(self._definitions) > _MAX_DEFINITIONS:
                 raise UnknownTypeError(kind)
             converter = ros1_type(kind, definition)
             topic = TopicInfo(name, kind, None, 'ros1', converter.schema)
@@ -300,7 +372,7 @@ class Ros1File:
         counts: Counter[int] = Counter()
         for _ in range(left):
             record = record_at(stream, position)
-            if record is None or record.size > _LARGEST_CONNECTION:
+            if record is None or record.size > _MAX_CONNECTION:
                 return False
             data = memoryview(stream.read(record.size))
             if len(data) < record.size:

@@ -17,31 +17,26 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from mvuav_ros.messages.definitions import Schema, normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
-    RecordedMessage,
-    Schema,
-    TopicInfo,
-    counted,
-    normalised_type,
-)
+from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
 
 _FIRST = -(1 << 63)
 _LAST = (1 << 63) - 1
 # The second is from names of columns, which are decoded strictly.
 _ERRORS = (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError)
-_SMALLEST_LIMIT = 1 << 20
+_MIN_LIMIT = 1 << 20
 # A row has ten bytes and takes SQLite some twenty steps.
 _STEPS_PER_BYTE = 10
 _STEPS = 1000
-_MOST_TOPICS = 1 << 16
-_MOST_TEXT = 1 << 26
+_MAX_TOPICS = 1 << 16
+_MAX_TEXT = 1 << 26
 
 
 class SqliteFile:
-    """One rosbag2 database; it is opened anew for every pass."""
+    """One rosbag2 database; it is opened anew forevery pass."""
 
     written: int | None = None
     sound = 0
@@ -159,8 +154,8 @@ class SqliteFile:
         )
         database.text_factory = _text
         size = min(self._size(), SIZE_LIMIT)
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _SMALLEST_LIMIT))
-        # Pages that point at each other would keep SQLite busy for ever.
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _MIN_LIMIT))
+        # Pages that point at each other would keep SQLite busy forever.
         budget = iter(range(_STEPS_PER_BYTE * size // _STEPS + 1000))
         database.set_progress_handler(lambda: next(budget, None) is None, _STEPS)
         # Without this, SQLite refuses a file that is shorter than its header says.
@@ -221,9 +216,9 @@ def _has_views(database: sqlite3.Connection) -> bool:
 
 def _small_rows(database: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
     """The rows of a table, as long as there is no more than anybody would write."""
-    cursor = database.execute(f'SELECT * FROM {table} LIMIT {_MOST_TOPICS}')
+    cursor = database.execute(f'SELECT * FROM {table} LIMIT {_MAX_TOPICS}')
     columns = [column[0] for column in cursor.description]
-    left = _MOST_TEXT
+    left = _MAX_TEXT
     for values in cursor:
         left -= sum(len(value) for value in values if isinstance(value, str | bytes))
         if left < 0:
@@ -251,7 +246,7 @@ def _rows(
     for rowid, key, stamp_ns, data in rows:
         if isinstance(data, bytes):
             size -= len(data)
-        if rowid <= previous or size < 0:  # pages that point at each other would go on for ever
+        if rowid <= previous or size < 0:  # pages that point at each other would go on forever
             raise sqlite3.DatabaseError('its rows are out of order')
         previous = rowid
         yield rowid, key, stamp_ns, data

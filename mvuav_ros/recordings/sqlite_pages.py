@@ -16,10 +16,10 @@ from mvuav_ros.recordings.limits import SIZE_LIMIT
 _HEADER_SIZE = 100
 _TABLE_LEAF = 13
 _INTEGER_SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
-_SMALLEST_BLOB = 12
-_LARGEST_LOCAL_FRACTION = 35
+_MIN_BLOB = 12
+_MAX_LOCAL_FRACTION = 35
 # A damaged pointer may lead several rows into one chain of pages, but not all rows into all pages.
-_MOST_PASSES = 8
+_MAX_PASSES = 8
 
 
 class MessageRow(NamedTuple):
@@ -45,7 +45,7 @@ class PageFile:
             header = stream.read(_HEADER_SIZE)
             self._size = stream.seek(0, 2)
         self._page_size = self._usable = self.missing_bytes = 0
-        self._overflow_left = _MOST_PASSES * self._size
+        self._overflow_left = _MAX_PASSES * self._size
         if len(header) == _HEADER_SIZE:
             (page_size,) = struct.unpack_from('>H', header, 16)
             self._page_size = 65536 if page_size == 1 else page_size
@@ -59,7 +59,7 @@ class PageFile:
     def messages(self, after_rowid: int) -> Iterator[MessageRow]:
         """The whole messages in the file's order, without those up to ``after_rowid``."""
         self.incomplete_rows = 0
-        self._overflow_left = _MOST_PASSES * self._size
+        self._overflow_left = _MAX_PASSES * self._size
         if self._page_size < 512:
             return
         with self._path.open('rb') as stream:
@@ -90,17 +90,17 @@ class PageFile:
         data = page[position:end]
         if local < size:
             data += self._overflow(stream, page[end : end + 4], size - local)
-        if len(data) != (kinds[3] - _SMALLEST_BLOB) // 2:
+        if len(data) != (kinds[3] - _MIN_BLOB) // 2:
             self.incomplete_rows += 1
             return None
         return MessageRow(rowid, topic_id, stamp_ns, data)
 
     def _local_size(self, size: int) -> int:
-        if size <= self._usable - _LARGEST_LOCAL_FRACTION:
+        if size <= self._usable - _MAX_LOCAL_FRACTION:
             return size
         least = (self._usable - 12) * 32 // 255 - 23
         wanted = least + (size - least) % (self._usable - 4)
-        return wanted if wanted <= self._usable - _LARGEST_LOCAL_FRACTION else least
+        return wanted if wanted <= self._usable - _MAX_LOCAL_FRACTION else least
 
     def _overflow(self, stream: BinaryIO, pointer: bytes, size: int) -> bytes:
         pieces: list[bytes] = []
@@ -133,7 +133,7 @@ def _is_message(kinds: list[int], body_size: int) -> bool:
     """Whether a record is (id, topic_id, timestamp, data) and as long as it says."""
     if len(kinds) != 4 or any(kind not in _INTEGER_SIZES for kind in kinds[:3]):
         return False
-    blob = kinds[3] - _SMALLEST_BLOB
+    blob = kinds[3] - _MIN_BLOB
     integers = sum(_INTEGER_SIZES[kind] for kind in kinds[:3])
     return blob >= 0 and blob % 2 == 0 and integers + blob // 2 == body_size
 

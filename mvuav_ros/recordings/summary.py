@@ -6,34 +6,33 @@ import os
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from mvuav_ros.recordings.errors import MalformedMessageError
-from mvuav_ros.recordings.images import (
-    decode_message,
+from mvuav_ros.messages.definitions import normalised_type
+from mvuav_ros.messages.frame import BadFrame, VideoDecoder
+from mvuav_ros.messages.images import (
+    IMAGE,
+    CodedImage,
+    RawImage,
+    check_compressed_image,
+    codec_of,
+    decode_image,
     is_image_type,
-    video_packet,
+    view_coded_image,
+    view_image,
 )
+from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.image_decoding import (
-    check_compressed_image,
-    decode_image,
-)
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
-from mvuav_ros.recordings.serialization.video_packet import VideoPacket, codec_of
-from mvuav_ros.recordings.sources.coded_video import VideoTopic
-from mvuav_ros.recordings.sources.frame import BadFrame
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.
 GAP_FACTOR = 1.5
 _PROGRESS_STEP = 100
-_MOST_FORMATS = 20
-_LONGEST_NAME = 40
-_LONGEST = (1 << 63) - 1
+_MAX_FORMATS = 20
+_MAX_NAME = 40
+_MAX_INTERVAL = (1 << 63) - 1
 _NS = 1_000_000_000
 
 
@@ -87,7 +86,7 @@ class SkippedSummary:
 class RecordingSummary:
     """A whole recording; ``duration_s`` is from the earliest to the latest log stamp.
 
-    ``errors`` tells what could not be read, ``warnings`` what is unusual though nothing is lost.
+    ``errors`` is what could not be read, ``warnings`` what is unusual though nothing is lost.
     """
 
     path: str
@@ -108,7 +107,7 @@ def summarise(
 
     Args:
         path: of the recording.
-        progress: told now and then the number of messages read, and of all as far as known.
+        progress: called now and then with the number of messages read, and of all as far as known.
 
     Raises:
         RecordingError: nothing can be read from there.
@@ -159,7 +158,7 @@ class _Tally:
         self._intervals = array('q')
         self._previous_ns = 0
         self._previous_header_ns: int | None = None
-        self._video = VideoTopic()
+        self._video = VideoDecoder()
         self._video_formats: dict[str, str] = {}
 
     def add(self, message: RecordedMessage) -> None:
@@ -169,7 +168,7 @@ class _Tally:
             summary.first_stamp_ns = summary.last_stamp_ns = stamp_ns
         else:
             interval = stamp_ns - self._previous_ns
-            self._intervals.append(min(max(interval, -_LONGEST), _LONGEST))
+            self._intervals.append(min(max(interval, -_MAX_INTERVAL), _MAX_INTERVAL))
             summary.first_stamp_ns = min(summary.first_stamp_ns, stamp_ns)
             summary.last_stamp_ns = max(summary.last_stamp_ns, stamp_ns)
         self._previous_ns = stamp_ns
@@ -179,24 +178,32 @@ class _Tally:
 
     def _add_image(self, images: ImageSummary, message: RecordedMessage) -> None:
         try:
-            packet = video_packet(message.type, message.data)
-            image: Any = packet or decode_message(message.type, message.data)
-        except MalformedMessageError as error:
-            self._add_problem(images, str(error))
-            return
-        header_ns = packet.stamp_ns if packet is not None else stamp_ns_of(image.header)
-        if self._previous_header_ns is not None and header_ns < self._previous_header_ns:
-            images.header_jumps_back += 1
-        self._previous_header_ns = header_ns
-        try:
-            text = _format(image) if packet is None else self._video_format(images, packet)
+            image = (
+                view_image(message.data)
+                if normalised_type(message.type) == IMAGE
+                else view_coded_image(message.type, message.data)
+            )
+            if self._previous_header_ns is not None and image.stamp_ns < self._previous_header_ns:
+                images.header_jumps_back += 1
+            self._previous_header_ns = image.stamp_ns
+            text = self._format(images, image)
         except ImageError as error:
-            self._add_problem(images, str(error))
+            self._add_problem(images, words(error, MAX_LINE))
             return
-        if text and text not in images.formats and len(images.formats) < _MOST_FORMATS:
+        if text and text not in images.formats and len(images.formats) < _MAX_FORMATS:
             images.formats.append(text)
 
-    def _video_format(self, images: ImageSummary, packet: VideoPacket) -> str:
+    def _format(self, images: ImageSummary, image: RawImage | CodedImage) -> str:
+        """What a replay would make of it, without decompressing it."""
+        if isinstance(image, RawImage):
+            decode_image(image)
+            return f'{image.width}x{image.height} {image.encoding}'
+        if image.is_video:
+            return self._video_format(images, image)
+        width, height = check_compressed_image(image)
+        return f'{width}x{height} {image.format[:_MAX_NAME]}'.rstrip()
+
+    def _video_format(self, images: ImageSummary, packet: CodedImage) -> str:
         """As `_format`; the packets up to the first frame are decoded, '' is said of them."""
         codec = codec_of(packet.format)
         if codec not in self._video_formats:
@@ -229,12 +236,3 @@ class _Tally:
             summary.gaps = len(gaps)
             summary.longest_gap_s = int(gaps.max(initial=0)) / _NS
         return summary
-
-
-def _format(image: Any) -> str:
-    """What a replay would make of it, without decompressing it."""
-    if hasattr(image, 'height'):
-        decode_image(image)
-        return f'{image.width}x{image.height} {image.encoding}'
-    width, height = check_compressed_image(image)
-    return f'{width}x{height} {image.format[:_LONGEST_NAME]}'.rstrip()

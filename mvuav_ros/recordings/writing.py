@@ -2,24 +2,313 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import struct
 import threading
 import time
+import zlib
 from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType, TracebackType
+from typing import Any, NamedTuple
 
-from mcap.records import Attachment, Channel, Header, Metadata
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.records import Schema as SchemaRecord
 
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.mcap_chunks import Chunk, Summary, record_bytes
-from mvuav_ros.recordings.mcap_records import MAGIC
-from mvuav_ros.recordings.output_file import OutputFile
-from mvuav_ros.recordings.recording import RecordedMessage, Schema, normalised_type
-from mvuav_ros.recordings.schemas import schema_of, type_hash
+from mvuav_ros.messages.definitions import Schema, normalised_type, schema_of, type_hash
+from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC, MESSAGE_HEADER
+from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+
+
+class OutputFile:
+    """A file that is appended to; ``size`` is what it holds by now, in bytes."""
+
+    def __init__(self, path: Path, overwrite: bool) -> None:
+        """Create the file, and its folder.
+
+        Raises:
+            RecordingError: it exists or cannot be created.
+        """
+        self.path = path
+        self.size = 0
+        if path.suffix != '.mcap':
+            raise RecordingError(f'{path}: the name of a recording must end in .mcap')
+        if path.is_dir():
+            raise RecordingError(f'{path} is a folder; give the name of a file')
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(
+                f'{path.parent} cannot be made: {error.strerror or error}'
+            ) from None
+        try:
+            if overwrite:
+                # Not truncated in place: someone may be reading the old file.
+                path.unlink(missing_ok=True)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            self._file = os.open(path, flags, 0o666)
+        except FileExistsError:
+            raise RecordingError(
+                f'{path} exists; choose another name, or overwrite it (--force)'
+            ) from None
+        except OSError as error:
+            raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
+
+    def append(self, data: bytes) -> None:
+        """Write all of ``data``, or nothing if that fails.
+
+        Raises:
+            OSError: it failed.
+        """
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._file, view) :]
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file, self.size)
+            raise
+        self.size += len(data)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the file is still the one of that name."""
+        ours = os.fstat(self._file)
+        try:
+            there = self.path.lstat()
+        except OSError:
+            return False
+        return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
+
+    def close(self) -> None:
+        """Let go of the file.
+
+        Raises:
+            OSError: the operating system says only now that it could not write, or the file is not
+                there any more: another program has put its own in its place.
+        """
+        try:
+            if not self.is_there:
+                raise OSError(errno.ESTALE, 'another program has replaced it meanwhile')
+        finally:
+            os.close(self._file)
+
+    def failure(self, error: Exception) -> RecordingError:
+        """The error in words for the user."""
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        return RecordingError(
+            f'{reason}: {self.path} cannot be written; what it holds so far can be read'
+        )
+
+
+_COMPRESSION = b'zstd'
+_LEVEL = 1
+_INDEX_ENTRY = struct.Struct('<QQ')
+_INDEX_HEADER = struct.Struct('<HI')
+
+
+class Chunk:
+    """Records on their way into the file; times in ns, sizes in bytes."""
+
+    def __init__(self) -> None:
+        self._records = bytearray()
+        self._entries: dict[int, bytearray] = {}
+        self.message_count = 0
+        self.start_ns = (1 << 64) - 1
+        self.end_ns = 0
+
+    @property
+    def size(self) -> int:
+        """The size before compression."""
+        return len(self._records)
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """The number of messages of each channel."""
+        return {key: len(entries) // _INDEX_ENTRY.size for key, entries in self._entries.items()}
+
+    def define(self, record: McapRecord) -> None:
+        """Add a schema or channel."""
+        self._records += record_bytes(record)
+
+    def add(
+        self, channel: int, sequence: int, times_ns: tuple[int, int], data: bytes | memoryview
+    ) -> None:
+        """Add a message; ``times_ns`` are when it was logged and published."""
+        stamp_ns = times_ns[0]
+        offset = len(self._records)
+        entries = self._entries.get(channel)
+        if entries is None:
+            entries = self._entries[channel] = bytearray()
+        indexed = len(entries)
+        try:
+            self._records += HEADER.pack(Opcode.MESSAGE, MESSAGE_HEADER.size + len(data))
+            self._records += MESSAGE_HEADER.pack(channel, sequence, *times_ns)
+            self._records += data
+            entries += _INDEX_ENTRY.pack(stamp_ns, offset)
+            self.message_count += 1
+        except BaseException:  # Ctrl-C too must leave only whole messages
+            del self._records[offset:]
+            del entries[indexed:]
+            raise
+        self.start_ns = min(self.start_ns, stamp_ns)
+        self.end_ns = max(self.end_ns, stamp_ns)
+
+    def takes(self, stamp_ns: int, span_ns: int) -> bool:
+        """Whether a message of that time keeps the chunk within the span of time."""
+        if self.message_count == 0:
+            return True
+        return self.end_ns - span_ns < stamp_ns < self.start_ns + span_ns
+
+    def encode(self, offset: int) -> EncodedChunk:
+        """The chunk and message index records, to be written at ``offset`` of the file."""
+        start_ns = self.start_ns if self._entries else 0
+        data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
+        head = CHUNK_HEADER.pack(
+            start_ns, self.end_ns, self.size, zlib.crc32(self._records), len(_COMPRESSION)
+        )
+        head += _COMPRESSION + struct.pack('<Q', len(data))
+        pieces: list[bytes | bytearray] = [
+            HEADER.pack(Opcode.CHUNK, len(head) + len(data)),
+            head,
+            data,
+        ]
+        chunk_length = index_offset = sum(len(piece) for piece in pieces)
+        offsets: dict[int, int] = {}
+        for key, entries in self._entries.items():
+            offsets[key] = offset + index_offset
+            head = _INDEX_HEADER.pack(key, len(entries))
+            pieces += [HEADER.pack(Opcode.MESSAGE_INDEX, len(head) + len(entries)), head, entries]
+            index_offset += HEADER.size + len(head) + len(entries)
+        index = ChunkIndex(
+            chunk_length=chunk_length,
+            chunk_start_offset=offset,
+            compression=_COMPRESSION.decode(),
+            compressed_size=len(data),
+            message_end_time=self.end_ns,
+            message_index_length=index_offset - chunk_length,
+            message_index_offsets=offsets,
+            message_start_time=start_ns,
+            uncompressed_size=self.size,
+        )
+        return EncodedChunk(b''.join(pieces), record_bytes(index))
+
+
+class EncodedChunk(NamedTuple):
+    """What goes into the file now, and the index record that goes to its end."""
+
+    data: bytes
+    index_record: bytes
+
+
+class Summary:
+    """What stands at a file's end; kept as bytes, as there is a chunk for every half second."""
+
+    def __init__(self) -> None:
+        self._schemas = bytearray()
+        self._channels = bytearray()
+        self._chunks = bytearray()
+        self._metadata = bytearray()
+        self._attachments = bytearray()
+        self._statistics = Statistics(
+            attachment_count=0,
+            channel_count=0,
+            channel_message_counts={},
+            chunk_count=0,
+            message_count=0,
+            metadata_count=0,
+            message_start_time=0,
+            message_end_time=0,
+            schema_count=0,
+        )
+
+    def define(self, record: SchemaRecord | Channel) -> None:
+        """Add a schema or channel."""
+        if isinstance(record, SchemaRecord):
+            self._schemas += record_bytes(record)
+            self._statistics.schema_count += 1
+        else:
+            self._channels += record_bytes(record)
+            self._statistics.channel_count += 1
+
+    def add(self, chunk: Chunk, index: bytes) -> None:
+        """Add a chunk that was written."""
+        self._chunks += index
+        statistics = self._statistics
+        statistics.chunk_count += 1
+        counts = statistics.channel_message_counts
+        for key, count in chunk.counts.items():
+            first = statistics.message_count == 0
+            statistics.message_start_time = (
+                chunk.start_ns if first else min(statistics.message_start_time, chunk.start_ns)
+            )
+            statistics.message_end_time = max(statistics.message_end_time, chunk.end_ns)
+            statistics.message_count += count
+            counts[key] = counts.get(key, 0) + count
+
+    def add_extra(self, record: Attachment | Metadata, offset: int) -> bytes:
+        """An attachment or metadata as it is to be written at ``offset``."""
+        data = record_bytes(record)
+        if isinstance(record, Metadata):
+            index = MetadataIndex(offset=offset, length=len(data), name=record.name)
+            self._metadata += record_bytes(index)
+            self._statistics.metadata_count += 1
+            return data
+        about = record.log_time, record.create_time, len(record.data), record.name
+        attached = AttachmentIndex(offset, len(data), *about, record.media_type)
+        self._attachments += record_bytes(attached)
+        self._statistics.attachment_count += 1
+        return data
+
+    def encode(self, offset: int) -> bytes:
+        """Everything from the data's end to the file's end, to be written at ``offset``."""
+        data_end = record_bytes(DataEnd(0))
+        start = offset + len(data_end)
+        groups = (
+            (Opcode.SCHEMA, bytes(self._schemas)),
+            (Opcode.CHANNEL, bytes(self._channels)),
+            (Opcode.STATISTICS, record_bytes(self._statistics)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
+            (Opcode.METADATA_INDEX, bytes(self._metadata)),
+        )
+        summary = b''.join(group for _, group in groups)
+        offsets_start = start + len(summary)
+        group_start = start
+        for opcode, group in groups:
+            if group:
+                summary += record_bytes(SummaryOffset(opcode, group_start, len(group)))
+            group_start += len(group)
+        footer = record_bytes(Footer(start, offsets_start, 0))[:-4]
+        crc = struct.pack('<I', zlib.crc32(footer, zlib.crc32(summary)))
+        return data_end + summary + footer + crc + MAGIC
+
+
+def record_bytes(record: McapRecord) -> bytes:
+    """One record as it stands in the file."""
+    builder: Any = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
+
 
 LIBRARY = 'mvuav_ros'
 """What the files' headers name as their maker."""
@@ -29,7 +318,7 @@ _CHUNK_BYTES = 1 << 20
 # the processing is slower than half of real time does the clock on the wall have to end them.
 _CHUNK_NS = 500_000_000
 _CHUNK_WALL_S = 0.8
-_MOST_WAITING = 4
+_MAX_WAITING = 4
 
 # Reliable, volatile, the last ten: as numbers, which every ROS 2 release's rosbag2 reads.
 RELIABLE_QOS = """\
@@ -244,7 +533,7 @@ class RecordingWriter:
 
     def _hand_over(self) -> None:
         """Begin a new chunk, once the thread keeps up; the lock is held."""
-        while len(self._chunks) > _MOST_WAITING and self._error is None:
+        while len(self._chunks) > _MAX_WAITING and self._error is None:
             self._changed.wait()
         self._raise_error()
         if self._chunks[-1].message_count:

@@ -1,16 +1,139 @@
-"""The shape of a Boeing 747-like tanker, in metres: x forward, y left, z up."""
+"""The tanker as faces in space, painted from far to near, and its refuelling boom."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
-from mvuav_ros.simulation.mesh import Face, Lighting, Mesh
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
-Point = tuple[float, float, float]
+from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.settings import ScheduleEntry
+from mvuav_ros.vision.frames import Matrix, Vector, read_only
+from mvuav_ros.vision.point_operations import Pixels
+
+SUPERSAMPLING = 2
+"""Faces are painted at twice the size and reduced: OpenCV's own smooth edges show the seams."""
+MIN_DEPTH = 0.5
+"""Faces that come closer to the camera than this (m) are not painted."""
+_SUBPIXEL_BITS = 4
+
+Array = NDArray[np.float64]
+Face = tuple[Sequence[tuple[float, float, float]], float]
+"""Four corners (m) and an albedo, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Flat faces of four corners.
+
+    Attributes:
+        corners: (n, 4, 3), m, in the body's frame.
+        normals: (n, 3) of unit length, either side.
+        albedo: (n,), 0 to 1.
+    """
+
+    corners: Array
+    normals: Array
+    albedo: Array
+
+    @classmethod
+    def of(cls, faces: Iterable[Face]) -> Mesh:
+        """Build from faces."""
+        chosen = list(faces)
+        corners = np.array([corner for corner, _ in chosen], np.float64)
+        # By the diagonals, since a face that ends in a tip has two corners in one place.
+        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        albedo = np.array([shade for _, shade in chosen])
+        return cls(read_only(corners), read_only(normals), read_only(albedo))
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """Light from one side and from all around, as grey levels of a white face.
+
+    ``towards`` is the direction of the light (unit length).
+    """
+
+    ambient: float
+    direct: float
+    towards: tuple[float, float, float]
+
+
+def paint_mesh(
+    image: Pixels,
+    mesh: Mesh,
+    camera: PinholeCamera,
+    pose: tuple[Matrix, Vector],
+    lighting: Lighting,
+    tint: tuple[float, float, float] = (1.06, 1.0, 0.95),
+) -> None:
+    """Paint a mesh into an 8-bit image, grey or blue first, in place.
+
+    The pose is the body's rotation in the optical frame and its place there, m; the light comes
+    from a direction in the optical frame, and has a tint of blue, green and red.
+    """
+    rotation, translation = pose
+    corners = mesh.corners @ rotation.T + translation
+    keep = corners[:, :, 2].min(axis=1) > MIN_DEPTH
+    if not keep.any():
+        return
+    corners, albedo = corners[keep], mesh.albedo[keep]
+    middle = corners.mean(axis=1)
+    shade = albedo * _lit(mesh.normals[keep] @ rotation.T, middle, lighting)
+    pixels = camera.project(corners.reshape(-1, 3)).reshape(-1, 4, 2)
+    lowest = np.maximum(np.floor(pixels.min(axis=(0, 1))) - 1, 0)
+    highest = np.minimum(np.ceil(pixels.max(axis=(0, 1))) + 2, (camera.width, camera.height))
+    (x0, y0), (x1, y1) = lowest.astype(int), highest.astype(int)
+    if x1 <= x0 or y1 <= y0:
+        return
+    part = image[y0:y1, x0:x1]
+    factors = np.array(tint if part.ndim == 3 else (1.0,))
+    # Each face's grey or colour; never 0, which means no face.
+    levels = np.clip(shade[:, None] * factors, 1.0, 255.0).tolist()
+    far_to_near = np.argsort(-np.linalg.norm(middle, axis=1))
+    faces, cover = _fill(part, pixels - (x0, y0), levels, far_to_near)
+    behind = cv2.bitwise_not(cover)
+    if part.ndim == 3:
+        behind = cv2.merge([behind] * 3)
+    part[...] = cv2.add(cv2.multiply(part, behind, scale=1.0 / 255.0), faces)
+
+
+def _lit(normals: Array, middle: Array, lighting: Lighting) -> Array:
+    """Grey levels of white faces; each shows the camera the side that looks towards it."""
+    facing = np.where((normals * middle).sum(axis=1) > 0.0, -1.0, 1.0)
+    lit = np.maximum(facing * (normals @ np.asarray(lighting.towards)), 0.0)
+    return np.asarray(lighting.ambient + lighting.direct * lit)
+
+
+def _fill(
+    part: Pixels, pixels: Array, levels: Sequence[Sequence[float]], order: NDArray[np.intp]
+) -> tuple[Pixels, Pixels]:
+    """The faces on black, and their cover, 0 to 255."""
+    # A pixel's centre lies half a fine pixel right of the first fine pixel's.
+    fine = (pixels + 0.5) * SUPERSAMPLING - 0.5
+    limit = 2**20
+    places = np.rint(np.clip(fine * 2**_SUBPIXEL_BITS, -limit, limit)).astype(np.int32)
+    height, width = part.shape[:2]
+    canvas = np.zeros((height * SUPERSAMPLING, width * SUPERSAMPLING, *part.shape[2:]), np.uint8)
+    for face in order:
+        cv2.fillConvexPoly(canvas, places[face], levels[face], cv2.LINE_8, _SUBPIXEL_BITS)
+    first = canvas if part.ndim == 2 else cv2.extractChannel(canvas, 0)
+    cover = cv2.threshold(first, 0, 255, cv2.THRESH_BINARY)[1]
+    faces, covered = (
+        cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA) for fine in (canvas, cover)
+    )
+    return faces, covered
+
+
+Corner = tuple[float, float, float]
 
 IN_SKY = Lighting(ambient=40.0, direct=52.0, towards=(-0.55, 0.52, 0.65))
 IN_LAB = Lighting(ambient=26.0, direct=66.0, towards=(-0.60, 0.33, 0.73))
@@ -32,7 +155,7 @@ _UPPER_DECK = ((30.0, 0.6, 2.0), (26.5, 2.3, 2.3), (14.0, 2.3, 2.3), (4.0, 0.5, 
 """Stations from nose to tail: x, radius, z of the axis."""
 
 
-class Section(NamedTuple):
+class WingSection(NamedTuple):
     """One section of a wing: leading edge, chord, where it is, thickness (m)."""
 
     leading_x: float
@@ -43,20 +166,20 @@ class Section(NamedTuple):
 
 
 _WING = (
-    Section(13.0, 15.5, 2.6, -2.2, 1.9),
-    Section(6.3, 10.6, 12.0, -1.1, 1.2),
-    Section(-1.6, 6.8, 22.0, 0.1, 0.6),
-    Section(-8.2, 3.9, 29.7, 1.0, 0.3),
+    WingSection(13.0, 15.5, 2.6, -2.2, 1.9),
+    WingSection(6.3, 10.6, 12.0, -1.1, 1.2),
+    WingSection(-1.6, 6.8, 22.0, 0.1, 0.6),
+    WingSection(-8.2, 3.9, 29.7, 1.0, 0.3),
 )
 _STABILIZER = (
-    Section(-27.5, 8.0, 0.8, 1.7, 0.8),
-    Section(-31.5, 5.2, 6.0, 2.4, 0.5),
-    Section(-34.6, 2.5, 10.9, 3.0, 0.25),
+    WingSection(-27.5, 8.0, 0.8, 1.7, 0.8),
+    WingSection(-31.5, 5.2, 6.0, 2.4, 0.5),
+    WingSection(-34.6, 2.5, 10.9, 3.0, 0.25),
 )
 _FIN = (
-    Section(-22.0, 12.5, 0.0, 2.6, 0.9),
-    Section(-28.0, 8.7, 0.0, 7.5, 0.6),
-    Section(-33.0, 3.6, 0.0, 12.8, 0.3),
+    WingSection(-22.0, 12.5, 0.0, 2.6, 0.9),
+    WingSection(-28.0, 8.7, 0.0, 7.5, 0.6),
+    WingSection(-33.0, 3.6, 0.0, 12.8, 0.3),
 )
 _ENGINES = ((6.6, 11.7, -3.4), (-2.2, 20.9, -2.0))
 """Middle of the left nacelles."""
@@ -86,7 +209,7 @@ def _faces() -> Iterator[Face]:
     yield from _closed(fin, 0.9)
 
 
-def _turned(stations: Sequence[Point], sides: int, albedo: float) -> Iterator[Face]:
+def _turned(stations: Sequence[Corner], sides: int, albedo: float) -> Iterator[Face]:
     """A body of revolution about an axis along x that may bend."""
     angles = [2 * math.pi * k / sides for k in range(sides)]
     yield from _skin(
@@ -95,7 +218,7 @@ def _turned(stations: Sequence[Point], sides: int, albedo: float) -> Iterator[Fa
     )
 
 
-def _skin(rings: Sequence[Sequence[Point]], albedo: float) -> Iterator[Face]:
+def _skin(rings: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Face]:
     """Faces from each ring of points to the next."""
     for front, back in pairwise(rings):
         for k in range(len(front)):
@@ -103,13 +226,13 @@ def _skin(rings: Sequence[Sequence[Point]], albedo: float) -> Iterator[Face]:
             yield (front[k], front[following], back[following], back[k]), albedo
 
 
-def _closed(outlines: Sequence[Sequence[Point]], albedo: float) -> Iterator[Face]:
+def _closed(outlines: Sequence[Sequence[Corner]], albedo: float) -> Iterator[Face]:
     """A wing of outlines from the root to the tip, which is closed."""
     yield from _skin(outlines, albedo)
     yield outlines[-1], albedo
 
 
-def _outline(section: Section) -> tuple[Point, Point, Point, Point]:
+def _outline(section: WingSection) -> tuple[Corner, Corner, Corner, Corner]:
     """Leading edge, top, trailing edge and bottom."""
     x, chord, y, z, thickness = section
     thickest = x - 0.35 * chord
@@ -126,3 +249,84 @@ def _engine(x: float, y: float, z: float) -> Iterator[Face]:
     yield [(x - 2.62, y + across, z + up) for across, up in nozzle], 0.35
     pylon = ((1.5, 1.2), (-2.0, 1.0), (-5.5, 2.1), (-1.0, 2.1))
     yield [(x + ahead, y, z + up) for ahead, up in pylon], 0.7
+
+
+BOOM_TRAVEL = 0.25
+"""Seconds in which the boom extends and retracts; it turns while it is short."""
+BOOM_TURN = 1.0
+BOOM_REST = 0.35
+"""Length at rest, in distances from its pivot to the farthest light; no light is that close."""
+BOOM_SHADE = 24.0
+
+
+@dataclass(frozen=True)
+class Boom:
+    """A straight bar in the image, from the pivot (2,) to the tip (2,), px."""
+
+    pivot: NDArray[np.float64]
+    tip: NDArray[np.float64]
+    half_width: float
+
+    def distance(self, point: NDArray[np.float64]) -> float:
+        """How far a point (px) lies outside the bar; negative inside."""
+        along = self.tip - self.pivot
+        length = float(np.hypot(*along))
+        if length == 0.0:
+            return math.inf
+        along = along / length
+        offset = point - self.pivot
+        forward = float(offset @ along)
+        across = abs(float(offset[0] * along[1] - offset[1] * along[0]))
+        return max(forward - length, -forward, across - self.half_width)
+
+    def paint(self, image: Pixels) -> None:
+        """Paint it into an 8-bit image, in place."""
+        along = self.tip - self.pivot
+        length = float(np.hypot(*along))
+        if not math.isfinite(length) or length < 1.0:
+            return
+        side = np.array((-along[1], along[0])) * (self.half_width / length)
+        gray = image.ndim == 2
+        for width, factor in ((1.0, 1.0), (0.45, 1.7)):
+            out = width * side
+            corners = np.array([self.pivot - out, self.pivot + out, self.tip + out, self.tip - out])
+            limit = 2.0**24
+            places = np.rint(np.clip(corners * 2**_SUBPIXEL_BITS, -limit, limit)).astype(np.int32)
+            shade = BOOM_SHADE * factor
+            color = (shade,) if gray else (1.1 * shade, shade, 0.95 * shade)
+            cv2.fillConvexPoly(image, places, color, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def place_boom(
+    pivot: NDArray[np.float64],
+    down: NDArray[np.float64],
+    lights: dict[str, NDArray[np.float64]],
+    schedule: tuple[ScheduleEntry, ...],
+    time: float,
+    half_width: float,
+) -> Boom:
+    """Where the boom is at a time (s).
+
+    Between two entries, which do not overlap, it rests, pointing ``down``; before an entry it
+    turns towards the light, then extends, so that it covers the light during the whole of the
+    interval. Places and lengths are px in the image.
+    """
+    lengths = [float(np.hypot(*(place - pivot))) for place in lights.values()]
+    rest_angle = math.atan2(down[1], down[0])
+    rest_length = min(BOOM_REST * max(lengths), 0.6 * min(lengths))
+    angle, length = rest_angle, rest_length
+    for interval in schedule:
+        outside = max(interval.start - time, time - interval.end, 0.0)
+        if outside >= BOOM_TRAVEL + BOOM_TURN:
+            continue
+        target = lights[interval.marker] - pivot
+        turn = math.remainder(math.atan2(target[1], target[0]) - rest_angle, 2 * math.pi)
+        reached = float(np.hypot(*target)) + 3.0 * half_width
+        extended = 1.0 - min(outside / BOOM_TRAVEL, 1.0)
+        turned = 1.0 - max(outside - BOOM_TRAVEL, 0.0) / BOOM_TURN
+        angle = rest_angle + turn * turned
+        length = rest_length + (reached - rest_length) * extended
+        if outside == 0.0:
+            break
+    tip = pivot + length * np.array((math.cos(angle), math.sin(angle)))
+    return Boom(pivot, tip, half_width)

@@ -1,24 +1,102 @@
-"""What all synthetic flights have in common: time, dropped frames, iteration."""
+"""What all synthetic flights have in common: time, dropped frames, the camera's sensor."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from typing import Generic, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.exposure import SensorNoise, defocus, gain_steps, hot_pixels
+from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.settings import FlightSettings
 from mvuav_ros.simulation.shake import VIBRATIONS, Shake
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
+
+_POOL_EXTRA = 1 << 17
+STEP_SECONDS = 2.5
+"""Mean time between two steps of the gain."""
+
+
+class SensorNoise:
+    """Gaussian noise of whole grey levels, cut from a pool at a random place per frame.
+
+    Drawing a million normal numbers would take longer than the image itself.
+    """
+
+    def __init__(self, size: int, sigma: float, rng: np.random.Generator) -> None:
+        normal = rng.standard_normal(size + _POOL_EXTRA, np.float32)
+        noise = np.clip(np.rint(sigma * normal), -255, 255).astype(np.int16)
+        self._up: NDArray[np.uint8] = np.maximum(noise, 0).astype(np.uint8)
+        self._down: NDArray[np.uint8] = np.maximum(-noise, 0).astype(np.uint8)
+
+    def add(self, image: Pixels, rng: np.random.Generator) -> None:
+        """Add noise to a contiguous 8-bit image of the size given, in place."""
+        start = int(rng.integers(_POOL_EXTRA))
+        part = slice(start, start + image.size)
+        # Two saturating additions of bytes are ten times as fast as one of mixed types.
+        cv2.add(image, self._up[part].reshape(image.shape), dst=image)
+        cv2.subtract(image, self._down[part].reshape(image.shape), dst=image)
+
+
+def gain_steps(
+    amplitude: float, duration: float, rng: np.random.Generator
+) -> Callable[[float], float]:
+    """An automatic gain that jumps from one value to the next, by the time (s)."""
+    starts, gains = [0.0], [1.0]
+    while amplitude and starts[-1] < duration:
+        starts.append(starts[-1] + float(rng.uniform(0.4, 1.6)) * STEP_SECONDS)
+        gains.append(1.0 + amplitude * float(rng.uniform(-1.0, 1.0)))
+    return lambda time: gains[int(np.searchsorted(starts, time, side='right')) - 1]
+
+
+def hot_pixels(
+    width: int, height: int, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of pixels that are always white."""
+    chosen = rng.choice(width * height, min(count, width * height), replace=False)
+    return np.divmod(chosen, width)
+
+
+def apply_gain(image: Pixels, gain: float) -> Pixels:
+    """Multiply and saturate; the image itself where the gain is 1."""
+    if gain == 1.0:
+        return image
+    return cv2.convertScaleAbs(image, alpha=gain)
+
+
+def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
+    """Smear an image along a straight path of (dx, dy) px, centred; the image itself if short."""
+    length = math.hypot(dx, dy)
+    if length < 0.5:
+        return image
+    half = math.ceil(0.5 * max(abs(dx), abs(dy)) + 0.5)
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for part in np.linspace(-0.5, 0.5, 4 * math.ceil(length) + 1):
+        x, y = half + part * dx, half + part * dy
+        column, row = math.floor(x), math.floor(y)
+        fx, fy = x - column, y - row
+        for r, wy in ((row, 1.0 - fy), (row + 1, fy)):
+            for c, wx in ((column, 1.0 - fx), (column + 1, fx)):
+                if wx * wy > 0.0:
+                    kernel[r, c] += wx * wy
+    kernel /= kernel.sum()
+    return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def defocus(image: Pixels, sigma: float) -> Pixels:
+    """Gaussian blur; the image itself where sigma (px) is 0."""
+    if sigma == 0.0:
+        return image
+    return cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first frame; fixed, because a flight must not depend on the clock."""
@@ -26,7 +104,7 @@ START_NS = 1_700_000_000_000_000_000
 TruthT = TypeVar('TruthT')
 
 
-class Stream(IntEnum):
+class RandomStream(IntEnum):
     """Independent sequences of random numbers of one seed."""
 
     DROPS = 1
@@ -64,10 +142,10 @@ class Flight(ABC, Generic[TruthT]):
         self._basics = settings
         self._noise: SensorNoise | None = None
         self._shake = Shake(
-            VIBRATIONS[settings.shake], settings.shake_gain, self._rng(Stream.SHAKE)
+            VIBRATIONS[settings.shake], settings.shake_gain, self._rng(RandomStream.SHAKE)
         )
-        self._gain = gain_steps(settings.gain_steps, self.duration, self._rng(Stream.GAIN))
-        draws = self._rng(Stream.DROPS).random(settings.frames)
+        self._gain = gain_steps(settings.gain_steps, self.duration, self._rng(RandomStream.GAIN))
+        draws = self._rng(RandomStream.DROPS).random(settings.frames)
         self._kept: NDArray[np.intp] = np.flatnonzero(draws >= settings.drop_probability)
 
     @property
@@ -126,17 +204,17 @@ class Flight(ABC, Generic[TruthT]):
         pixels = defocus(pixels, settings.blur)
         if settings.noise > 0.0:
             if self._noise is None:
-                rng = self._rng(Stream.NOISE_POOL)
+                rng = self._rng(RandomStream.NOISE_POOL)
                 self._noise = SensorNoise(pixels.size, settings.noise, rng)
             # By the time shown, so that a camera that hangs repeats its image bit for bit.
-            self._noise.add(pixels, self._rng(Stream.NOISE, round(time * 1e6)))
+            self._noise.add(pixels, self._rng(RandomStream.NOISE, round(time * 1e6)))
         pixels[self._hot_pixels] = 255
         return pixels
 
     @cached_property
     def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         size = self.camera.width, self.camera.height
-        return hot_pixels(*size, self._basics.hot_pixels, self._rng(Stream.HOT_PIXELS))
+        return hot_pixels(*size, self._basics.hot_pixels, self._rng(RandomStream.HOT_PIXELS))
 
-    def _rng(self, stream: Stream, *index: int) -> np.random.Generator:
+    def _rng(self, stream: RandomStream, *index: int) -> np.random.Generator:
         return np.random.default_rng((self._basics.seed, stream, *index))

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.waves import Wave, random_wave
+from mvuav_ros.simulation.shake import Wave, random_wave
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
+from mvuav_ros.vision.reprojection import rotation_of
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig
 
 Array = NDArray[np.float64]
@@ -100,21 +101,15 @@ class LightFlight:
         self._rng = np.random.default_rng(seed)
         self._move = _motion(scene, rig, self._rng)
         self._poses = [self._move(frame) for frame in range(scene.frames)]
-        self._pixels = np.array([self._project(*pose) for pose in self._poses])
+        self._pixels = np.array(
+            [self.camera.project(rig.positions, cv2.Rodrigues(r)[0], t) for r, t in self._poses]
+        )
         self._dark = np.zeros((scene.frames, len(rig.names)), np.bool_)
         self._others: list[tuple[range, Place]] = []
         for number in range(scene.thefts):
             self._add_theft(number)
         self._add_losses()
         self._add_glares()
-
-    def _project(self, rotation: Array, translation: Array) -> Array:
-        rvec = np.asarray(cv2.Rodrigues(rotation)[0])
-        camera = self.camera
-        seen = cv2.projectPoints(
-            self.rig.positions, rvec, translation, camera.matrix, camera.distortion
-        )
-        return np.asarray(seen[0], np.float64).reshape(-1, 2)
 
     def _add_theft(self, number: int) -> None:
         """A marker goes dark; in that moment, or up to three frames later, a light passes."""
@@ -222,7 +217,7 @@ def _motion(
         now = distance + (scene.near - distance) * done**2 * (3 - 2 * done) * bool(scene.near)
         roll, pitch, yaw = (wave(time) for wave in angles)
         offset = [now / distance * wave(time) for wave in moves]
-        shaken = np.asarray(cv2.Rodrigues(np.array([wave(time) for wave in shakes]))[0])
+        shaken = rotation_of(np.array([wave(time) for wave in shakes]))
         rotation = shaken @ OPTICAL_FROM_BODY @ from_rpy(roll + first_roll, pitch, yaw)
         translation = shaken @ OPTICAL_FROM_BODY @ (np.array((now, 0.0, 0.0)) + offset)
         return rotation, translation * rig.reach

@@ -1,21 +1,34 @@
-"""Camera vibration: the four conditions of the thesis's Table 5.4."""
+"""Camera vibration (the four conditions of the thesis's Table 5.4) and other random motion.
+
+Both are sums of sines whose phases come from a seed.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from mvuav_ros.simulation.waves import random_wave
 from mvuav_ros.vision.frames import Matrix, about_x, about_y, about_z
+
+Wave = Callable[[float], float]
+"""A value by the time (s)."""
+
+
+def random_wave(rng: np.random.Generator, terms: Iterable[tuple[float, float]]) -> Wave:
+    """A sum of sines, whose unit is their amplitudes': (amplitude, Hz) with random phases."""
+    sines = [(a, f, float(rng.uniform(0.0, 2 * math.pi))) for a, f in terms]
+    return lambda time: sum(a * math.sin(2 * math.pi * f * time + p) for a, f, p in sines)
+
 
 ROLL_DEG_PER_MAGNITUDE = 21.6
 """Degrees of roll for one unit of Table 5.4's magnitude. The thesis measured accelerations and says
 nothing of angles, so this one number is chosen: with it the true roll swings at vibration 1 by
 0.084 degrees RMS, the mean of that row of Table 5.5. Vibrations 2 and 3 follow from Table 5.4."""
 POINTING_DEG_PER_MAGNITUDE = 10.0
-"""The same for pitch and yaw, which no table of the thesis tells: the primary swings by 0.5, 1.2
+"""The same for pitch and yaw, which no table of the thesis has: the primary swings by 0.5, 1.2
 and 1.3 px in the lab view of 640 px (0.103 degrees per pixel)."""
 HARMONIC = 0.5
 """Amplitude of a harmonic at the primary's own frequency, relative to it. Table 5.4 lists the

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.simulation.camera import PinholeCamera
-from mvuav_ros.simulation.runway_truth import CameraPose, horizon_anchor
+from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera, horizon_anchor
 from mvuav_ros.simulation.texture import smooth_noise, smoothstep, to_bytes
 from mvuav_ros.vision.frames import Matrix
 from mvuav_ros.vision.point_operations import Pixels

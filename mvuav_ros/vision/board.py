@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 SEARCH_SIDE = 800
 """px of the longer side of the image in which a board is searched; its corners are then refined in
 the whole image. A search takes 0.1 s at this size, and 0.4 s at 1920 x 1440."""
-FEWEST_CORNERS = 12
+MIN_CORNERS = 12
 """Of a board that is seen in part; a homography takes four, and a pose should be sure."""
 _WINDOW = 0.4  # Of the distance between corners: half the side of the window of the refinement
 _REFINEMENT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-4)
@@ -152,9 +152,9 @@ class Board:
     def _find_charuco(self, gray: Pixels) -> tuple[NDArray[np.intp], Array] | None:
         for detector in self._charuco:
             corners, labels = detector.detectBoard(gray)[:2]
-            if labels is not None and len(labels) >= FEWEST_CORNERS:
+            if labels is not None and len(labels) >= MIN_CORNERS:
                 chosen = np.asarray(labels, np.intp).ravel()
-                # Corners of a single row do not tell a plane.
+                # Corners of a single row do not determine a plane.
                 if min(len(np.unique(chosen // self.columns)), len(set(chosen % self.columns))) > 1:
                     return chosen, np.asarray(corners, np.float64).reshape(-1, 2)
         return None

@@ -16,18 +16,18 @@ from mvuav_ros.vision.camera import CalibrationError, CameraModel
 Array = NDArray[np.float64]
 
 MODELS = ('auto', 'plumb_bob', 'rational_polynomial', 'equidistant')
-FEWEST_VIEWS = 5
+MIN_VIEWS = 5
 
 
 @dataclass(frozen=True)
-class CalibrationTuning:
+class LensCalibrationTuning:
     """When views are left out, and when a calibration is refused."""
 
     # Of the views' median rms residual, from where on a view is taken for blurred or wrong.
     outlying: float = 2.5
     most_outlying: float = 0.25  # of the views: the part that may be
-    # Of the focal length (1 sigma), from where on the views do not tell it. Twenty rendered videos
-    # leave 0.03 %; a board that is always parallel to the image leaves 3 % and more.
+    # Of the focal length (1 sigma), from where on the views do not determine it. Twenty rendered
+    # videos leave 0.03 %; a board that is always parallel to the image leaves 3 % and more.
     most_focal_error: float = 0.01
     # px, per axis: the least noise that is expected of a corner.
     least_noise: float = 0.02
@@ -36,7 +36,7 @@ class CalibrationTuning:
     better: float = 0.01  # by which part a longer model must do better on views kept back
 
 
-TUNING = CalibrationTuning()
+TUNING = LensCalibrationTuning()
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ _LENSES = {
 """The simpler one first."""
 _FISHEYE_FOCALS = (0.3, 0.5, 0.9)
 """Of the image's width: focal lengths from which an equidistant lens is fitted."""
-_MOST_STEPS = 30
+_MAX_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """A calibration with what tells how good it is.
+    """A calibration with the figures of how good it is.
 
     Attributes:
         camera: the matrix and the lens.
@@ -107,11 +107,11 @@ def calibrate_camera(
         model: one of `MODELS`.
 
     Raises:
-        CalibrationError: the views are too few, or do not tell the camera.
+        CalibrationError: the views are too few, or do not determine the camera.
     """
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise CalibrationError(
-            f'{len(views)} different views of the board are too few: {FEWEST_VIEWS} are needed, '
+            f'{len(views)} different views of the board are too few: {MIN_VIEWS} are needed, '
             'and 20 to 40 are good'
         )
     names = [name for name in _LENSES if model in ('auto', _LENSES[name].model)]
@@ -233,7 +233,7 @@ class _Fit:
             rest = by_camera - by_pose @ np.linalg.lstsq(by_pose, by_camera, rcond=None)[0]
             information += rest.T @ rest
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        # What the views do not tell at all is to come out as unknown, not as zero.
+        # What the views do not determine at all is to come out as unknown, not as zero.
         values, axes = np.linalg.eigh(information / np.outer(scale, scale))
         spread = ((axes / np.sqrt(np.maximum(values, 1e-15))) ** 2).sum(axis=1)
         noise = max(squares / max(left, 1), TUNING.least_noise**2)
@@ -283,7 +283,7 @@ def _fit_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> _Fit:
         fit = _Fit(lens, matrix, np.zeros(4), [])
         fit = replace(fit, poses=[fit.pose(view) for view in views])
         squares = fit.squares(views)
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             before = squares
             for damping in (1.0, 0.3, 0.1):
                 stepped = fit.stepped(views, damping)
@@ -311,7 +311,7 @@ def _clean(views: Sequence[BoardView], size: tuple[int, int], lens: _Lens) -> ND
             float(np.quantile(rms, 1.0 - TUNING.most_outlying, method='lower')),
         )
         before, used = used, rms <= worst
-        if used.sum() < FEWEST_VIEWS:
+        if used.sum() < MIN_VIEWS:
             return before
         if (before == used).all():
             break
@@ -340,16 +340,16 @@ def _kept_back(
 
 
 def _refuse_untold(fit: _Fit, deviations: Array) -> None:
-    """Say why the views do not tell the focal length, if they do not."""
+    """Say why the views do not determine the focal length, if they do not."""
     focal = fit.matrix[0, 0], fit.matrix[1, 1]
     if min(focal) <= 0.0:
-        raise CalibrationError('the views do not tell the focal length')
+        raise CalibrationError('the views do not determine the focal length')
     share = max(deviations[0] / focal[0], deviations[1] / focal[1])
     if share < TUNING.most_focal_error:
         return
     raise CalibrationError(
-        f'the views do not tell the focal length (standard deviation {100 * share:.2g} %): the '
-        'board has to be tilted by 20 to 45 degrees against the image, in several directions'
+        f'the views do not determine the focal length (standard deviation {100 * share:.2g} %): '
+        'the board has to be tilted by 20 to 45 degrees against the image, in several directions'
     )
 
 

@@ -45,7 +45,7 @@ MIN_LIGHTS = 4
 MAX_LIGHTS = 12
 """The pairs of more would cost more than they gain; those seen first are used."""
 MAX_TURN_SIGMA = 0.05
-"""rad. A hypothesis whose remaining lights tell a turn less exactly than this is not monitored:
+"""rad. A hypothesis whose remaining lights determine a turn less exactly is not monitored:
 the second, mirrored solution of three lights seen face on is then near, and no Gaussian."""
 MAX_DISTANCE_SIGMA = 0.03
 """Of the distance: likewise for the place, where the projection is no longer linear."""

@@ -102,6 +102,7 @@ class PoseEstimator:
     Examples:
         >>> import cv2, numpy as np
         >>> from mvuav_ros import CameraModel, PoseEstimator
+        >>> from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
         >>> from mvuav_ros.vision.rig import TANKER_747
         >>> camera = CameraModel(640, 480, k=(600, 0, 320, 0, 600, 240, 0, 0, 1))
         >>> ahead = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array([2.0, -1.0, 120.0])

@@ -105,7 +105,7 @@ TANKER_747 = MarkerRig(
 
 
 _KEYS = ('name', 'markers', 'dock', 'boom', 'standard_deviations')
-"""Of a rig file; the last one is what `mvuav rig calibrate` tells people of its result."""
+"""Of a rig file; the last one is what `mvuav rig calibrate` says of its result."""
 
 
 class _Loader(yaml.SafeLoader):

@@ -2,9 +2,9 @@
 
 Unknown are the n positions and a pose in every image. The unknowns of one pose meet those of no
 other, so that each is eliminated from its image's equations; a system of 3n is left. Of its
-solutions the flight tells only the shape: turning, moving and scaling the rig changes no image.
-These seven directions are held, and afterwards taken from the rough rig, the scale from a measured
-distance if there is one.
+solutions the flight determines only the shape: turning, moving and scaling the rig changes no
+image. These seven directions are held, and afterwards taken from the rough rig, the scale from a
+measured distance if there is one.
 
 Source: Triggs, McLauchlan, Hartley and Fitzgibbon, Bundle adjustment - a modern synthesis, 1999.
 """
@@ -27,13 +27,13 @@ from mvuav_ros.vision.reprojection import Reprojection, rotation_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-FEWEST_LIGHTS = 4
+MIN_LIGHTS = 4
 """In an image: a pose takes six of the six numbers of three lights, and leaves none for the rig."""
 
 
 @dataclass(frozen=True)
 class RigCalibrationTuning:
-    """What counts as an outlier, and when a flight does not tell the rig."""
+    """What counts as an outlier, and when a flight does not determine the rig."""
 
     most_frames: int = 300  # those that differ most are taken
     fewest_frames: int = 10
@@ -44,7 +44,7 @@ class RigCalibrationTuning:
     outlying: float = 3.7
     # px, per axis: the least noise that is expected of a light's place.
     least_noise: float = 0.02
-    # Of the span (1 sigma): from where on the motion does not tell where a light is.
+    # Of the span (1 sigma): from where on the motion does not determine where a light is.
     most_deviation: float = 0.005
     rounds: int = 6  # of adjustment, and naming outliers
     steps: int = 30  # of Gauss and Newton in one round
@@ -56,7 +56,7 @@ _FITS = 2.0  # px, rms per axis, to which the last pose is gone on with
 
 
 class RigCalibrationError(ValueError):
-    """A flight that does not tell the rig, with the reason."""
+    """A flight that does not determine the rig, with the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class LightSightings:
 
 @dataclass(frozen=True, eq=False)
 class RigCalibration:
-    """A rig with what tells how good it is.
+    """A rig with the figures of how good it is.
 
     Attributes:
         positions: (n, 3), of the lights in the rough rig's frame, m.
@@ -128,13 +128,13 @@ def calibrate_rig(
         names: of the lights, for messages.
 
     Raises:
-        RigCalibrationError: the sightings are too few or too much alike to tell the rig.
+        RigCalibrationError: the sightings are too few or too much alike to determine the rig.
     """
     names = names or [f'light {number}' for number in range(len(rough))]
-    if len(rough) < FEWEST_LIGHTS:
+    if len(rough) < MIN_LIGHTS:
         raise RigCalibrationError(
-            f'{len(rough)} lights are too few: each image needs {FEWEST_LIGHTS} to tell more than '
-            'its own pose'
+            f'{len(rough)} lights are too few: each image needs {MIN_LIGHTS} to determine more '
+            'than its own pose'
         )
     bundle = _Bundle(camera, np.array(rough, np.float64), sightings)
     bundle.locate()
@@ -184,7 +184,7 @@ class _Bundle:
         rows = np.split(order, starts[1:])
         # Of each image the rows of its sightings.
         self._rows = {int(f): r for f, r in zip(frames, rows, strict=True)}
-        self._rows = {f: r for f, r in self._rows.items() if len(r) >= FEWEST_LIGHTS}
+        self._rows = {f: r for f, r in self._rows.items() if len(r) >= MIN_LIGHTS}
         self._poses: dict[int, Array] = {}
         self.used = np.zeros(len(sightings.frames), np.bool_)
         self.bound = math.inf
@@ -232,7 +232,7 @@ class _Bundle:
     ) -> tuple[tuple[Array, float] | None, Indices]:
         """The pose of an image without the one or two lights that the others contradict."""
         for out in (1, 2):
-            if len(rows) - out <= FEWEST_LIGHTS - 1:
+            if len(rows) - out <= MIN_LIGHTS - 1:
                 break
             tried = []
             for wrong in combinations(range(len(rows)), out):
@@ -354,7 +354,7 @@ class _Bundle:
         frames = len(self._poses)
         if frames < TUNING.fewest_frames:
             raise RigCalibrationError(
-                f'{frames} images show {FEWEST_LIGHTS} lights and more that fit together; '
+                f'{frames} images show {MIN_LIGHTS} lights and more that fit together; '
                 f'{TUNING.fewest_frames} are needed, and 100 are good'
             )
         counts = np.bincount(self._all.markers[self.used], minlength=len(self.points))
@@ -447,7 +447,7 @@ def _refuse_untold(positions: Array, covariance: Array, names: Sequence[str]) ->
     if worst > TUNING.most_deviation * span:
         where = ', '.join(f'{abs(part):.2f}' for part in axis)
         raise RigCalibrationError(
-            f'the motion does not tell the shape: {light} is known to {1000 * worst:.3g} mm '
+            f'the motion does not determine the shape: {light} is known to {1000 * worst:.3g} mm '
             f'({100 * worst / span:.2g} % of the span, 1 sigma) along [{where}]; the body has to '
             'turn before the camera by 20 degrees and more, about two axes'
         )

@@ -1,5 +1,6 @@
 """The documentation as a site: built strictly, whole, and without anything from elsewhere."""
 
+import doctest
 import re
 import subprocess
 import sys
@@ -43,6 +44,14 @@ def test_nothing_is_loaded_from_elsewhere(site):
 
 
 @pytest.mark.long
+def test_the_search_works_from_a_file(site):
+    # A browser fetches nothing from file://: index and worker come as scripts of the site.
+    assert (site / 'search' / 'search_index.js').stat().st_size > 100_000
+    page = (site / 'index.html').read_text()
+    assert 'src="javascripts/iframe-worker.js"' in page
+
+
+@pytest.mark.long
 def test_every_local_link_and_image_is_there(site):
     for page in site.rglob('*.html'):
         text = page.read_text()
@@ -64,6 +73,17 @@ def test_links_of_the_repository_lead_somewhere(name):
     for target in MARKDOWN_LINK.findall((ROOT / name).read_text()):
         if not target.startswith('http'):
             assert (ROOT / target).exists(), target
+
+
+def test_the_examples_of_the_python_reference_run_when_pasted(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    page = (ROOT / 'docs/reference/python.md').read_text()
+    blocks = [text for text in re.findall(r'```python\n(.*?)```', page, re.S) if '>>> ' in text]
+    assert len(blocks) > 8
+    for text in blocks:
+        example = doctest.DocTestParser().get_doctest(text, {}, text, None, None)
+        runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+        assert runner.run(example).failed == 0, text
 
 
 def test_the_readme_is_short():

@@ -12,7 +12,11 @@ from support.tutorial_blocks import TutorialRun, blocks_of
 
 PAGES = {
     path.stem: path
-    for path in [ROOT / 'docs/quick-start.md', *sorted((ROOT / 'docs/tutorials').glob('*.md'))]
+    for path in [
+        ROOT / 'docs/quick-start.md',
+        ROOT / 'docs/hardware.md',
+        *sorted((ROOT / 'docs/tutorials').glob('*.md')),
+    ]
     if path.stem != 'index'
 }
 EXECUTED = ('bash', 'python')
@@ -29,7 +33,6 @@ def follow(page, reader, name):
             printed = reader.run(block)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('name', PAGES)
 def test_every_block_runs_and_prints_what_is_shown(name, tmp_path):
     number, claim = claim_domain()

@@ -13,7 +13,7 @@ from support.graph import Graph
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
-from mvuav_ros.recordings.sources.video import VideoFile
+from mvuav_ros.sources.files import VideoFile
 from mvuav_ros.vision.board import Board
 
 EXAMPLES = sorted(path.stem for path in (ROOT / 'examples').glob('*.py'))

@@ -6,8 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation.corners import Tolerance, read_corners, read_horizon
-from mvuav_ros.offline.evaluation.corners_run import LabelledRun, run_detector
+from mvuav_ros.offline.evaluation.corners import (
+    LabelledRun,
+    Tolerance,
+    read_corners,
+    read_horizon,
+    run_detector,
+)
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector

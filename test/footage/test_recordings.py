@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.images import IMAGE, choose_image_topic, decode_message
+from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.images import IMAGE, decode_image
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.image_decoding import decode_image
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.summary import summarise
+from mvuav_ros.sources.bag import choose_image_topic
 
 
 @pytest.fixture(scope='module')

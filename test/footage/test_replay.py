@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.commands import MARKERS, counts, mvuav, mvuav_process, read
 
-from mvuav_ros.recordings.images import decode_message
+from mvuav_ros.messages.definitions import decode_message
 
 MALFORMED = ['malformed_images/test_bag_mcap', 'malformed_images/test_bag_sqlite3']
 

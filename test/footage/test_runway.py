@@ -6,9 +6,8 @@ import cv2
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.runway.debug_images import draw_hough, draw_overlay
 from mvuav_ros.vision.runway.detector import RunwayDetector
-from mvuav_ros.vision.runway.hough_image import draw_hough
-from mvuav_ros.vision.runway.overlay import draw_overlay
 
 CLIPS = {
     'runway/approach_run1': 101,

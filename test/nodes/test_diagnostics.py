@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from support.live_stream import KEEP_EVERYTHING, Stream
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.nodes.diagnostics import InputMonitor, StampMonitor, explain_no_images
-from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState
-from mvuav_ros.nodes.intra_process import IntraProcessInput
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.nodes.image_input import Backlog, InputEvents, InputState, IntraProcessInput
 from mvuav_ros.vision.image import Image
 
 

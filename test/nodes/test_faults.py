@@ -20,9 +20,9 @@ from support.graph import CLEAN, ROOT
 from support.live_stream import KEEP_EVERYTHING, START_NS, Stream
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.vision.image import ENCODINGS, Image
 
 BOTH = ('marker_tracker', 'runway_detector')
@@ -244,9 +244,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image as RosImage
 sys.path.insert(0, 'test')
 from support.marker_scenes import draw, tanker_at
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.vision.image import Image
 
 def publish():

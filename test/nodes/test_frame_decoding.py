@@ -11,9 +11,9 @@ from support.coded_videos import (
     packets,
 )
 
-from mvuav_ros.nodes.frame_answering import FrameDecoder
+from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.nodes.image_input import ReceivedImage
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.nodes.publishing import FrameDecoder
 from mvuav_ros.vision.approach.attitude import Attitude
 
 START_NS = 1_700_000_000_000_000_000

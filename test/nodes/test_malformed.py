@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from support.live_stream import KEEP_EVERYTHING, Stream
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
-from mvuav_ros.recordings.serialization.serialized_image import (
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import ImageDecoder
+from mvuav_ros.messages.images import (
+    COMPRESSED_IMAGE,
+    IMAGE,
     serialize_compressed_image,
     serialize_image,
-    view_compressed_image,
-    view_image,
 )
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
@@ -101,10 +101,7 @@ def is_refused(message: bytes, is_compressed: bool) -> bool:
     # As it arrives: DDS fills up to four bytes.
     message += bytes(-len(message) % 4)
     try:
-        if is_compressed:
-            decode_compressed_image(view_compressed_image(message))
-        else:
-            decode_image(view_image(message))
+        ImageDecoder().decode(COMPRESSED_IMAGE if is_compressed else IMAGE, message)
     except ImageError:
         return True
     return False

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from support.live_stream import KEEP_EVERYTHING, RESULTS, Stream
 from support.places import ROOT
 
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
+from mvuav_ros.messages.sensors import stamp_ns_of
 
 CYCLES = 20
 NODE = 'marker_tracker'

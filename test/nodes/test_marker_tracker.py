@@ -17,12 +17,12 @@ from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from support.marker_scenes import draw, tanker_at
 
+from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.sensors import encode_camera_info
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.processing.messages.sensors import encode_camera_info
-from mvuav_ros.recordings.sources.simulated import camera_model
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
+from mvuav_ros.sources.opening import camera_model
 from mvuav_ros.vision.camera import CameraModel
 
 NODE = 'marker_tracker'

@@ -12,7 +12,7 @@ from support.graph import CLEAN, image_message
 from support.marker_scenes import draw, tanker_at
 from support.places import ROOT
 
-from mvuav_ros.processing.messages.sensors import encode_camera_info
+from mvuav_ros.messages.sensors import encode_camera_info
 from mvuav_ros.vision.camera import CameraModel
 
 TABLE = (ROOT / 'docs' / 'ros.md').read_text().partition('## What the nodes say')[2]

@@ -18,9 +18,9 @@ from sensor_msgs.msg import PointCloud2
 from support.graph import ROOT, Graph, image_message
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.recordings.images import IMAGE
+from mvuav_ros.messages.images import IMAGE
+from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
 from mvuav_ros.recordings.writing import RecordingWriter
 
 TANKER = Path(ROOT) / 'bags' / 'tanker.mcap'

@@ -14,9 +14,9 @@ from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from visualization_msgs.msg import Marker
 
+from mvuav_ros.messages.images import decode_image
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.recordings.serialization.image_decoding import decode_image
 
 NODE = 'runway_detector'
 LINES = {'left': ((140, 20), (60, 239)), 'middle': ((160, 20), (160, 239))}

@@ -10,7 +10,7 @@ from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Image, PointCloud2
 from support.live_stream import RESULTS
 
-from mvuav_ros.nodes import transport
+from mvuav_ros.nodes import running as transport
 
 # Fast DDS as it comes: a segment of 512 kB.
 DEFAULTS = {'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}

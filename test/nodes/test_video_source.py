@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from support.graph import ROOT, image_message
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.recordings.serialization.image_decoding import decode_compressed_image, decode_image
+from mvuav_ros.messages.images import decode_compressed_image, decode_image
 from mvuav_ros.recordings.writing import RecordingWriter
 
 NODE = 'video_source'
@@ -180,11 +180,11 @@ def test_a_missing_camera_is_waited_for(graph):
 
 BREAKING = """
 import sys
-from mvuav_ros.nodes import executables, video_source
+from mvuav_ros.nodes import running, video_source
 def broken(self, frame): raise ZeroDivisionError('what nobody thought of')
 video_source.VideoSource._publish = broken
 sys.argv[1:] = ['--ros-args', '-p', 'wait_for_subscribers:=0', '-p', f'source:={sys.argv[1]}']
-executables.video_source()
+running.video_source()
 """
 
 

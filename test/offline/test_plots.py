@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from support.commands import mvuav
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.marker_messages import encode_marker, encode_markers
 from mvuav_ros.offline.plots import Curves, collect, page
-from mvuav_ros.processing.messages.markers import encode_marker, encode_markers
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.cdr import cdr_header
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState

@@ -6,10 +6,10 @@ import pytest
 
 from mvuav_ros.offline.simulate import simulated_messages
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.processing.runway_detector import RunwayDetectorProcessor
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.vision.approach.attitude import horizon_from, mount_matrix
 
 FRAMES = 4

@@ -44,7 +44,7 @@ def test_what_comes_and_goes_beside_a_busy_topic_disturbs_nobody(graph, ros, mon
     heard = {'standing': 0, 'passing': 0}
 
     def counter(name):
-        return lambda _: ros.tell(lambda: heard.update({name: heard[name] + 1}))
+        return lambda _: ros.call_in_loop(lambda: heard.update({name: heard[name] + 1}))
 
     async def hears_on():
         before = heard['standing']

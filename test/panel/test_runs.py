@@ -17,9 +17,8 @@ pytest.importorskip('nicegui', reason='the extra panel is not installed')
 
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.report.writing import csv_text
-from mvuav_ros.panel.foreign import NameRefusedError
-from mvuav_ros.panel.page.trends import grouped_options, line_options
+from mvuav_ros.offline.report import csv_text
+from mvuav_ros.panel.page.run_list import grouped_options, line_options
 from mvuav_ros.panel.runs import (
     RESULTS,
     Run,
@@ -30,6 +29,7 @@ from mvuav_ros.panel.runs import (
     run_table,
     varied,
 )
+from mvuav_ros.panel.sanitized import NameRefusedError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.recordings.reading import open_recording
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from mvuav_ros.panel.foreign import NameRefusedError, checked_name
+from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.panel.sets import SetStore, differences
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.parameter_file import read_parameter_values
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.recordings.shipped import shipped_folder
+from mvuav_ros.recordings.layout import shipped_folder
 
 KIND = 'marker_tracker'
 OUTSIDE = [

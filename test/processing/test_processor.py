@@ -3,9 +3,9 @@
 import pytest
 from support.marker_scenes import image, tanker_at
 
-from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
-from mvuav_ros.recordings.sources.frame import Frame
 
 STEP_NS = 100_000_000
 

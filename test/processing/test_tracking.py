@@ -27,11 +27,12 @@ from mvuav_ros import (
     open_source,
     track,
 )
+from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, FrameSource
-from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.sources.source import FrameSource
 from mvuav_ros.vision.camera import CalibrationError
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.rig import RigError
@@ -188,7 +189,7 @@ def test_every_frame_is_answered_also_those_that_cannot_be_used() -> None:
 def test_the_generator_gives_what_replay_gives(tmp_path: Path) -> None:
     from support.commands import mvuav, read
 
-    from mvuav_ros.recordings.images import decode_message
+    from mvuav_ros.messages.definitions import decode_message
 
     out = tmp_path / 'out.mcap'
     bag = ROOT / 'bags' / 'tanker.mcap'

@@ -28,12 +28,13 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
+from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.opening import looks_like_bag, open_source
+from mvuav_ros.sources.source import SourceError
 
 SAMPLES = image_samples(6)
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'

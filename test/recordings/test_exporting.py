@@ -19,12 +19,14 @@ import pytest
 from support.commands import mvuav
 from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 
-from mvuav_ros.processing.messages.markers import encode_markers, encode_rpy
-from mvuav_ros.recordings import result_rows, tables
-from mvuav_ros.recordings.errors import MalformedMessageError, RecordingError
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
+from mvuav_ros.messages.points import view_points
+from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.recordings import tables
+from mvuav_ros.recordings import tables as result_rows
 from mvuav_ros.recordings.exporting import export as export_flights
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.points import view_points
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult

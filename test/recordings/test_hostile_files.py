@@ -33,14 +33,15 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.mcap_records import CHUNK_HEADER, HEADER, MAGIC
-from mvuav_ros.recordings.ros1_types import Ros1Type, UnknownTypeError
-from mvuav_ros.recordings.serialization.video_packet import COMPRESSED_VIDEO
-from mvuav_ros.recordings.sources.frame import BadFrame, SourceError
-from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError
+from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.images import COMPRESSED_VIDEO
+from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.opening import open_source
+from mvuav_ros.sources.source import SourceError
 
 DEADLINE_S = 120
 """Of a busy machine; what is read itself has `TIME_LIMIT_S`."""
@@ -65,9 +66,9 @@ SAVED_OF_3000 = {
 }
 READ = """
 import json, resource, signal, sys
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.summary import summarise
-from mvuav_ros.recordings.sources.opening import open_source
+from mvuav_ros.sources.opening import open_source
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
 signal.alarm(int(sys.argv[3]))

@@ -30,10 +30,10 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.output_file import write_whole
+from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import Schema
+from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.writing import RecordingWriter
 
 SAMPLES = [*image_samples(600), string_sample(600), string_sample(601, '/other')]

@@ -9,7 +9,7 @@ from pathlib import Path
 import av
 import numpy as np
 
-from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
+from mvuav_ros.messages.cdr import CdrWriter, cdr_header
 
 WIDTH, HEIGHT = 64, 48
 UPRIGHT = b'\0\1\0\0' + bytes(12) + b'\0\1\0\0'

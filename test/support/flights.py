@@ -3,10 +3,10 @@
 from typer.testing import CliRunner
 
 from mvuav_ros.cli.app import application
-from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.sources.opening import open_source
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.opening import open_source
 
 TYPES = {
     'markers': 'sensor_msgs/msg/PointCloud2',

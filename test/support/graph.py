@@ -21,8 +21,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.cli.processes import claim_domain
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.cli.node_processes import claim_domain
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.vision.image import Image
 from support.node_outputs import image_of
 from support.places import ROOT

@@ -18,9 +18,8 @@ import zstandard
 from mcap.records import Channel, Header, Message, Schema
 from mcap.writer import Writer as McapWriter
 
-from mvuav_ros.recordings.mcap_chunks import Chunk, record_bytes
-from mvuav_ros.recordings.mcap_records import HEADER, MAGIC
-from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.recordings.mcap_file import HEADER, MAGIC
+from mvuav_ros.recordings.writing import Chunk, RecordingWriter, record_bytes
 from support.recording_samples import (
     IMAGE,
     START_NS,

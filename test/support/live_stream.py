@@ -10,9 +10,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.vision.image import Image
 from support.graph import EVERYTHING, Graph
 from support.marker_scenes import draw, tanker_at

@@ -8,9 +8,9 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image as RosImage
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.processing.processor import Output, Processor
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
 from mvuav_ros.vision.image import Image
 
 

@@ -153,7 +153,7 @@ class PythonSession:
         return printed, False
 
 
-LONGEST_BLOCK = 500
+LONGEST_BLOCK = 240
 """Seconds after which a block is taken to hang."""
 _END = '--- end of block ---'
 _WITHOUT_PROMPTS = '''exec("""

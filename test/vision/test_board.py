@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.boards import BOARD, LENSES, SIZE, view_of
 
-from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.simulation.board_video import BoardVideo
 from mvuav_ros.vision.board import Board, BoardError, different_views
 
 NO_ARUCO = not hasattr(cv2, 'aruco')

@@ -11,7 +11,7 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
-from mvuav_ros.vision.rig_observability import pose_error
+from mvuav_ros.vision.rig_examination import pose_error
 
 K = np.array([[420.0, 0, 322], [0, 418, 239], [0, 0, 1]])
 LENSES = {

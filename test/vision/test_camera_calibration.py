@@ -55,7 +55,7 @@ def test_a_blurred_view_is_left_out():
 
 @pytest.mark.parametrize('tilt', [(0, 0), (0, 1)])
 def test_views_parallel_to_the_image_are_refused(tilt):
-    with pytest.raises(CalibrationError, match=r'do not tell the focal length.*tilted'):
+    with pytest.raises(CalibrationError, match=r'do not determine the focal length.*tilted'):
         calibrate_camera(views_of(LENSES['plumb_bob'], 10, tilt=tilt), SIZE, 'plumb_bob')
 
 
@@ -66,7 +66,7 @@ def test_views_that_only_move_aside_are_refused():
         for x in (-0.05, 0, 0.05)
         for y in (-0.03, 0, 0.03)
     ]
-    with pytest.raises(CalibrationError, match='do not tell the focal length'):
+    with pytest.raises(CalibrationError, match='do not determine the focal length'):
         calibrate_camera(views, SIZE)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mvuav_ros.simulation.light_flights import LightFlight, LightScene
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker

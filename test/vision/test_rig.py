@@ -7,13 +7,13 @@ import pytest
 from support.node_outputs import messages_of
 from support.places import ROOT
 
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
-from mvuav_ros.processing.messages.points import decode_points
-from mvuav_ros.recordings.sources.frame import Frame
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.simulation.settings import TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerState

@@ -125,9 +125,9 @@ def test_without_a_distance_the_scale_is_the_rough_rigs_and_as_uncertain():
 
 
 def test_a_motion_that_does_not_tell_the_shape_is_refused():
-    with pytest.raises(RigCalibrationError, match=r'does not tell the shape: .* has to turn'):
+    with pytest.raises(RigCalibrationError, match=r'does not determine the shape: .* has to turn'):
         Case(1, 5, tilt=0.0).calibrate()
-    with pytest.raises(RigCalibrationError, match='does not tell the shape'):
+    with pytest.raises(RigCalibrationError, match='does not determine the shape'):
         Case(1, 5, frames=12, tilt=2.0).calibrate()
 
 

@@ -7,7 +7,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
-from mvuav_ros.vision.rig_observability import confusions, pose_error
+from mvuav_ros.vision.rig_examination import confusions, pose_error
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
 NOISE = 0.3

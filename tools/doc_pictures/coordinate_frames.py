@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from doc_pictures.style import BLUE, GRAY, GREEN, INK, ORANGE, RED, save
 from mvuav_ros import Image, MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.sources.simulated import make_flight
+from mvuav_ros.sources.opening import make_flight
 from mvuav_ros.vision.frames import from_rpy
 from mvuav_ros.vision.runway.normal_form import NormalForm, segment_ends
 

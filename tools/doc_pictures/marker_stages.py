@@ -11,7 +11,7 @@ import numpy as np
 from doc_pictures.style import image_row, save
 from mvuav_ros import MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.vision.markers.drawing import draw_markers
 from mvuav_ros.vision.markers.lights import Blobs
 from mvuav_ros.vision.markers.results import MarkerResult

@@ -11,12 +11,11 @@ import numpy as np
 from doc_pictures.style import image_row, save
 from mvuav_ros import ApproachDetector, RunwayDetector
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.sources.opening import camera_model, make_flight
+from mvuav_ros.vision.approach.evidence import gather_evidence, shrink_levels
 from mvuav_ros.vision.approach.overlay import draw_approach
-from mvuav_ros.vision.approach.runway.evidence import gather_evidence, shrink_levels
+from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
 from mvuav_ros.vision.runway.edges import detect_edges
-from mvuav_ros.vision.runway.hough_image import draw_hough
-from mvuav_ros.vision.runway.overlay import draw_confined, draw_edges, draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
 
 _SIZE = (320, 240)

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import typer
 
 from mvuav_ros.cli.app import application
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS
 
 _KINDS = {str: 'text', Path: 'path', int: 'integer', float: 'number'}
 _HEAD = """\

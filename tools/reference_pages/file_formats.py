@@ -9,16 +9,15 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.marker_messages import POINT
+from mvuav_ros.messages.runway_messages import LINE
+from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulate import simulated_messages
-from mvuav_ros.processing.messages.markers import POINT
-from mvuav_ros.processing.messages.runway import LINE
-from mvuav_ros.processing.messages.statuses import encode_integrity
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.result_rows import ANGLE_COLUMNS
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
-from mvuav_ros.recordings.tables import POSE_COLUMNS
+from mvuav_ros.recordings.tables import ANGLE_COLUMNS, POSE_COLUMNS
+from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.vision.integrity import ProtectionLevels, RunwayLevels
 
 ROOT = Path(__file__).resolve().parent.parent.parent

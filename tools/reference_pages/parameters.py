@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from mvuav_ros.parameters.declaration import ParameterSpec, Value
-from mvuav_ros.parameters.nodes import NODE_PARAMETERS
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS
 
 NODES = {name: NODE_PARAMETERS[name] for name in sorted(NODE_PARAMETERS)}
 GENERATED = 'made by tools/make_reference.py (make docs) from mvuav_ros/parameters'

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mvuav_ros.processing.messages.markers import NUMBERED_POINT
-from mvuav_ros.processing.messages.runway import LINE
+from mvuav_ros.messages.marker_messages import NUMBERED_POINT
+from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.processing.registry import PROCESSORS
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-NODES = ('video_source', 'marker_tracker', 'runway_detector', 'tuning_panel')
+NODES = ('video_source', *PROCESSORS, 'tuning_panel')
 OF_EVERY_NODE = {'rosout', 'parameter_events', 'clock', '~/transition_event'}
 _STANDARD_SERVICES = ('parameters', 'type', 'state', 'transition')
 
@@ -41,6 +41,10 @@ INPUTS = {
         'Where the camera is mounted (`base_frame`), and whose frames are not to be published.'
     ),
 }
+_TRANSFORMS = {
+    'marker_tracker': 'Camera to body or body to camera (`publish_tf`), while the pose is known.',
+    'runway_detector': 'The same, camera and runway, while all six numbers of the pose are known.',
+}
 OUTPUTS: Mapping[str, Mapping[str, str]] = {
     'video_source': {
         'image_raw': 'Images of the source.',
@@ -48,65 +52,13 @@ OUTPUTS: Mapping[str, Mapping[str, str]] = {
         'camera_info': 'The calibration; all zeros where there is none.',
         'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
     },
-    'marker_tracker': {
-        'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
-        'tf': 'Camera to body or body to camera (`publish_tf`), while the pose is known.',
-        '~/markers': 'All markers, a row for each; see the fields below.',
-        '~/rpy': (
-            'x: roll (rad), right wing down positive; NaN while a wing is lost. y, z: pitch and '
-            'yaw of the pose (rad), nose down and nose left positive; NaN without a pose.'
-        ),
-        '~/pose': (
-            'The body in the optical frame of the camera (m), with covariance. NaN where there '
-            'is no pose; /diagnostics says why.'
-        ),
-        '~/vision_pose': (
-            'The camera, or the vehicle (`base_frame`), in the frame of the body, only while the pose '
-            'is known.'
-        ),
-        '~/detections': (
-            'Where vision_msgs is installed: the markers of this image, score 1, as names in doubt '
-            'are withheld.'
-        ),
-        '~/detections_3d': 'The same of the body, with its pose; empty while that is not known.',
-        '~/integrity': (
-            'One status: protection levels of the pose (m, degrees), OK available, WARN alert, '
-            'ERROR not available with the reason; see [Protection levels](../integrity.md).'
-        ),
-        '~/marker/*': 'One marker (px), while it is detected or predicted: `~/marker/left_wing` …',
-        '~/debug_image': 'The frame with markers, windows and the axes of the pose.',
-    },
-    'runway_detector': {
-        'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
-        'tf': 'The same, camera and runway, while all six numbers of the pose are known.',
-        '~/line_params': 'Lines, a row for each; see the fields below.',
-        '~/lines': (
-            'The segments. On a plane 1 m ahead of the camera with a calibrated camera_info, '
-            'else in pixels.'
-        ),
-        '~/corrections': 'The error flags of each line, as text for `ros2 topic echo`.',
-        '~/statistics': 'Once a second: flag counts, means and deviations of each line.',
-        '~/vanishing_point': 'Mode `approach`: where the edges meet (px); NaN while not known.',
-        '~/pose': (
-            'Mode `approach`: the camera in frame `runway` (m), with a calibrated camera_info '
-            'and `runway_width`. What was not observed is NaN with variance 1e12.'
-        ),
-        '~/vision_pose': (
-            'The same, or the vehicle (`base_frame`), for estimators, only while all six numbers are '
-            'known.'
-        ),
-        '~/detections': (
-            'Where vision_msgs is installed: in mode `approach` the target in its box, with its '
-            'confidence.'
-        ),
-        '~/integrity': (
-            'One status: protection levels of offset, height (m) and heading (degrees) in mode '
-            '`approach`; see [Protection levels](../integrity.md).'
-        ),
-        '~/debug/confined': 'The rows that are searched.',
-        '~/debug/edges': 'Edges after thinning and opening.',
-        '~/debug/hough': 'The accumulator with its peaks.',
-        '~/debug/overlay': 'The frame with the lines found.',
+    **{
+        name: {
+            'diagnostics': 'Once a second, see [Diagnostics](diagnostics.md).',
+            **({'tf': _TRANSFORMS[name]} if name in _TRANSFORMS else {}),
+            **{f'~/{topic}': text for topic, text in processor.descriptions.items()},
+        }
+        for name, processor in PROCESSORS.items()
     },
     'tuning_panel': {},
 }

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from mvuav_ros.cli.bench.case import Case
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.simulation.flight import Flight
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.simulation.tanker import TankerFlight
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.approach.detector import ApproachDetector
 
 _APPROACH_FRAMES, _APPROACH_RATES = 40, {(320, 240): 200, (1280, 720): 60}

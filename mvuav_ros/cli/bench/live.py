@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mvuav_ros.cli.processes import NodeProcess, NodeProcesses
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.cli.node_processes import NodeProcess, NodeProcesses
+from mvuav_ros.sources.source import SourceError
 
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
 LIMITS = {'marker_tracker': 1.3, 'runway_detector': 1.6}

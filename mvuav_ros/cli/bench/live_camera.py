@@ -20,13 +20,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.nodes.transport import prepare_transport
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import serialize_compressed_image, serialize_image
+from mvuav_ros.nodes.running import prepare_transport
 from mvuav_ros.processing.process_tuning import tune_process
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.serialized_image import (
-    serialize_compressed_image,
-    serialize_image,
-)
 from mvuav_ros.vision.image import Image
 
 RESULTS = {'marker_tracker': 'markers', 'runway_detector': 'line_params'}

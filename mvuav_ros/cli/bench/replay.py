@@ -112,7 +112,7 @@ _CORES: list[int] = []
 
 def _floor(bag: Path) -> int:
     """What any implementation needs: every frame read, decoded and compared with a threshold."""
-    from mvuav_ros.recordings.sources.bag import BagImages
+    from mvuav_ros.sources.bag import BagImages
 
     count = 0
     source = BagImages(bag)
@@ -125,9 +125,8 @@ def _floor(bag: Path) -> int:
 
 def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> None:
     """A flight over a runway, as raw images or enlarged as JPEG."""
-    from mvuav_ros.recordings.images import COMPRESSED_IMAGE, IMAGE
-    from mvuav_ros.recordings.serialization.cdr import CdrWriter, cdr_header
-    from mvuav_ros.recordings.serialization.serialized_image import serialize_image
+    from mvuav_ros.messages.cdr import CdrWriter, cdr_header
+    from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, serialize_image
     from mvuav_ros.recordings.writing import RecordingWriter
     from mvuav_ros.vision.image import Image
 

@@ -70,13 +70,13 @@ def calibrate(options: CalibrateOptions) -> None:
 
     Move the board slowly over the whole image, near and far, and tilt it in all directions by 20
     to 45 degrees. Sharp images that differ are picked by themselves. The file is what
-    camera_calibration writes; nothing is written if the views do not tell the camera.
+    camera_calibration writes; nothing is written if the views do not determine the camera.
     """
     from mvuav_ros.offline import camera_calibration as work
-    from mvuav_ros.offline.report.writing import write_report
-    from mvuav_ros.recordings.sources.calibration import save_calibration
-    from mvuav_ros.recordings.sources.frame import SourceError
-    from mvuav_ros.recordings.sources.opening import open_source
+    from mvuav_ros.offline.report import write_report
+    from mvuav_ros.sources.calibration import save_calibration
+    from mvuav_ros.sources.opening import open_source
+    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
 

@@ -14,7 +14,7 @@ import typer
 from mvuav_ros.cli.options import Json, Param, ParamsFile, takes
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.node_parameters import resolve_parameters
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore
@@ -69,11 +69,13 @@ def corners(options: CornersOptions) -> None:
     """
     from mvuav_ros.offline.evaluation.corners import (
         CornersError,
+        LabelledRun,
         Tolerance,
         read_corners,
         read_horizon,
+        run_detector,
+        write_images,
     )
-    from mvuav_ros.offline.evaluation.corners_run import LabelledRun, run_detector, write_images
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
     given = resolve_parameters([_NODE], options.params_file, options.param or [])[_NODE]

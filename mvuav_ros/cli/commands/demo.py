@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 
 from mvuav_ros.cli.terminal import say
-from mvuav_ros.recordings.shipped import shipped_folder
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.recordings.layout import shipped_folder
+from mvuav_ros.sources.source import SourceError
 
 
 def demo(
@@ -27,10 +27,10 @@ def demo(
 ) -> None:
     """Play the sample bags through real nodes in separate processes; takes half a minute.
 
-    Leaves demo.mcap, annotated images and a plot of the roll.
+    Leaves demo.mcap with all messages, and three figures: tanker, runway and roll.
     """
-    from mvuav_ros.cli.demo.panel import run_panel
-    from mvuav_ros.cli.demo.run import run_demo
+    from mvuav_ros.cli.demo.live_demo import run_demo
+    from mvuav_ros.cli.demo.panel_demo import run_panel
 
     # Of a checkout, or installed with the package.
     folder = bags or shipped_folder('bags')

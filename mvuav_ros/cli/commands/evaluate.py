@@ -14,7 +14,7 @@ from mvuav_ros.cli.commands.corners import corners
 from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.parameter_file import parse_assignment
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
@@ -57,18 +57,18 @@ def thesis(
 
     Leaves index.html, which needs no other file, and every table (CSV, JSON) and figure (PNG).
     """
-    from mvuav_ros.offline.report.writing import write_report
-    from mvuav_ros.offline.thesis.build import build_report, steps_of
-    from mvuav_ros.offline.thesis.plan import Plan
+    from mvuav_ros.offline.report import write_report
+    from mvuav_thesis.build import build_report, steps_of
+    from mvuav_thesis.plan import Plan
 
     refuse_to_overwrite(output / PAGE, force)
     plan = Plan.quick(seed, jobs) if quick else Plan(seed=seed, jobs=jobs)
     with frame_progress() as progress:
         task = progress.add_task('flights', total=steps_of(plan))
-        report = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
+        report, claims = build_report(plan, lambda: progress.advance(task), ' '.join(sys.argv[1:]))
     page = write_report(report, output)
-    for claim in report.claims:
-        say(f'{_WORDS[claim.holds]:>14}  {claim.statement}: {claim.ours}')
+    for claim in claims:
+        say(f'{claim.verdict:>16}  {claim.statement}: {claim.ours}')
     say(page)
 
 
@@ -91,7 +91,7 @@ def integrity(
     and once far more often. Leaves index.html with counts and Stanford diagrams.
     """
     from mvuav_ros.offline.evaluation.protection import flights_of, protection_report, run
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.vision.integrity import IntegrityBudget
 
     refuse_to_overwrite(output / PAGE, force)
@@ -150,7 +150,7 @@ def bag(options: BagOptions) -> None:
     """
     from mvuav_ros.offline.evaluation import evaluation_run as running
     from mvuav_ros.offline.evaluation.bag_report import bag_report
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
 
     refuse_to_overwrite(options.output / PAGE, options.force)
     run = None
@@ -172,9 +172,6 @@ def bag(options: BagOptions) -> None:
             for row in range(len(table.rows)):
                 say(' '.join(table.text(row, column) for column in range(3)).rstrip())
     say(page)
-
-
-_WORDS = {True: 'holds', False: 'DOES NOT HOLD', None: 'undecided'}
 
 
 def _parameters(options: BagOptions) -> dict[str, dict[str, Any]]:

@@ -46,7 +46,7 @@ def export(
 ) -> dict[str, Any]:
     """Write markers, roll, poses and lines of all flights, one file for each topic."""
     from mvuav_ros.recordings.exporting import export as write
-    from mvuav_ros.recordings.flights import by_flight, recordings_in
+    from mvuav_ros.recordings.layout import by_flight, recordings_in
 
     named = by_flight([each for source in sources for each in recordings_in(source)])
     refuse_to_overwrite(output, force)

@@ -12,11 +12,12 @@ import typer
 from rich.table import Table
 
 from mvuav_ros.cli.terminal import frame_progress, say, table_console
-from mvuav_ros.recordings.foreign import visible
+from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import is_url, local_copy
-from mvuav_ros.recordings.sources.frame import BadFrame, FrameSource
-from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
 from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise
+from mvuav_ros.sources.opening import looks_like_bag, open_source
+from mvuav_ros.sources.source import FrameSource
 
 _MOST_ROWS = 200
 

@@ -8,7 +8,7 @@ import typer
 
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, say
-from mvuav_ros.recordings.foreign import visible
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import local_copy, local_output
 
 _MOST_ROWS = 200

@@ -21,9 +21,9 @@ from mvuav_ros.cli.options import (
     Strict,
     takes,
 )
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
-from mvuav_ros.recordings.sources.frame import SourceError
-from mvuav_ros.recordings.sources.selection import Selection
+from mvuav_ros.sources.source import Selection, SourceError
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class ReplayOptions:
             show_default=False,
         ),
     ]
-    nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = (
-        'marker_tracker,runway_detector'
+    nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
+        DETECTORS
     )
     image_topic: ImageTopic = None
     params_file: ParamsFile = None
@@ -119,7 +119,7 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.offline.replay.outputs import plan
-    from mvuav_ros.recordings.sources.calibration import load_calibration
+    from mvuav_ros.sources.calibration import load_calibration
 
     nodes = node_names(options.nodes)
     assignments = list(options.param or [])

@@ -9,6 +9,7 @@ import cv2
 from rich.progress import Progress, TaskID
 
 from mvuav_ros.cli.terminal import frame_progress, say, tell_account, tell_damage
+from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.replay.cluster import run_on_cluster
 from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, attempt
 from mvuav_ros.offline.replay.manifest import Manifest
@@ -16,7 +17,6 @@ from mvuav_ros.offline.replay.many import run_jobs
 from mvuav_ros.offline.replay.outputs import Plan
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.process_tuning import keep_freed_memory
-from mvuav_ros.recordings.foreign import visible
 
 _MOST_REASONS = 5
 

@@ -53,8 +53,13 @@ def check(
     """
     from mvuav_ros.vision.camera import CameraModel
     from mvuav_ros.vision.rig import RigError, load_rig
-    from mvuav_ros.vision.rig_examination import examine, is_flat, is_straight
-    from mvuav_ros.vision.rig_observability import confusions, pose_error
+    from mvuav_ros.vision.rig_examination import (
+        confusions,
+        examine,
+        is_flat,
+        is_straight,
+        pose_error,
+    )
 
     try:
         body = load_rig(file)
@@ -129,16 +134,16 @@ def calibrate(options: CalibrateOptions) -> None:
 
     The body has to turn before the camera, by 20 degrees and more about two axes. marker_tracker
     names the lights by the rough rig; then their positions are adjusted to all images. Nothing is
-    written if the flight does not tell them.
+    written if the flight does not determine them.
     """
     from mvuav_ros.offline import rig_calibration as work
     from mvuav_ros.offline.node_parameters import resolve_parameters
-    from mvuav_ros.offline.report.writing import write_report
+    from mvuav_ros.offline.report import write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-    from mvuav_ros.recordings.output_file import write_whole
-    from mvuav_ros.recordings.sources.calibration import load_calibration
-    from mvuav_ros.recordings.sources.frame import SourceError
-    from mvuav_ros.recordings.sources.opening import open_source
+    from mvuav_ros.recordings.remote import write_whole
+    from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.opening import open_source
+    from mvuav_ros.sources.source import SourceError
     from mvuav_ros.vision.rig import RigError, load_rig, rig_text
     from mvuav_ros.vision.rig_calibration import RigCalibrationError
 

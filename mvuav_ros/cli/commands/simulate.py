@@ -13,10 +13,10 @@ from mvuav_ros.cli.options import Force, refuse_to_overwrite, takes
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
-from mvuav_ros.recordings.sources.simulated import FRAME_ID, camera_model, make_flight
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
+from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
 
 simulate = typer.Typer(
     help='Write a synthetic flight: images, calibration and the truth.',

@@ -1,56 +1,189 @@
-"""The demo's figures, made from the bag that it recorded."""
+"""The demo's three figures, from the bag that it recorded and the truth of the sample bags."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import matplotlib as mpl
 import numpy as np
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
-from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.messages.images import decode_image
+from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.image_decoding import decode_image
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
+from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
+from mvuav_ros.vision.runway.results import LineFlag, LineRole
 
 mpl.use('Agg')
 
+_GREEN, _YELLOW, _RED, _BLUE = '#50e66e', '#ffd800', '#ff5050', '#59c2ff'
+_SHADOW = [withStroke(linewidth=3, foreground='black')]
+_EDGES = {
+    LineRole.LEFT_EDGE: ('left edge', _RED),
+    LineRole.RIGHT_EDGE: ('right edge', _GREEN),
+    LineRole.CENTRELINE: ('centreline', _BLUE),
+}
 
-def save_image(bag: Path, topic: str, target: Path) -> None:
-    """Write a figure from the first half of an image topic as PNG."""
+Messages = dict[int, Any]
+"""One topic's messages by their stamps (ns)."""
+
+
+def _read(bag: Path, topic: str, kind: type) -> Messages:
     with open_recording(bag) as recording:
-        messages = [message.data for message in recording.messages({topic})]
-    if messages:
-        image = deserialize_message(bytes(messages[len(messages) // 3]), Image)
-        cv2.imwrite(str(target), decode_image(image).bgr())
+        messages = [
+            deserialize_message(bytes(message.data), kind)
+            for message in recording.messages({topic})
+        ]
+    return {stamp_ns_of(message.header): message for message in messages}
 
 
-def save_roll_plot(bag: Path, target: Path) -> None:
-    """Plot roll against time, with the frames in which a marker was predicted or lost."""
-    times, rolls, troubled = [], [], []
-    with open_recording(bag) as recording:
-        for message in recording.messages({'/marker_tracker/rpy', '/marker_tracker/markers'}):
-            if message.topic.endswith('rpy'):
-                rpy = deserialize_message(bytes(message.data), Vector3Stamped)
-                times.append(stamp_ns_of(rpy.header) * 1e-9)
-                rolls.append(np.degrees(rpy.vector.x))
-            else:
-                points = deserialize_message(bytes(message.data), PointCloud2)
-                if (decode_points(points)['state'] != 1).any():
-                    troubled.append(stamp_ns_of(points.header) * 1e-9)
-    figure = Figure(figsize=(9, 4), layout='constrained')
-    axes = figure.add_subplot()
-    if times:
-        start = times[0]
-        axes.plot(np.array(times) - start, rolls, color='tab:blue', label='roll')
-        for index, time in enumerate(troubled):
-            label = 'a marker predicted or lost' if index == 0 else None
-            axes.axvline(time - start, color='tab:orange', alpha=0.5, label=label)
-        axes.legend(loc='best')
-    axes.set(title="Tanker's roll, live from marker_tracker", xlabel='time [s]', ylabel='roll [°]')
-    axes.grid(alpha=0.3)
-    figure.savefig(target, dpi=120)
+def save_tanker(bag: Path, target: Path) -> Path:
+    """Two frames with the names of the lights: all in view, and one of them off."""
+    images = _read(bag, '/tanker/image_raw', Image)
+    markers = {
+        stamp: decode_points(points)
+        for stamp, points in _read(bag, '/marker_tracker/markers', PointCloud2).items()
+    }
+    rolls = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
+    poses = _read(bag, '/marker_tracker/pose', PoseWithCovarianceStamped)
+    stamps = sorted(images.keys() & markers.keys() & rolls.keys() & poses.keys())
+    off = [stamp for stamp in stamps if (markers[stamp]['state'] == MarkerState.PREDICTED).any()]
+    figure, axes = _side_by_side()
+    shown = (stamps[len(stamps) // 3], off[len(off) // 2]) if off else stamps[:1]
+    titles = ('All five lights found and named', 'One light is off: its place is predicted')
+    for axis, stamp, title in zip(axes, shown, titles, strict=False):
+        _show(axis, images[stamp])
+        _draw_names(axis, markers[stamp])
+        distance = poses[stamp].pose.pose.position.z
+        roll = np.degrees(rolls[stamp].vector.x)
+        down = 'right' if roll > 0 else 'left'
+        axis.set_title(f'{title}\nroll {roll:+.1f}° ({down} wing down), {distance:.0f} m away')
+    figure.savefig(target, dpi=100)
+    return target
+
+
+def _draw_names(axis: Axes, rows: NDArray[Any]) -> None:
+    middle = np.array([rows['x'].mean(), rows['y'].mean()])
+    for row in rows:
+        predicted = row['state'] == MarkerState.PREDICTED
+        color, word = (_YELLOW, ' (predicted)') if predicted else (_GREEN, '')
+        place = np.array([row['x'], row['y']])
+        away = (place - middle) / max(1.0, float(np.hypot(*(place - middle))))
+        axis.plot(*place, 'o', ms=14, mfc='none', mec=color, mew=2)
+        name = TANKER_NAMES[row['label']].replace('_', ' ') + word
+        _write(axis, name, place + away * 38, color)
+
+
+def save_roll(bag: Path, sample: Path, target: Path) -> Path:
+    """Roll against time with the truth beside it, and the error below."""
+    measured = _read(bag, '/marker_tracker/rpy', Vector3Stamped)
+    truth = _read(sample, '/truth/rpy', Vector3Stamped)
+    points = _read(bag, '/marker_tracker/markers', PointCloud2)
+    stamps = sorted(measured.keys() & truth.keys())
+    times = (np.array(stamps) - stamps[0]) * 1e-9
+    roll, true = (
+        np.degrees([messages[stamp].vector.x for stamp in stamps]) for messages in (measured, truth)
+    )
+    predicted = [
+        (stamp - stamps[0]) * 1e-9
+        for stamp in stamps
+        if stamp in points and (decode_points(points[stamp])['state'] != 1).any()
+    ]
+    figure = Figure(figsize=(9, 6), layout='constrained')
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    above.plot(times, true, color='0.65', lw=5, label='truth of the simulated flight')
+    above.plot(times, roll, color='tab:blue', lw=1.5, label='measured by marker_tracker, live')
+    below.plot(times, roll - true, color='tab:blue', lw=1)
+    for axis in (above, below):
+        if predicted:
+            span = (predicted[0] - 0.03, predicted[-1] + 0.03)
+            axis.axvspan(*span, color='tab:orange', alpha=0.35, label='a light is off')
+        axis.grid(alpha=0.3)
+    above.legend(loc='best')
+    above.set(title="The tanker's roll, measured from the image", ylabel='roll [°]')
+    rms = float(np.sqrt(np.mean((roll - true) ** 2)))
+    below.set(title=f'error: {rms:.3f}° rms', xlabel='time [s]', ylabel='error [°]')
+    figure.savefig(target, dpi=100)
+    return target
+
+
+def save_runway(bag: Path, sample: Path, target: Path) -> Path:
+    """One frame twice: mode approach with its guidance, and the thesis's scheme."""
+    images = _read(bag, '/runway/image_raw', Image)
+    approach = _read(bag, '/runway_detector/line_params', PointCloud2)
+    poses = _read(bag, '/runway_detector/pose', PoseWithCovarianceStamped)
+    thesis = _read(bag, '/runway_thesis/line_params', PointCloud2)
+    truth = _read(sample, '/truth/pose', PoseStamped)
+    stamps = sorted(images.keys() & approach.keys() & poses.keys() & thesis.keys() & truth.keys())
+    stamp = stamps[len(stamps) // 3]
+    figure, (left, right) = _side_by_side()
+    _show(left, images[stamp])
+    for row in decode_points(approach[stamp]):
+        if row['role'] in _EDGES and np.isfinite(row['x']):
+            _draw_edge(left, row)
+    here, there = poses[stamp].pose.pose.position, truth[stamp].pose.position
+    side = 'left' if here.y > 0 else 'right'
+    left.set_title(
+        'Mode approach finds the runway by itself\n'
+        f'{abs(here.y):.1f} m {side} of the centreline, {here.z:.1f} m high '
+        f'(truth: {abs(there.y):.1f} m, {there.z:.1f} m)'
+    )
+    _show(right, images[stamp])
+    rows = [row for row in decode_points(thesis[stamp]) if np.isfinite(row['x'])]
+    for row in rows:
+        _draw_checked(right, row)
+    held = sum(bool(row['flags'] & LineFlag.CORRECTED) for row in rows)
+    right.set_title(
+        "The thesis's scheme draws the strongest lines\n"
+        f'{len(rows) - held} agree with the last frame, {held} jumped and kept its old place'
+    )
+    right.legend(loc='lower right', fontsize=9)
+    figure.savefig(target, dpi=100)
+    return target
+
+
+def _draw_edge(axis: Axes, row: Any) -> None:
+    name, color = _EDGES[LineRole(row['role'])]
+    (x, y), (x2, y2) = (row['x'], row['y']), (row['x2'], row['y2'])
+    axis.plot((x, x2), (y, y2), color=color, lw=2.5, path_effects=_SHADOW)
+    beside = {LineRole.LEFT_EDGE: -30.0, LineRole.RIGHT_EDGE: 30.0}.get(LineRole(row['role']), 0.0)
+    place = np.array([x + 0.75 * (x2 - x) + beside, y + 0.75 * (y2 - y)])
+    _write(axis, name, place, color)
+
+
+def _draw_checked(axis: Axes, row: Any) -> None:
+    held = bool(row['flags'] & LineFlag.CORRECTED)
+    label = 'jumped: drawn at its old place' if held else 'agrees with the last frame'
+    known = axis.get_legend_handles_labels()[1]
+    axis.plot(
+        *((row['x'], row['x2']), (row['y'], row['y2'])),
+        color=_RED if held else _GREEN,
+        ls='--' if held else '-',
+        lw=2.5,
+        label=None if label in known else label,
+    )
+
+
+def _write(axis: Axes, word: str, place: NDArray[np.float64], color: str) -> None:
+    x, y = place
+    axis.text(x, y, word, color=color, clip_on=True, ha='center', va='center', path_effects=_SHADOW)
+
+
+def _side_by_side() -> tuple[Figure, Any]:
+    figure = Figure(figsize=(13, 5.6), layout='constrained')
+    return figure, figure.subplots(1, 2)
+
+
+def _show(axis: Axes, message: Any) -> None:
+    image = decode_image(message).bgr()
+    axis.imshow(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), interpolation='bilinear')
+    axis.set(xticks=[], yticks=[], xlim=(0, image.shape[1]), ylim=(image.shape[0], 0))

@@ -8,20 +8,24 @@ from collections.abc import Mapping
 import numpy as np
 
 import mvuav_ros
-from mvuav_ros.offline.evaluation.comparison import (
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
+from mvuav_ros.offline.evaluation.metrics import (
+    ALONG,
+    DISTANCE_LIMIT,
     NEAR,
+    THETA_LIMIT,
+    LineErrors,
     MarkerErrors,
     RollErrors,
+    distance_rms,
     line_errors,
     marker_errors,
+    metrics_of,
+    rms,
     roll_errors,
 )
-from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun
-from mvuav_ros.offline.evaluation.line_errors import ALONG, DISTANCE_LIMIT, THETA_LIMIT, LineErrors
-from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
-from mvuav_ros.offline.report.model import Cell, Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import COLORS, TRUTH, drawing, label, legend_below, line_of
+from mvuav_ros.offline.report import Cell, Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import COLORS, TRUTH, drawing, label, legend_below, line_of
 from mvuav_ros.vision.markers.results import MarkerState
 
 
@@ -41,7 +45,6 @@ def bag_report(run: EvaluationRun, settings: Mapping[str, Cell]) -> Report:
         f'Results against truth: {run.name}',
         tuple(f'Could not be read: {error}' for error in run.errors),
         {'version': f'mvuav_ros {mvuav_ros.__version__}', 'input': run.name, **settings},
-        (),
         tuple(sections),
     )
 

@@ -14,19 +14,18 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.sensors import stamp_ns_of
+from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import frames
 from mvuav_ros.offline.simulate import truth_messages
-from mvuav_ros.processing.messages.points import decode_points
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.errors import MalformedMessageError
-from mvuav_ros.recordings.foreign import words
-from mvuav_ros.recordings.images import decode_message
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.messages import stamp_ns_of
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.recordings.sources.opening import looks_like_bag, open_source
-from mvuav_ros.recordings.sources.simulated import FRAME_ID, PREFIX, make_flight
+from mvuav_ros.sources.opening import FRAME_ID, PREFIX, looks_like_bag, make_flight, open_source
+from mvuav_ros.sources.source import SourceError
 
 MARKERS, RPY, LINES = 'markers', 'rpy', 'lines'
 TRUTH_TOPICS = {'/truth/markers': MARKERS, '/truth/rpy': RPY, '/truth/lines': LINES}

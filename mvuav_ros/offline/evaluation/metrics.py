@@ -1,20 +1,236 @@
-"""One input's results in numbers: what the GUI counted, and errors where there is truth."""
+"""Results against truth: errors frame by frame, and one input in numbers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, Rows
-from mvuav_ros.offline.evaluation.line_errors import line_numbers
-from mvuav_ros.offline.evaluation.numbers import distance_rms, rms
 from mvuav_ros.vision.markers.results import MarkerState
-from mvuav_ros.vision.runway.results import LineFlag, RunwayLine
+from mvuav_ros.vision.runway.normal_form import NormalForm
+from mvuav_ros.vision.runway.results import LineFlag, LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics
+
+Array = NDArray[np.floating[Any]]
+
+
+def rms(values: Array) -> float:
+    """Root mean square of the numbers that are not NaN; NaN if there are none."""
+    known = values[np.isfinite(values)]
+    return math.sqrt(float(np.mean(known**2))) if known.size else math.nan
+
+
+def distance_rms(errors: Array) -> float:
+    """Root mean square of the lengths of vectors (..., 2); those with NaN do not count."""
+    return rms(np.hypot(errors[..., 0], errors[..., 1]))
+
+
+def angle_difference(a: Array, b: Array) -> Array:
+    """A minus b, rad, in [-pi, pi)."""
+    return np.asarray((a - b + math.pi) % (2 * math.pi) - math.pi)
+
+
+ALONG = (LineRole.LEFT_EDGE, LineRole.RIGHT_EDGE, LineRole.CENTRELINE)
+"""The lines that a runway's detector looks for; a runway's ends run across."""
+DISTANCE_LIMIT = 5.0
+"""px; a line that passes farther off is another one."""
+THETA_LIMIT = math.radians(3.0)
+
+
+class TrueLine(NamedTuple):
+    """A true line, and the point of it at which distances are taken, px."""
+
+    line: NormalForm
+    point: tuple[float, float]
+
+
+class LineMatch(NamedTuple):
+    """A line found with the true one that it is: indices, distance (px), difference (rad)."""
+
+    found: int
+    true: int
+    distance: float
+    dtheta: float
+
+
+def match_lines(found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
+    """Pair lines that are close at the true line's point and in direction, the closest first.
+
+    Lines with NaN match nothing; each line occurs in one pair at most.
+    """
+    pairs = []
+    for number, line in enumerate(found):
+        for index, (truth, (x, y)) in enumerate(true):
+            distance = x * math.cos(line.theta) + y * math.sin(line.theta) - line.rho
+            # The same line may be written with theta turned by half a circle.
+            dtheta = (line.theta - truth.theta + math.pi / 2) % math.pi - math.pi / 2
+            if abs(distance) <= DISTANCE_LIMIT and abs(dtheta) <= THETA_LIMIT:
+                pairs.append(LineMatch(number, index, distance, dtheta))
+    matched: list[LineMatch] = []
+    for pair in sorted(pairs, key=lambda p: abs(p.distance)):
+        if all(pair.found != m.found and pair.true != m.true for m in matched):
+            matched.append(pair)
+    return matched
+
+
+def line_numbers(matches: Sequence[LineMatch], visible: int) -> tuple[float, float, float]:
+    """Percent of the frames that show a line in which it was found; RMS of its error, px and °."""
+    return (
+        100.0 * len(matches) / visible if visible else math.nan,
+        rms(np.array([match.distance for match in matches])),
+        math.degrees(rms(np.array([match.dtheta for match in matches]))),
+    )
+
+
+@dataclass(eq=False)
+class LineErrors:
+    """Lines found on some frames against the true ones of a runway.
+
+    Attributes:
+        frames: seen.
+        found: lines found in all frames.
+        visible: frames in which each true line was.
+        matches: every pair of a found and a true line.
+    """
+
+    frames: int = 0
+    found: int = 0
+    visible: list[int] = field(default_factory=lambda: [0] * len(ALONG))
+    matches: list[LineMatch] = field(default_factory=list)
+
+    def add(self, found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
+        """Match a frame's lines to those of `ALONG`, which are NaN where the frame has none."""
+        in_view = [math.isfinite(line.line.rho) for line in true]
+        self.frames += 1
+        self.found += sum(math.isfinite(line.rho) for line in found)
+        self.visible = [n + seen for n, seen in zip(self.visible, in_view, strict=True)]
+        matches = match_lines(found, true)
+        self.matches += matches
+        return matches
+
+    def numbers(self, true: int) -> tuple[float, float, float]:
+        """`line_numbers` of one true line (its index in `ALONG`)."""
+        own = [match for match in self.matches if match.true == true]
+        return line_numbers(own, self.visible[true])
+
+
+NEAR = 5.0
+"""px; a marker within this of another light's true place, and not of its own, is a wrong name."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerErrors:
+    """Of the frames that have results and truth.
+
+    Attributes:
+        names: of the k markers.
+        time: (n,) s since the first of them.
+        offset: (n, k, 2) px, place minus true place; NaN for a lost marker.
+        state: (n, k), `MarkerState`.
+        visible: (n, k), whether the light could be seen.
+        wrong: (n, k), whether a detected marker carries another's name.
+    """
+
+    names: tuple[str, ...]
+    time: Array
+    offset: Array
+    state: Array
+    visible: Array
+    wrong: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RollErrors:
+    """Time (s), measured and true roll (rad), and their difference; NaN where not measured.
+
+    Frames without a true roll are left out.
+    """
+
+    time: Array
+    measured: Array
+    true: Array
+
+    @property
+    def error(self) -> Array:
+        """Measured minus true, rad."""
+        return angle_difference(self.measured, self.true)
+
+
+def marker_errors(run: EvaluationRun) -> MarkerErrors | None:
+    """Markers against truth; None where one of them is missing, or the markers have no names."""
+    results, truth = run.results.markers, run.truth.markers
+    stamps = [
+        stamp
+        for stamp in sorted(results.keys() & truth.keys())
+        if np.array_equal(results[stamp]['label'], truth[stamp]['label'])
+    ]
+    if not stamps:
+        return None
+    found = np.array([_places(results[stamp]) for stamp in stamps])
+    true = np.array([_places(truth[stamp]) for stamp in stamps])
+    state = np.array([results[stamp]['state'] for stamp in stamps])
+    seen = np.array([truth[stamp]['state'] for stamp in stamps]) == MarkerState.DETECTED
+    labels = range(found.shape[1])
+    names = (run.names.get(label, f'marker {label}').replace('_', ' ') for label in labels)
+    wrong = _wrong_names(found, true, state)
+    return MarkerErrors(tuple(names), _seconds(stamps), found - true, state, seen, wrong)
+
+
+def _wrong_names(found: Array, true: Array, state: Array) -> Array:
+    apart = np.hypot(*np.moveaxis(found[:, :, None] - true[:, None], -1, 0))
+    own = np.diagonal(apart, axis1=1, axis2=2)
+    nearest = np.where(np.isnan(apart), np.inf, apart).min(axis=2)
+    return np.asarray((state == MarkerState.DETECTED) & ~(own <= NEAR) & (nearest <= NEAR))
+
+
+def roll_errors(run: EvaluationRun) -> RollErrors | None:
+    """Roll against truth; None where one of them is missing."""
+    results, truth = run.results.rpy, run.truth.rpy
+    stamps = sorted(s for s in results.keys() & truth.keys() if math.isfinite(truth[s]))
+    if not stamps:
+        return None
+    return RollErrors(
+        _seconds(stamps),
+        np.array([results[stamp] for stamp in stamps]),
+        np.array([truth[stamp] for stamp in stamps]),
+    )
+
+
+def line_errors(run: EvaluationRun) -> LineErrors | None:
+    """Lines against truth; None where one of them is missing."""
+    results, truth = run.results.lines, run.truth.lines
+    stamps = sorted(results.keys() & truth.keys())
+    if not stamps:
+        return None
+    errors = LineErrors()
+    for stamp in stamps:
+        lines = [NormalForm(float(row['rho']), float(row['theta'])) for row in results[stamp]]
+        errors.add(lines, _true_lines(truth[stamp]))
+    return errors
+
+
+def _true_lines(rows: Rows) -> list[TrueLine]:
+    """The first rows of ``/truth/lines``, which are those of `ALONG`."""
+    return [
+        TrueLine(
+            NormalForm(float(row['rho']), float(row['theta'])),
+            (0.5 * float(row['x'] + row['x2']), 0.5 * float(row['y'] + row['y2'])),
+        )
+        for row in rows[: len(ALONG)]
+    ]
+
+
+def _places(rows: Rows) -> Array:
+    return np.stack([rows['x'], rows['y']], axis=1).astype(float)
+
+
+def _seconds(stamps: Sequence[int]) -> Array:
+    return np.array([(stamp - stamps[0]) * 1e-9 for stamp in stamps])
 
 
 class Metric(NamedTuple):

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.special import betaincinv
 
 import mvuav_ros
-from mvuav_ros.offline.evaluation.numbers import Array
-from mvuav_ros.offline.report.model import Figure, Report, Section, Table
-from mvuav_ros.offline.report.style import SOFT, THESIS, drawing, label
-from mvuav_ros.offline.tasks import all_of
+from mvuav_ros.offline.evaluation.metrics import Array
+from mvuav_ros.offline.processes import all_of
+from mvuav_ros.offline.report import Figure, Report, Section, Table
+from mvuav_ros.offline.report_figures import SOFT, THESIS, drawing, label
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy
 from mvuav_ros.vision.integrity import (
@@ -313,7 +313,6 @@ def protection_report(
             'noise [px]': _NOISE,
             **vars(budget),
         },
-        (),
         (Section('Results', (), tuple(items)),),
     )
 

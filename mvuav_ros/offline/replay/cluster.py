@@ -14,7 +14,7 @@ from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome, 
 from mvuav_ros.offline.replay.many import Event
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.process_tuning import keep_freed_memory
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 
 _POLL = 0.1
 _CONNECT_TIME = 10

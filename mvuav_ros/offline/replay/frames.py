@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.messages import type_name
-from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame
+from mvuav_ros.sources.source import EncodedFrame
 from mvuav_ros.vision.image import ImageError
 
+_MAX_UNDER_WAY, _MIN_UNDER_WAY = 16, 3
+"""Frames that are decoded ahead of the one that is written."""
+_MAX_BYTES = 48 << 20
+"""Of their messages and images, once there are `_MIN_UNDER_WAY`."""
 DEFECT = 'internal error of'
 """What the reason begins with where the fault is ours."""
 
@@ -47,6 +53,9 @@ class FrameResults:
     is_frame: bool = True
 
 
+_UnderWay = RecordedMessage | list[Future[FrameResults]]
+
+
 def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
     """The nodes' work, by their names, with the parameters that differ from the defaults.
 
@@ -66,7 +75,7 @@ def replay(
     processors: Sequence[Processor],
     *,
     debug: bool = False,
-) -> Iterator[FrameResults | RecordedMessage]:
+) -> Generator[FrameResults | RecordedMessage, None, None]:
     """The nodes' results for every frame of an input, under the topics of the live nodes.
 
     Yields:
@@ -86,6 +95,81 @@ def replay(
             yield merged(item.stamp_ns, [process(item, p, debug) for p in processors])
     if last is not None:
         yield merged(last.stamp_ns, [conclude(last, p) for p in processors], is_frame=False)
+
+
+def replay_in_threads(
+    items: Iterable[Frame | BadFrame | EncodedFrame | RecordedMessage],
+    processors: Sequence[Processor],
+    threads: int,
+    *,
+    debug: bool = False,
+) -> Generator[FrameResults | RecordedMessage, None, None]:
+    """As `replay`, with the same results in the same order, while other frames are decoded.
+
+    What depends on earlier frames stays in order, in one thread for each node; what does not, the
+    decoding, is done by ``threads`` more. OpenCV lets go of Python's lock for nearly all of it.
+    """
+    lanes = [ThreadPoolExecutor(1, f'{processor.name} ') for processor in processors]
+    decoders = ThreadPoolExecutor(threads, 'decoding ')
+    last: list[Frame] = []
+
+    def work(processor: Processor, decoded: Future[Frame | BadFrame]) -> FrameResults:
+        frame = decoded.result()
+        if isinstance(frame, BadFrame):
+            return FrameResults(frame.stamp_ns, reasons=[frame.reason])
+        last[:] = [frame]
+        return process(frame, processor, debug)
+
+    def begin(item: Frame | BadFrame | EncodedFrame | RecordedMessage) -> _UnderWay:
+        if isinstance(item, RecordedMessage):
+            return item
+        decoded = decoders.submit(item.decoded if isinstance(item, EncodedFrame) else lambda: item)
+        return [
+            lane.submit(work, processor, decoded)
+            for lane, processor in zip(lanes, processors, strict=True)
+        ]
+
+    def size(item: Frame | BadFrame | EncodedFrame | RecordedMessage) -> int:
+        """Bytes; of what is not decoded yet as far as the frame before tells."""
+        if isinstance(item, Frame):
+            return item.image.pixels.nbytes
+        if isinstance(item, EncodedFrame):
+            return len(item.recorded.data) + (last[0].image.pixels.nbytes if last else 0)
+        return len(item.data) if isinstance(item, RecordedMessage) else 0
+
+    under_way: deque[tuple[_UnderWay, int]] = deque()
+    bytes_under_way = 0
+    try:
+        for item in items:
+            under_way.append((begin(item), size(item)))
+            bytes_under_way += under_way[-1][1]
+            while under_way and (
+                _is_done(under_way[0][0])
+                or len(under_way) >= _MAX_UNDER_WAY
+                or (bytes_under_way > _MAX_BYTES and len(under_way) >= _MIN_UNDER_WAY)
+            ):
+                entry, held = under_way.popleft()
+                bytes_under_way -= held
+                yield _ended(entry)
+        for entry, _ in under_way:
+            yield _ended(entry)
+        if last:
+            parts = [conclude(last[0], processor) for processor in processors]
+            yield merged(last[0].stamp_ns, parts, is_frame=False)
+    finally:
+        for executor in (*lanes, decoders):
+            executor.shutdown(cancel_futures=True)
+
+
+def _is_done(entry: _UnderWay) -> bool:
+    return isinstance(entry, RecordedMessage) or all(part.done() for part in entry)
+
+
+def _ended(entry: _UnderWay) -> FrameResults | RecordedMessage:
+    if isinstance(entry, RecordedMessage):
+        return entry
+    parts = [part.result() for part in entry]
+    return merged(parts[0].stamp_ns, parts)
 
 
 def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:

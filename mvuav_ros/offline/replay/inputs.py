@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import IMAGE, serialize_image
+from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.images import IMAGE
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.messages import is_rectified_topic
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.sources.bag import BagImages
-from mvuav_ros.recordings.sources.encoded_frame import EncodedFrame
-from mvuav_ros.recordings.sources.frame import BadFrame, Frame, SourceError
-from mvuav_ros.recordings.sources.opening import open_source
-from mvuav_ros.recordings.sources.selection import Selection
 from mvuav_ros.recordings.writing import RELIABLE_QOS
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.opening import open_source
+from mvuav_ros.sources.source import EncodedFrame, Selection, SourceError
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 
 Item = Frame | BadFrame | EncodedFrame | RecordedMessage

@@ -4,31 +4,24 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mvuav_ros.offline.processes import ProcessDiedError
-from mvuav_ros.offline.replay.ahead import ReplayAhead
-from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay
-from mvuav_ros.offline.replay.inputs import Item, ReplayInput
+from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay, replay_in_threads
+from mvuav_ros.offline.replay.inputs import ReplayInput
 from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.processing.processor import Processor
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
 from mvuav_ros.recordings.remote import is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
-from mvuav_ros.recordings.sources.frame import SourceError
-from mvuav_ros.recordings.sources.gamma import gamma_corrected
-from mvuav_ros.recordings.sources.opening import looks_like_bag
-from mvuav_ros.recordings.sources.selection import EVERYTHING, Selection
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.opening import looks_like_bag
+from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError, gamma_corrected
 from mvuav_ros.vision.camera import CameraModel
 
 PROGRESS_INTERVAL = 0.1
@@ -134,15 +127,14 @@ class JobProgress(NamedTuple):
 
 Writer = RecordingWriter | Rosbag2Writer
 Progress = Callable[[JobProgress], None]
-Replaying = Callable[[Iterable[Item]], Iterator[FrameResults | RecordedMessage]]
 
 
 def run_job(
-    job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: Stop, processes: int = 1
+    job: ReplayJob, outcome: ReplayOutcome, progress: Progress, stop: Stop, threads: int = 1
 ) -> None:
     """Replay a recording; interrupted, the output is complete up to there.
 
-    The outcome is kept up to date and holds also after an error. With one process all of the work
+    The outcome is kept up to date and holds also after an error. With one thread all of the work
     is done in this one.
 
     Raises:
@@ -156,8 +148,7 @@ def run_job(
         raise RecordingError(f'{job.output} exists; --force overwrites it')
     settings = job.settings
     processors = make_processors(settings.parameters)
-    # The processes first: they are forked, which is right only before the input has threads.
-    with _replaying(processors, settings, processes) as replaying, _opened(job, stop) as source:
+    with _opened(job, stop) as source:
         if source is None:
             outcome.interrupted = True
             return
@@ -170,34 +161,30 @@ def run_job(
             )
             with closing(gamma_corrected(items, settings.gamma)) as items:
                 output = _Output(job, writer, outcome, source.account)
-                _write(replaying(items), output, source, progress, stop)
+                if threads == 1:
+                    steps = replay(items, processors, debug=settings.debug_images)
+                else:
+                    steps = replay_in_threads(
+                        items, processors, threads - 1, debug=settings.debug_images
+                    )
+                with closing(steps):
+                    _write(steps, output, source, progress, stop)
             if not outcome.interrupted and outcome.processed == 0:
                 what = 'could be used' if outcome.frames else 'is there'
                 raise SourceError(f'{job.source}: not a single frame {what}')
 
 
-def attempt(job: ReplayJob, progress: Progress, stop: Stop, processes: int = 1) -> ReplayOutcome:
+def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) -> ReplayOutcome:
     """`run_job`, with what goes wrong told in the outcome."""
     outcome = ReplayOutcome(job.source, job.output)
     try:
-        run_job(job, outcome, progress, stop, processes)
-    except (SourceError, RecordingError, ParameterError, ProcessDiedError, OSError) as error:
+        run_job(job, outcome, progress, stop, threads)
+    except (SourceError, RecordingError, ParameterError, OSError) as error:
         outcome.failure = ' '.join(str(error).split())
     except Exception as error:
         # A defect of ours costs one recording and not all the others.
         outcome.failure = ' '.join(f'{job.source}: {type(error).__name__}: {error}'.split())
     return outcome
-
-
-@contextmanager
-def _replaying(
-    processors: list[Processor], settings: ReplaySettings, processes: int
-) -> Iterator[Replaying]:
-    if processes == 1:
-        yield partial(replay, processors=processors, debug=settings.debug_images)
-        return
-    with closing(ReplayAhead(processors, processes, debug=settings.debug_images)) as ahead:
-        yield ahead.replay
 
 
 @contextmanager

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings
-from mvuav_ros.recordings.errors import RecordingError
-from mvuav_ros.recordings.flights import by_flight, recordings_in
+from mvuav_ros.recordings.layout import by_flight, recordings_in
+from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.remote import inside, is_url
-from mvuav_ros.recordings.sources.simulated import PREFIX
+from mvuav_ros.sources.opening import PREFIX
 
 
 class Plan(NamedTuple):

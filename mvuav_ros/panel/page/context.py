@@ -10,18 +10,17 @@ from typing import Any
 
 from nicegui import Event
 
-from mvuav_ros.panel.images import ImageFeed
-from mvuav_ros.panel.live_node import LiveNode
-from mvuav_ros.panel.live_system import LiveSystem
+from mvuav_ros.panel.image_feed import ImageFeed
+from mvuav_ros.panel.live_nodes import LiveNode, LiveSystem
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.panel.runs import RunStore
 from mvuav_ros.panel.sets import SetStore
 from mvuav_ros.parameters.declaration import Value
-from mvuav_ros.recordings.shipped import shipped_folder
+from mvuav_ros.recordings.layout import shipped_folder
 
 _ONE_MOVEMENT = 1.0
 """Seconds; quicker changes of one parameter are one movement of a hand."""
-_MOST_CHANGES = 200
+_MAX_CHANGES = 200
 
 Values = Mapping[str, Value]
 Load = Callable[[Values, str], Awaitable[None]]
@@ -66,7 +65,7 @@ class History:
         if quick and not self.undone and self.done and self.done[-1][1].keys() == after.keys():
             before = self.done.pop()[0]
         self.done.append((before, after))
-        del self.done[:-_MOST_CHANGES]
+        del self.done[:-_MAX_CHANGES]
         self.undone.clear()
         self._changed_at = self._clock()
 

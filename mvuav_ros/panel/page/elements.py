@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 from nicegui import ui
 
-from mvuav_ros.panel import foreign
+from mvuav_ros.panel import sanitized
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 
 ElementT = TypeVar('ElementT', bound=ui.element)
 _CHART = Path(__file__).parent.with_name('static') / 'chart.json'
@@ -25,7 +25,7 @@ def box(classes: str = '', tag: str = 'div') -> ui.element:
 
 def text(words: object, classes: str = '', tag: str = '') -> ui.label:
     """Words, shown as they are whatever they contain."""
-    label = ui.label(foreign.words(words, foreign.LONGEST_DESCRIPTION)).classes(classes)
+    label = ui.label(sanitized.words(words, sanitized.LONGEST_DESCRIPTION)).classes(classes)
     if tag:
         label.tag = tag
     return label
@@ -34,7 +34,9 @@ def text(words: object, classes: str = '', tag: str = '') -> ui.label:
 def name_rejected(label: ui.label, what: str, reasons: Mapping[str, str]) -> None:
     """Say which files are left out, and why; nothing where there are none."""
     said = '; '.join(f'{name}: {reason}' for name, reason in reasons.items())
-    label.set_text(foreign.words(f'{what}: {said}', foreign.LONGEST_DESCRIPTION) if said else '')
+    label.set_text(
+        sanitized.words(f'{what}: {said}', sanitized.LONGEST_DESCRIPTION) if said else ''
+    )
     label.set_visibility(bool(said))
 
 
@@ -87,7 +89,7 @@ def empty(title: str, words: str, *, card: bool = False) -> None:
 def dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
     """A dialog, opened; it is gone for good when it is closed."""
     with ui.dialog() as made, ui.card().classes('card wide' if wide else 'card'):
-        set_props(made, aria_label=foreign.words(title))
+        set_props(made, aria_label=sanitized.words(title))
         text(title, 'title', tag='h2')
         yield made
     made.on('hide', made.delete)
@@ -102,19 +104,19 @@ async def confirmed(question: str, yes: str) -> bool:
     return bool(await asking)
 
 
-def tell(words: str, *, bad: bool = False) -> None:
+def notify(words: str, *, bad: bool = False) -> None:
     """A short message at the bottom."""
-    shown = foreign.words(words)
+    shown = sanitized.words(words)
     ui.notify(shown, type='negative' if bad else None, position='bottom', timeout=5000)
 
 
 @contextmanager
-def errors_told() -> Iterator[None]:
-    """Tell what is refused, or cannot be read or written; the rest of the block is left out."""
+def errors_notified() -> Iterator[None]:
+    """Show what is refused, or cannot be read or written; the rest of the block is left out."""
     try:
         yield
-    except (foreign.NameRefusedError, ParameterError, RecordingError, OSError) as error:
-        tell(str(error), bad=True)
+    except (sanitized.NameRefusedError, ParameterError, RecordingError, OSError) as error:
+        notify(str(error), bad=True)
 
 
 def sheet(label: str, heads: Sequence[str]) -> ui.table:
@@ -132,7 +134,7 @@ def sheet(label: str, heads: Sequence[str]) -> ui.table:
 def fill(table: ui.table, rows: Iterable[Sequence[object]]) -> None:
     """Show these rows; nothing is sent where they are shown already."""
     shown = [
-        {'row': number, **{str(i): foreign.words(cell) for i, cell in enumerate(row)}}
+        {'row': number, **{str(i): sanitized.words(cell) for i, cell in enumerate(row)}}
         for number, row in enumerate(rows)
     ]
     if shown != table.rows:

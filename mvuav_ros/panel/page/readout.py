@@ -1,20 +1,25 @@
-"""The selected node's newest result, in view on every part: figures, trust, and space."""
+"""The chosen node's results: large figures with their trust, the pose in space, curves."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from nicegui import ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
-from mvuav_ros.panel.images import RESULT_OF_KIND
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.image_feed import RESULT_OF_KIND
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.page.context import Page
+from mvuav_ros.processing.registry import PROCESSORS
 
 Point = tuple[float, float, float]
 _PORT, _STARBOARD, _WHITE = '#e02020', '#10b040', '#ffffff'
 """Navigation lights: red left, green right, white behind."""
 _BODY, _CAMERA, _ASPHALT = '#8a97a6', '#0b62b8', '#5a6068'
-_AXES, _LONGEST_VIEW = 12.0, 25.0
+_AXES, _MAX_VIEW = 12.0, 25.0
 _TANKER = (
     # Ends of fuselage, wings, stabilizers and fin of the tanker of the thesis, m, and radii.
     ((-36.0, 0.0, 0.0), (34.0, 0.0, 0.0), 3.2),
@@ -31,7 +36,14 @@ _LIGHTS = (
 )
 _RATES = {True: 20, False: 0.5}
 """Images of the scene per second, on the screen and off it, where a browser still draws them."""
-_RUNWAY_LENGTH, _USUAL_WIDTH = 1500.0, 45.0
+_RUNWAY_LENGTH, _DEFAULT_WIDTH = 1500.0, 45.0
+_COUNTS = {'rho_flags': 'rho flags', 'theta_flags': 'theta flags', 'combined_flags': 'combined'}
+_MEANS = {
+    'rho_mean': 'mean rho px',
+    'rho_std': 'std',
+    'theta_mean_deg': 'mean theta °',
+    'theta_std_deg': 'std',
+}
 
 
 class Readout:
@@ -93,7 +105,7 @@ class PoseScene:
 
     def show(self, node: LiveNode | None) -> None:
         """Show the bodies of this node's kind."""
-        if node is None:
+        if node is None or 'pose' not in PROCESSORS[node.kind].topics:
             return
         tracks = node.kind == 'marker_tracker'
         if node.kind != self._kind:
@@ -110,7 +122,7 @@ class PoseScene:
             el.set_props(self._scene, data_objects=f'{moved} {still} {self._cone.id}')
             el.set_props(self._scene, aria_label=f'Pose: {words}, in space')
         width = node.values.get('runway_width')
-        wide = width if isinstance(width, float) and 0 < width < 1e3 else _USUAL_WIDTH
+        wide = width if isinstance(width, float) and 0 < width < 1e3 else _DEFAULT_WIDTH
         if not tracks and self._strip.sy != wide:
             self._strip.scale(1.0, wide, 1.0)
 
@@ -122,7 +134,7 @@ def _make_view(scene: ui.scene) -> Object3D:
         for corner, after in zip(corners, corners[1:] + corners[:1], strict=True):
             scene.line([0.0, 0.0, 0.0], list(corner)).material(_CAMERA)
             scene.line(list(corner), list(after)).material(_CAMERA)
-    return cone.scale(_LONGEST_VIEW, 0.6 * _LONGEST_VIEW, 0.45 * _LONGEST_VIEW)
+    return cone.scale(_MAX_VIEW, 0.6 * _MAX_VIEW, 0.45 * _MAX_VIEW)
 
 
 def _rod(scene: ui.scene, start: Point, end: Point, radius: float) -> None:
@@ -134,3 +146,57 @@ def _rod(scene: ui.scene, start: Point, end: Point, radius: float) -> None:
     turn = np.column_stack((aside, along / length, np.cross(aside, along / length)))
     rod = scene.cylinder(0.7 * radius, radius, length, 12).material(_BODY)
     rod.move(*np.add(start, end) / 2).rotate_R(turn.tolist())
+
+
+class Results:
+    """A node's tables and charts; curves come over the page's own WebSocket."""
+
+    def __init__(self, page: Page, node: LiveNode) -> None:
+        self._page, self._node = page, node
+        self._lines: ui.table | None = None
+        if 'reset_statistics' in PROCESSORS[node.kind].triggers:
+            with el.box('card'):
+                with el.box('line titled'):
+                    el.text('Statistics since the last reset', 'title grow', tag='h2')
+                    el.button('Reset', self._reset, 'restart_alt')
+                heads = ('line', 'frames', *_COUNTS.values(), *_MEANS.values())
+                self._lines = el.sheet('Statistics of the lines', heads)
+        with el.box('charts'):
+            for name, chart in PROCESSORS[node.kind].panel.charts.items():
+                with el.box('card'):
+                    made = ui.echart(el.axes(chart.title, chart.unit)).classes('chart')
+                    # Until the first value there is nothing that the chart would say of itself.
+                    el.set_props(made, aria_label=f'Curve of {chart.title}')
+                    el.set_props(made, data_curves=name, data_node=node.name)
+        with el.box('card'):
+            el.text('Diagnostics of the node', tag='h2')
+            with el.box('charts'):
+                self._said = [el.sheet(f'Diagnostics, {half}', ('', '')) for half in ('one', 'two')]
+        self.show()
+
+    def show(self) -> None:
+        """After new statistics or diagnostics."""
+        said = self._node.status
+        if self._lines:
+            el.fill(self._lines, _statistics_rows(self._node.statistics))
+        rows = [(name.replace('_', ' '), value) for name, value in said.items()]
+        half = -(-len(rows) // 2)
+        for table, part in zip(self._said, (rows[:half], rows[half:]), strict=True):
+            el.fill(table, part)
+
+    async def _reset(self) -> None:
+        reason = await self._page.services.system.trigger(f'{self._node.name}/reset_statistics')
+        if reason:
+            el.notify(reason, bad=True)
+
+
+def _statistics_rows(said: Mapping[str, Mapping[str, str]]) -> list[list[str]]:
+    """All lines, and each; numbered from 1, as in the images."""
+
+    def row(name: str, values: Mapping[str, str], frames: str) -> list[str]:
+        counts = [sanitized.fixed(values.get(key), 0) for key in (frames, *_COUNTS)]
+        means = [sanitized.fixed(values[key], 2) if key in values else '' for key in _MEANS]
+        return [name, *counts, *means]
+
+    lines = [row(name, said[name], 'found') for name in said if name.startswith('line ')]
+    return [row('all lines', said.get('runway', {}), 'frames'), *lines]

@@ -9,10 +9,10 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.panel.controls import value_text
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Load, Page
-from mvuav_ros.panel.sets import LARGEST_SET, differences
+from mvuav_ros.panel.sets import MAX_SET_BYTES, differences
 from mvuav_ros.parameters.declaration import Value
 
 
@@ -59,7 +59,7 @@ class SetBar:
         self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
 
     def _values_of(self, name: str) -> Mapping[str, Value]:
-        with el.errors_told():
+        with el.errors_notified():
             return self._page.services.sets.load(name, self._node.kind)
         return {}
 
@@ -84,7 +84,7 @@ class SetBar:
     async def _load_chosen(self) -> None:
         name = self._page.chosen_set
         if not name:
-            el.tell('Choose a set first.', bad=True)
+            el.notify('Choose a set first.', bad=True)
             return
         self._read()
         await self._load(self._values, name)
@@ -93,7 +93,7 @@ class SetBar:
         sets, name = self._page.services.sets, self._page.chosen_set
 
         def save() -> None:
-            with el.errors_told():
+            with el.errors_notified():
                 save_set(self._page, self._node, field.value or '')
                 asking.close()
 
@@ -115,21 +115,21 @@ class SetBar:
 
     def _send_file(self) -> None:
         name = self._page.chosen_set
-        with el.errors_told():
+        with el.errors_notified():
             content = self._page.services.sets.content(name)
             ui.download.content(content, f'{name}.yaml', 'application/yaml')
 
     def _ask_file(self) -> None:
-        services, too_large = self._page.services, f'the file has more than {LARGEST_SET} bytes'
+        services, too_large = self._page.services, f'the file has more than {MAX_SET_BYTES} bytes'
 
         async def take(event: Any) -> None:
             name = Path(event.file.name).stem
-            with el.errors_told():
+            with el.errors_notified():
                 kinds = services.sets.add(name, await event.file.read())
                 if self._node.kind in kinds:
                     self._page.chosen_set = name.strip()
                 services.sets_changed.emit()
-                el.tell(f'{name} is uploaded for {" and ".join(kinds)}')
+                el.notify(f'{name} is uploaded for {" and ".join(kinds)}')
                 asking.close()
 
         with el.dialog('Upload a set') as asking:
@@ -137,9 +137,9 @@ class SetBar:
             ui.upload(
                 label='Choose a file or drop one here',
                 auto_upload=True,
-                max_file_size=LARGEST_SET,
+                max_file_size=MAX_SET_BYTES,
                 on_upload=take,
-                on_rejected=lambda: el.tell(too_large, bad=True),
+                on_rejected=lambda: el.notify(too_large, bad=True),
             ).props('accept=.yaml,.yml flat bordered').style('width: 100%')
             el.button('Cancel', asking.close)
 
@@ -149,4 +149,4 @@ def save_set(page: Page, node: LiveNode, name: str) -> None:
     page.services.sets.save(name, node.kind, node.own_values)
     page.chosen_set = name.strip()
     page.services.sets_changed.emit()
-    el.tell(f'{name.strip()} is saved')
+    el.notify(f'{name.strip()} is saved')

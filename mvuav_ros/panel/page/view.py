@@ -7,15 +7,15 @@ from typing import Any
 
 from nicegui import Client, ui
 
-from mvuav_ros.panel.live_node import LiveNode
+from mvuav_ros.detectors import DETECTORS
+from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page, Services
-from mvuav_ros.panel.page.images import Images
 from mvuav_ros.panel.page.parameters import Parameters
-from mvuav_ros.panel.page.readout import PoseScene, Readout
-from mvuav_ros.panel.page.recording_button import RecordingButton
-from mvuav_ros.panel.page.results import Results
-from mvuav_ros.panel.page.runs import Runs
+from mvuav_ros.panel.page.readout import PoseScene, Readout, Results
+from mvuav_ros.panel.page.recorder import RecordingButton
+from mvuav_ros.panel.page.run_list import Runs
+from mvuav_ros.panel.page.tiles import Images
 from mvuav_ros.parameters.declaration import Value
 
 _PARTS = {
@@ -106,7 +106,7 @@ class Head:
             value = node.status.get(key, '-') if node is not None and node.alive else '-'
             label.set_text('-' if value == 'nan' else value[:12])
         if node is None:
-            words = 'Start marker_tracker or runway_detector; it appears here by itself.'
+            words = f'Start {" or ".join(DETECTORS)}; it appears here by itself.'
         elif not node.alive and node.controls:
             words = 'The node is gone. The panel uses it again as soon as it is back.'
         else:
@@ -120,8 +120,8 @@ def show_keys() -> None:
         el.fill(el.sheet('Keys', ('', '')), list(_KEYS.items()))
 
 
-class View:
-    """Puts the parts together, for a browser tab that is connected, and tells them what changes."""
+class PanelView:
+    """Puts the parts together, for a browser tab that is connected, and passes on what changes."""
 
     def __init__(self, services: Services, client: Client, kept: MutableMapping[str, Any]) -> None:
         self._page, self._client = Page(services, kept, self._selected), client

@@ -1,20 +1,19 @@
-"""Where attitude says that the horizon is."""
+"""Where attitude says that the horizon is, and the image turned until it is level."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.tuning import ATTITUDE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
-
-_STEEPEST = math.radians(80.0)
-"""Rad, of the camera's axis against the level; beyond, the horizon is nowhere near the image."""
-_BESIDE = 0.05
-"""Tangent of the angle between the two points of the horizon from which its slope is taken."""
+from mvuav_ros.vision.runway.normal_form import NormalForm
 
 
 @dataclass(frozen=True)
@@ -37,6 +36,7 @@ class Attitude:
     It is a unit quaternion.
 
     Examples:
+        >>> from mvuav_ros.vision.approach.attitude import Attitude
         >>> Attitude.from_roll_pitch(0.0, 0.0).w
         1.0
     """
@@ -74,6 +74,12 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> NDArray[np.float64]:
     return from_rpy(roll, pitch, yaw)
 
 
+def is_upside_down(attitude: Attitude, mount: NDArray[np.float64]) -> bool:
+    """Whether a camera on `mount_matrix` would see the ground above the sky: a wrong attitude."""
+    up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
+    return bool(attitude.valid and up[1] > ATTITUDE.min_upside_down)
+
+
 def horizon_from(
     attitude: Attitude, camera: CameraModel, mount: NDArray[np.float64]
 ) -> HorizonLine | None:
@@ -86,11 +92,11 @@ def horizon_from(
     up = OPTICAL_FROM_BODY @ (mount.T @ attitude.up)
     axis = np.array([0.0, 0.0, 1.0])
     level = axis - (axis @ up) * up
-    if np.linalg.norm(level) < math.cos(_STEEPEST):
+    if np.linalg.norm(level) < math.cos(ATTITUDE.max_pitch):
         return None
     level /= np.linalg.norm(level)
     right = np.cross(level, up)
-    rays = np.stack([level - _BESIDE * right, level + _BESIDE * right])
+    rays = np.stack([level - ATTITUDE.half_base * right, level + ATTITUDE.half_base * right])
     if (rays[:, 2] <= 0).any():
         return None
     (x1, y1), (x2, y2) = camera.project(rays)
@@ -99,3 +105,92 @@ def horizon_from(
     slope = (y2 - y1) / (x2 - x1)
     row = y1 + slope * (0.5 * (camera.width - 1) - x1)
     return HorizonLine(float(row), math.atan(slope))
+
+
+@dataclass(frozen=True)
+class Derotation:
+    """A turn of the working image about its middle.
+
+    Attributes:
+        width: of the working image, px.
+        height: likewise.
+        factor: px of the frame per px of the working image.
+        slope: rad, of the horizon on the frame, right end down positive.
+    """
+
+    width: int
+    height: int
+    factor: int
+    slope: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width, px."""
+        return self.height, self.width
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """About which it is turned, px of the working image."""
+        return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+
+    def turned(self, pixels: NDArray[np.uint8], first_row: int = 0) -> NDArray[np.uint8]:
+        """The rows from ``first_row`` on of the working image with a level horizon."""
+        if self.slope == 0.0:
+            return pixels[first_row:]
+        matrix = cv2.getRotationMatrix2D(self.centre, math.degrees(self.slope), 1.0)
+        matrix[1, 2] -= first_row
+        size = (self.width, self.height - first_row)
+        turned = cv2.warpAffine(pixels, matrix, size, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(turned, np.uint8)
+
+    def row_of(self, horizon_row: float) -> float:
+        """The level horizon's row, of the row where the slanted one crosses the middle column."""
+        _, middle = self.centre
+        return middle + (horizon_row - middle) * math.cos(self.slope)
+
+    def to_frame(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Points on the frame, of points on the levelled working image."""
+        cos, sin = math.cos(self.slope), math.sin(self.slope)
+        centre_x, centre_y = self.centre
+        dx, dy = x - centre_x, y - centre_y
+        on_x = centre_x + cos * dx - sin * dy
+        on_y = centre_y + sin * dx + cos * dy
+        return (on_x + 0.5) * self.factor - 0.5, (on_y + 0.5) * self.factor - 0.5
+
+
+def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
+    """The line through two points."""
+    theta = math.atan2(x2 - x1, -(y2 - y1))
+    return NormalForm(x1 * math.cos(theta) + y1 * math.sin(theta), theta).normalised()
+
+
+def turn_edge(
+    p: float, slope: float, row: float, old: Derotation, new: Derotation
+) -> tuple[float, float]:
+    """An edge x = p + slope (y - row) of one level, described on another one."""
+    angle = new.slope - old.slope
+    if angle == 0.0:
+        return p, slope
+    cos, sin = math.cos(angle), math.sin(angle)
+    centre_x, centre_y = new.centre
+    dx, dy = p - centre_x, row - centre_y
+    x, y = centre_x + cos * dx + sin * dy, centre_y - sin * dx + cos * dy
+    across, down = cos * slope + sin, cos - sin * slope
+    turned = across / down
+    return x + turned * (row - y), turned
+
+
+def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -> Any:
+    """Strips, (n, 6), of one derotation described on another one."""
+    if old.slope == new.slope:
+        return strips
+    turned = strips.copy()
+    for strip in turned:
+        x, y, left, right, far, near = (float(value) for value in strip)
+        edges = [turn_edge(x + s * near, s, y + near, old, new) for s in (left, right)]
+        (first, left), (second, right) = edges
+        if right - left > 0.02:
+            depth = (second - first) / (right - left)
+            apex = first - left * depth, y + near - depth
+            strip[:] = (*apex, left, right, depth * far / near, depth)
+    return turned

@@ -1,32 +1,42 @@
-"""The approach scheme behind one call per frame."""
+"""Mode approach behind one call per frame: the horizon, what lies below it, and its lines."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.attitude import (
     Attitude,
+    Derotation,
     HorizonLine,
     horizon_from,
+    is_upside_down,
+    line_through,
     mount_matrix,
 )
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.finders import Found, RunwayFinder, StripFinder
-from mvuav_ros.vision.approach.followed_strip import FollowedStrip
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.lines import LineFlags, Segment
+from mvuav_ros.vision.approach.horizon import Horizon, HorizonTracker
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
+from mvuav_ros.vision.approach.road import TARGETS
+from mvuav_ros.vision.approach.road_tracker import RoadTracker
+from mvuav_ros.vision.approach.strips import FollowedStrip
+from mvuav_ros.vision.approach.tracker import RunwayTracker, Sight
+from mvuav_ros.vision.approach.tuning import DETECTOR
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_pixels
 from mvuav_ros.vision.point_operations import Pixels
-from mvuav_ros.vision.runway.results import LineRole
+from mvuav_ros.vision.runway.correction import jumps
+from mvuav_ros.vision.runway.normal_form import Ends, NormalForm, segment_ends
+from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 from mvuav_ros.vision.runway.statistics import RunwayStatistics, RunwaySummary
 
-_SMALLEST = 48
-"""Px, of the frame's shorter side."""
+Segment = tuple[Point, Point]
+_UPSIDE_DOWN = 'the attitude says that the camera is upside down'
 
 
 class ApproachDetector:
@@ -73,8 +83,8 @@ class ApproachDetector:
         """Forget earlier frames; statistics and calibration stay."""
         self._size: tuple[int, int] | None = None
         self._last_stamp_ns: int | None = None
-        self._finder: RunwayFinder | StripFinder | None = None
-        self._had_attitude = False
+        self._finder: Finder | None = None
+        self._had_attitude = self._upside_down = False
         self._shown: FollowedStrip | None = None
         self._lines.reset()
 
@@ -114,13 +124,14 @@ class ApproachDetector:
         if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
             raise ValueError(f'stamp {stamp_ns} ns is before {self._last_stamp_ns} ns: see reset')
         self._last_stamp_ns = stamp_ns
-        if min(height, width) < _SMALLEST:
+        if min(height, width) < DETECTOR.min_side:
             status = f'the frame is too small ({width} x {height})'
             return self._absent(image, stamp_ns, status)
         if self._finder is None:
-            target = self._parameters.target
-            self._finder = RunwayFinder() if target == 'runway' else StripFinder(target)
+            self._finder = Finder(self._parameters.target)
         found = self._finder.step(image, self._horizon_of(attitude))
+        if self._upside_down:
+            found = replace(found, confidence=0.0, veto=_UPSIDE_DOWN)
         if found.track is not self._shown:
             # Another shape's lines are not jumps of this one's.
             self._lines.reset()
@@ -134,6 +145,7 @@ class ApproachDetector:
     def _horizon_of(self, attitude: Attitude | HorizonLine | None) -> HorizonLine | None:
         """Where attitude says that the horizon is; None where the image must say it."""
         self.attitude_problem = ''
+        self._upside_down = False
         source = self._parameters.horizon_source
         if source == 'image':
             return None
@@ -148,6 +160,10 @@ class ApproachDetector:
         if camera is None:
             self.attitude_problem = 'attitude is of no use without a calibrated camera_info'
             return None
+        if is_upside_down(attitude, self._mount):
+            self._upside_down = True
+            self.attitude_problem = _UPSIDE_DOWN + ': see camera_mount_rpy_deg'
+            return None
         horizon = horizon_from(attitude, camera, self._mount)
         if horizon is None:
             self.attitude_problem = "the attitude shows no horizon: the horizon is the image's"
@@ -156,13 +172,13 @@ class ApproachDetector:
     def _doubtful(self, found: Found) -> bool:
         """Only a runway's confidence is a probability."""
         runway = self._parameters.target == 'runway'
-        return runway and found.confidence < self._parameters.min_confidence
+        return bool(found.veto) or (runway and found.confidence < self._parameters.min_confidence)
 
     def _why_absent(self, found: Found) -> str:
         target = self._parameters.target
         status = f'no {target}'
-        if found.unchanged and not found.confidence:
-            return status + f': the picture has not changed for {found.unchanged} frames'
+        if found.veto:
+            return f'{status}: {found.veto}'
         if found.track is not None:
             status += f': the likeliest has confidence {found.confidence:.2f}'
         # A road is looked for without a horizon.
@@ -259,3 +275,130 @@ def _across(found: Found) -> tuple[Point, Point] | None:
     down = (y2 - y1) / (x2 - x1)
     right = level.width * level.factor - 1.0
     return (0.0, y1 - down * x1), (right, y1 + down * (right - x1))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a frame shows.
+
+    Attributes:
+        track: of the target, if there is one.
+        confidence: of the track.
+        level: the frame's derotation.
+        horizon_row: on the levelled working image, if it is known.
+        veto: why no track is reported, whatever its confidence was; empty if nothing forbids it.
+    """
+
+    track: FollowedStrip | None
+    confidence: float
+    level: Derotation
+    horizon_row: float | None
+    veto: str = ''
+
+
+class Finder:
+    """From a frame to the track of the target in it: the horizon first, then what lies below it."""
+
+    def __init__(self, target: str) -> None:
+        self.tracker: RunwayTracker | RoadTracker
+        self.tracker = RunwayTracker() if target == 'runway' else RoadTracker(TARGETS[target])
+        self._horizon = HorizonTracker()
+
+    def step(self, image: Pixels, attitude: HorizonLine | None) -> Found:
+        """Take in the next frame; ``attitude`` is where the horizon is, if that is known."""
+        pixels, factor = shrink_levels(image)
+        height, width = pixels.shape[:2]
+        sight = Sight.unknown(height)
+        level = Derotation(width, height, factor, 0.0)
+        horizon: HorizonLine | Horizon | None = None
+        if self.tracker.below_horizon:
+            horizon = attitude or self._horizon.find(pixels)
+        if horizon is not None:
+            level = Derotation(width, height, factor, horizon.slope)
+            if horizon is attitude:
+                row = level.row_of((horizon.row + 0.5) / factor - 0.5)
+                sight = Sight.from_attitude(row, level.slope)
+            else:
+                row = level.row_of(horizon.row)
+                sight = Sight.from_image(row, level.slope, height, self.tracker.best)
+        track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
+        veto = self._veto(sight)
+        confidence = 0.0 if veto else self.tracker.confidence
+        return Found(track, confidence, level, sight.row, veto)
+
+    def _veto(self, sight: Sight) -> str:
+        """Why nothing is reported, if the picture is frozen or the best track is in the sky."""
+        unchanged, best = self.tracker.unchanged, self.tracker.best
+        if unchanged > (0 if best is None else DETECTOR.frozen_frames):
+            return f'the picture has not changed for {unchanged} frames'
+        # What looks like a horizon in the picture may be the border of a field.
+        if best is None or sight.row is None or not sight.attitude:
+            return ''
+        _, y = best.shape.vanishing_point
+        return '' if y + best.near > sight.row else 'the likeliest lies above the horizon'
+
+
+class LineFlags:
+    """Compares each role's line with the one before, as the thesis does (section 4.3.2.4).
+
+    A flagged line is reported as it is: the shape was followed as a whole, and an older line would
+    no longer be one of its edges.
+    """
+
+    def __init__(self, parameters: RunwayDetectorParameters) -> None:
+        self.configure(parameters)
+        self.reset()
+
+    def configure(self, parameters: RunwayDetectorParameters) -> None:
+        """Use other thresholds; the lines stay known."""
+        self._parameters = parameters
+
+    def reset(self) -> None:
+        """Forget the lines."""
+        self._last: dict[LineRole, NormalForm] = {}
+
+    def rows(
+        self,
+        segments: dict[LineRole, Segment],
+        votes: dict[LineRole, float],
+        confidence: float,
+        size: tuple[int, int],
+    ) -> tuple[RunwayLine, ...]:
+        """The result's rows, one for each of `ROLES`.
+
+        Args:
+            segments: ends of the lines that are there, px on the frame.
+            votes: edge points that speak for a line, where they were counted.
+            confidence: of the shape.
+            size: width and height of the frame, px.
+        """
+        found = []
+        for index, role in enumerate(ROLES):
+            segment = segments.get(role)
+            if segment is None:
+                self._last.pop(role, None)
+                found.append(RunwayLine(role=role))
+                continue
+            line = line_through(*segment[0], *segment[1])
+            last, self._last[role] = self._last.get(role, line), line
+            flags = jumps(line, last, self._parameters)
+            ends = _confine(line, segment, size)
+            number = votes.get(role, math.nan)
+            found.append(RunwayLine(index, *line, number, *line, *flags, *ends, role, confidence))
+        return tuple(found)
+
+
+def _confine(line: NormalForm, segment: Segment, size: tuple[int, int]) -> Ends:
+    """The part of a line that lies beside a segment and on the frame, upper end first."""
+    x, y, x2, y2 = segment_ends(line, *size)
+    if math.isnan(x):
+        return x, y, x2, y2
+    length = math.hypot(x2 - x, y2 - y)
+    if length == 0.0:
+        return x, y, x2, y2
+    across, down = (x2 - x) / length, (y2 - y) / length
+    along = sorted((px - x) * across + (py - y) * down for px, py in segment)
+    first, last = max(0.0, along[0]), min(length, along[1])
+    if first > last:
+        return math.nan, math.nan, math.nan, math.nan
+    return x + first * across, y + first * down, x + last * across, y + last * down

@@ -2,7 +2,7 @@
 
 A strip is (6,) numbers on the levelled working image: the vanishing point's x and y, the columns by
 which the left and the right edge move to the right per row below it, and the rows from it to the
-far and to the near end, px.
+far and to the near end, px. Edges are steps of brightness and colour, or painted lines.
 """
 
 from __future__ import annotations
@@ -14,19 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.evidence import opponent_channels
+from mvuav_ros.vision.approach.numeric import in_common
+from mvuav_ros.vision.approach.tuning import EDGES
 from mvuav_ros.vision.point_operations import Pixels
 
 Strip = NDArray[np.float64]
-
-_MOST_ROWS = 40
-_SAMPLE = 0.5
-"""Px of the working image between samples across an edge."""
-_REACH_SHARE, _LEAST_REACH, _MOST_REACH = 0.35, 3.0, 8.0
-_SUPPORT = 0.25
-"""A row supports an edge with a step of this share of the strip's contrast."""
-_WIDTHS_PER_STEP = 12.0
-_USUAL_RANK = 0.15
 
 
 class LevelledFrame(NamedTuple):
@@ -157,9 +151,9 @@ class EdgeSamples:
         columns = expected + (local * across).sum(axis=1) / np.maximum(total, 1e-6)
         # A step of the contrast's size is seen by all samples around it.
         weights = np.clip(total / (base * size), 0.0, 1.0)
-        weights = np.where(weights > _SUPPORT, weights, 0.0)
+        weights = np.where(weights > EDGES.min_step_share, weights, 0.0)
         # Where there are steps everywhere, the best line is not worth much.
-        rank = int(_USUAL_RANK * votes.size)
+        rank = int(EDGES.usual_rank * votes.size)
         usual = float(np.partition(votes, rank)[rank])
         support = (float(votes[best]) - usual) / (count * size)
         return EdgePoints(rows, columns, weights, float(np.clip(support, 0.0, 1.0)))
@@ -168,15 +162,17 @@ class EdgeSamples:
 def sample_edges(frame: LevelledFrame, strip: Strip) -> EdgeSamples:
     """Take the pixels across both edges of a strip from the frame."""
     x, y, left, right, far, near = (float(v) for v in strip)
-    count = int(np.clip((near - far) * frame.level.factor, 6, _MOST_ROWS))
+    count = int(np.clip((near - far) * frame.level.factor, 6, EDGES.max_rows))
     depth = far + (np.arange(count) + 0.5) * ((near - far) / count)
     width = (right - left) * near
-    steps = round(float(np.clip(_REACH_SHARE * width, _LEAST_REACH, _MOST_REACH)) / _SAMPLE)
-    across = np.arange(-steps, steps + 1) * _SAMPLE
+    steps = round(
+        float(np.clip(EDGES.reach * width, EDGES.min_reach, EDGES.max_reach)) / EDGES.sample
+    )
+    across = np.arange(-steps, steps + 1) * EDGES.sample
     expected = x + np.array([[left], [right]]) * depth
     pixels, on_x, on_y = frame.at(expected[:, :, None] + across, (y + depth)[:, None])
     # JPEG halves the resolution of colour; and where there is room, soft edges are whole steps.
-    base = int(np.clip(width / _WIDTHS_PER_STEP, 2, 4) / _SAMPLE)
+    base = int(np.clip(width / EDGES.widths_per_step, 2, 4) / EDGES.sample)
     height, columns = frame.image.shape[:2]
     inside = (on_x > 0) & (on_x < columns - 1) & (on_y > 0) & (on_y < height - 1)
     return EdgeSamples(pixels, expected, y + depth, across, inside, 2 * (base // 2))
@@ -200,3 +196,99 @@ def rows_of(
     width = np.maximum((right - left) * depth, 2.0)
     edges = x + np.array([[left], [right]]) * depth
     return y + depth, edges, np.array([[-1.0], [1.0]]) * width
+
+
+class EdgeLook:
+    """What the step across a runway's edges is like, learnt from frame to frame.
+
+    Attributes:
+        paint_lead: by how much paint is more evident than steps, in textures.
+    """
+
+    def __init__(self) -> None:
+        self.paint_lead = 0.0
+        self._contrast = np.zeros(3)
+        self._paint = 0.0
+        self._known = False
+
+    @property
+    def clear(self) -> bool:
+        """Pavement and land differ so much that every frame shows the edges."""
+        return float(np.linalg.norm(self._contrast)) > EDGES.clear_contrast
+
+    @property
+    def coloured(self) -> bool:
+        """Their colours alone tell them apart: the edge is the pavement's, not a line's."""
+        return float(np.linalg.norm(self._contrast[1:])) > EDGES.colour_contrast
+
+    def find(self, frame: LevelledFrame, strip: Strip, *, wide: bool) -> Edges:
+        """Measure both edges of a strip, and learn what they look like.
+
+        Those of a wide one may be farther from the strip's than its lines are apart.
+        """
+        samples = sample_edges(frame, strip)
+        channels = opponent_channels(samples.pixels)
+        steps = np.stack([samples.steps(channel) for channel in channels])
+        self._learn(steps, samples, channels, wide)
+        if self.paint_lead > EDGES.min_paint_lead:
+            ridge = _ridges(samples, channels[0])
+            size = max(self._paint, EDGES.min_contrast)
+            lines = np.clip(ridge, 0.0, size)
+            return samples.fit(lines, lines, size)
+        contrast = self._contrast[: len(channels)].copy()
+        colour = float(np.linalg.norm(contrast[1:]))
+        if wide and contrast[0] < 0 and colour > max(EDGES.clear_contrast, -float(contrast[0])):
+            # White stripes along the edge of dark pavement would count as land.
+            contrast[0] = 0.0
+        size = float(np.linalg.norm(contrast))
+        direction = contrast / max(size, 1e-6)
+        along = np.tensordot(direction, steps, axes=1)
+        size = max(size, EDGES.min_contrast)
+        along = np.clip(along, 0.0, size)
+        return samples.fit(along, along, size)
+
+    def _learn(
+        self,
+        steps: NDArray[Any],
+        samples: EdgeSamples,
+        channels: list[NDArray[np.float32]],
+        wide: bool,
+    ) -> None:
+        """Take the strongest step that both edges have in common near where they are expected."""
+        middle = steps.shape[3] // 2
+        near = slice(max(0, middle - 3), middle + 4)
+        if wide:
+            left, right = _regions(samples, channels)
+        else:
+            average = steps.mean(axis=2)[:, :, near]
+            size = np.linalg.norm(average, axis=0)
+            left = average[:, 0, size[0].argmax()]
+            right = average[:, 1, size[1].argmax()]
+        # The contrast is what the two edges agree in.
+        common = in_common(left, right)
+        contrast = np.zeros(3)
+        contrast[: common.size] = common
+        paint = float(_ridges(samples, channels[0]).mean(axis=1)[:, near].max())
+        share = EDGES.memory if self._known else 1.0
+        self._contrast += share * (contrast - self._contrast)
+        self._paint += share * (paint - self._paint)
+        self._known = True
+
+
+def _regions(
+    samples: EdgeSamples, channels: list[NDArray[np.float32]]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Inside minus outside, farthest from either edge: lines beside the edge do not count."""
+    rows = samples.rows.size
+    outer = max(1, samples.across.size // EDGES.region)
+    values = np.stack([channel.reshape(2, rows, -1).mean(axis=1) for channel in channels])
+    first, last = values[:, :, :outer].mean(axis=2), values[:, :, -outer:].mean(axis=2)
+    rise = last - first
+    return rise[:, 0], -rise[:, 1]
+
+
+def _ridges(samples: EdgeSamples, brightness: NDArray[Any]) -> NDArray[Any]:
+    """(2, count, places - base) how much brighter a place is than both sides, grey levels."""
+    half = samples.base // 2
+    sides = np.maximum(brightness[:, : -2 * half], brightness[:, 2 * half :])
+    return samples.by_side(np.maximum(brightness[:, half:-half] - sides, 0.0))

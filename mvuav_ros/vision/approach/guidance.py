@@ -9,25 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.derotation import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.edges import EdgePoints
 from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE, Guidance
+from mvuav_ros.vision.approach.tuning import GUIDANCE
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-
-# Px of the frame: what is wrong with all points of an edge alike, at either end of it: by itself,
-# and on both edges inwards or outwards alike (side stripes, defocus); and px of the working
-# image: of the near end's row.
-_EDGE_BIAS, _WIDTH_BIAS, _LEAST_SPREAD, _NEAR_SIGMA = 0.12, 0.16, 0.05, 1.0
-# m: markings and overruns blur where the pavement begins.
-_BEGINNING_SIGMA = 10.0
-_CORRELATED_ROWS = 3.0
-_SLOPE_SIGMA = math.radians(0.06)
-_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +55,9 @@ def fit_edge(points: EdgePoints, factor: int) -> EdgeFit | None:
     at_ends = inverse @ (weighted @ columns)
     error = columns - at_ends @ design
     spread = float((weights * error**2).sum() / weights.sum())
-    least = (_LEAST_SPREAD / factor) ** 2
-    covariance = inverse * (max(spread, least) * _CORRELATED_ROWS)
-    covariance += np.eye(2) * (_EDGE_BIAS / factor) ** 2
+    least = (GUIDANCE.min_spread / factor) ** 2
+    covariance = inverse * (max(spread, least) * GUIDANCE.correlated_rows)
+    covariance += np.eye(2) * (GUIDANCE.edge_bias / factor) ** 2
     return EdgeFit(at_ends, ends, covariance)
 
 
@@ -96,9 +86,9 @@ def locate(
     noise = np.zeros((6, 6))
     noise[:2, :2], noise[2:4, 2:4] = left.covariance, right.covariance
     inwards = np.kron([1.0, -1.0], np.eye(2))
-    noise[:4, :4] += (_WIDTH_BIAS / level.factor) ** 2 * (inwards.T @ inwards)
-    noise[4, 4] = _SLOPE_SIGMA**2
-    noise[5, 5] = 0.0 if near_row is None else _NEAR_SIGMA**2
+    noise[:4, :4] += (GUIDANCE.width_bias / level.factor) ** 2 * (inwards.T @ inwards)
+    noise[4, 4] = GUIDANCE.slope_sigma**2
+    noise[5, 5] = 0.0 if near_row is None else GUIDANCE.near_sigma**2
 
     def pose(values: Vector) -> Vector:
         return _pose(values, rows, level, camera, runway_width)
@@ -112,7 +102,7 @@ def locate(
         covariance[0, :] = covariance[:, 0] = 0.0
         covariance[0, 0] = UNKNOWN_VARIANCE
     else:
-        covariance[0, 0] += _BEGINNING_SIGMA**2
+        covariance[0, 0] += GUIDANCE.beginning_sigma**2
     x, y, z, roll, pitch, yaw = (float(value) for value in solution)
     return Guidance(x, y, z, roll, pitch, yaw, covariance)
 
@@ -123,8 +113,8 @@ def _jacobian(
     jacobian = np.zeros((6, at.size))
     for index in range(at.size if near_known else at.size - 1):
         step = np.zeros(at.size)
-        step[index] = _STEP
-        change = (function(at + step) - function(at - step)) / (2 * _STEP)
+        step[index] = GUIDANCE.jacobian_step
+        change = (function(at + step) - function(at - step)) / (2 * GUIDANCE.jacobian_step)
         jacobian[:, index] = np.where(np.isfinite(change), change, 0.0)
     return jacobian
 

@@ -10,20 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.numeric import vertex
-
-_WIDTH, _HEIGHT = 80, 60
-_STEP_DEG = 1.5
-_MAX_ROLL_DEG = 66.0
-_HALF = 3
-_CAP = 24.0
-_FAINTEST = 3.0
-_MOST_UNREST = 0.4
-_SKY_ROWS, _LEAST_SKY = 12, 3
-_COLUMN_STEP, _REACH, _FEWEST_COLUMNS = 4, 5, 12
-_MOST_AGREE = 0.55
-_UNREST_COST, _UNREST_CAP, _ROW_COST = 1.0, 6.0, 0.03
-"""Grey levels of step per grey level of unrest: far land in haze has a smoother sky above it than
-the fields before it, at whose border the step may be as large."""
+from mvuav_ros.vision.approach.tuning import HORIZON
 
 
 class Horizon(NamedTuple):
@@ -45,7 +32,10 @@ class Horizon(NamedTuple):
     @property
     def trusted(self) -> bool:
         """It looks like sky above it, not like the edge of treetops or walls."""
-        return self.strength > _FAINTEST and self.unrest < _MOST_UNREST * self.strength
+        return (
+            self.strength > HORIZON.min_strength
+            and self.unrest < HORIZON.max_texture * self.strength
+        )
 
 
 class HorizonFinder:
@@ -53,39 +43,43 @@ class HorizonFinder:
 
     def __init__(self, height: int, width: int) -> None:
         self._size = (height, width)
-        self._across = width / _WIDTH
-        self._down = height / _HEIGHT
-        count = int(_MAX_ROLL_DEG / _STEP_DEG)
-        self._slopes = np.radians(np.arange(-count, count + 1) * _STEP_DEG)
-        columns = (np.arange(_WIDTH) - 0.5 * (_WIDTH - 1)) * self._across
+        self._across = width / HORIZON.width
+        self._down = height / HORIZON.height
+        count = int(HORIZON.max_roll_deg / HORIZON.slope_step_deg)
+        self._slopes = np.radians(np.arange(-count, count + 1) * HORIZON.slope_step_deg)
+        columns = (np.arange(HORIZON.width) - 0.5 * (HORIZON.width - 1)) * self._across
         # Rows by which each column is moved for each slope.
         self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
         self._pad = int(np.abs(self._shift).max())
-        rows = np.arange(_HEIGHT)[None, :, None] + self._shift[:, None, :] + self._pad
-        self._index = rows * _WIDTH + np.arange(_WIDTH)
+        rows = np.arange(HORIZON.height)[None, :, None] + self._shift[:, None, :] + self._pad
+        self._index = rows * HORIZON.width + np.arange(HORIZON.width)
 
     def find(self, pixels: NDArray[Any], near: Horizon | None = None) -> Horizon:
         """Find the horizon on (height, width, 3) uint8; near the last one alone, if it is there."""
         if near is not None and near.trusted:
             found, agreeing = _refined(near, pixels)
-            if agreeing > _MOST_AGREE:
+            if agreeing > HORIZON.min_agreement:
                 return found
         # Of land and sky, blue differs most.
         blue = cv2.resize(
-            cv2.extractChannel(pixels, 0), (_WIDTH, _HEIGHT), interpolation=cv2.INTER_AREA
+            cv2.extractChannel(pixels, 0),
+            (HORIZON.width, HORIZON.height),
+            interpolation=cv2.INTER_AREA,
         )
         steps = self._steps(blue)
-        padded = np.zeros((_HEIGHT + 2 * self._pad, _WIDTH), np.float32)
+        padded = np.zeros((HORIZON.height + 2 * self._pad, HORIZON.width), np.float32)
         # Of steps alike, the upper one: sky is above all land.
-        lower = (_ROW_COST * np.arange(_HEIGHT, dtype=np.float32))[:, None]
-        steps -= lower + _UNREST_COST * _unrest_above(blue)
-        padded[self._pad : self._pad + _HEIGHT] = steps
+        lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
+        steps -= lower + HORIZON.texture_cost * _unrest_above(blue)
+        padded[self._pad : self._pad + HORIZON.height] = steps
         sums = padded.take(self._index).mean(axis=2)
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
         strength = float(sums[best, row])
         if strength <= 0:
             return Horizon(0.5 * (self._size[0] - 1), 0.0, 0.0, 0.0)
-        slope = self._slopes[best] + math.radians(_STEP_DEG) * vertex(sums[:, row], int(best))
+        slope = self._slopes[best] + math.radians(HORIZON.slope_step_deg) * vertex(
+            sums[:, row], int(best)
+        )
         exact_row = int(row) + vertex(sums[best], int(row))
         unrest = self._unrest(blue, int(row) + self._shift[best])
         found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, unrest)
@@ -97,37 +91,47 @@ class HorizonFinder:
 
     def _unrest(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
         """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
-        rows = np.arange(_HEIGHT)[:, None]
-        above = (rows < horizon - _HALF) & (rows > horizon - _HALF - _SKY_ROWS)
+        rows = np.arange(HORIZON.height)[:, None]
+        above = (rows < horizon - HORIZON.step_rows) & (
+            rows > horizon - HORIZON.step_rows - HORIZON.sky_rows
+        )
         above = above[:, 1:]
         change = cv2.absdiff(blue[:, 1:], blue[:, :-1])
         # Of what nothing can be seen, nobody knows that it is sky.
-        return float(change[above].mean()) if above.sum() > _LEAST_SKY * _WIDTH else math.inf
+        return (
+            float(change[above].mean())
+            if above.sum() > HORIZON.min_sky_rows * HORIZON.width
+            else math.inf
+        )
 
     def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
         """How much brighter it is above each place than below, capped."""
-        total = np.zeros((_HEIGHT + 1, _WIDTH), np.float32)
+        total = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
         np.cumsum(blue, axis=0, dtype=np.float32, out=total[1:])
-        steps = np.zeros((_HEIGHT, _WIDTH), np.float32)
-        middle = total[_HALF:-_HALF]
+        steps = np.zeros((HORIZON.height, HORIZON.width), np.float32)
+        middle = total[HORIZON.step_rows : -HORIZON.step_rows]
         # The boundary between rows y - 1 and y counts half to each.
-        between = (2 * middle - total[: -2 * _HALF] - total[2 * _HALF :]) / _HALF
-        np.clip(between, 0, _CAP, out=between)
-        steps[_HALF : _HEIGHT - _HALF] = 0.5 * (between[:-1] + between[1:])
+        between = (
+            2 * middle - total[: -2 * HORIZON.step_rows] - total[2 * HORIZON.step_rows :]
+        ) / HORIZON.step_rows
+        np.clip(between, 0, HORIZON.max_step, out=between)
+        steps[HORIZON.step_rows : HORIZON.height - HORIZON.step_rows] = 0.5 * (
+            between[:-1] + between[1:]
+        )
         return steps
 
 
 def _unrest_above(blue: NDArray[Any]) -> NDArray[np.float32]:
     """How much neighbouring columns differ in the rows above each place, capped."""
-    change = np.zeros((_HEIGHT + 1, _WIDTH), np.float32)
+    change = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
     difference = cv2.absdiff(blue[:, 1:], blue[:, :-1])
-    np.cumsum(np.minimum(difference, _UNREST_CAP), axis=0, out=change[1:, 1:])
-    rows = np.arange(_HEIGHT)
-    last = np.maximum(rows - _HALF, 0)
-    first = np.maximum(last - _SKY_ROWS, 0)
+    np.cumsum(np.minimum(difference, HORIZON.max_texture_cost), axis=0, out=change[1:, 1:])
+    rows = np.arange(HORIZON.height)
+    last = np.maximum(rows - HORIZON.step_rows, 0)
+    first = np.maximum(last - HORIZON.sky_rows, 0)
     above: NDArray[np.float32] = change[last] - change[first]
     above /= np.maximum(last - first, 1)[:, None]
-    above[last - first < _LEAST_SKY] = _UNREST_CAP
+    above[last - first < HORIZON.min_sky_rows] = HORIZON.max_texture_cost
     return above
 
 
@@ -137,13 +141,13 @@ def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
     Returns the line, and the share of columns whose steps lie on it.
     """
     height, width = pixels.shape[:2]
-    columns = np.arange(_COLUMN_STEP // 2, width, _COLUMN_STEP)
+    columns = np.arange(HORIZON.column_step // 2, width, HORIZON.column_step)
     away = columns - 0.5 * (width - 1)
     expected = horizon.row + math.tan(horizon.slope) * away
-    reach = np.arange(-_REACH, _REACH + 1)
+    reach = np.arange(-HORIZON.reach, HORIZON.reach + 1)
     rows = np.rint(expected).astype(np.intp)[:, None] + reach
     inside = (rows[:, 0] >= 2) & (rows[:, -1] < height - 2)
-    if inside.sum() < _FEWEST_COLUMNS:
+    if inside.sum() < HORIZON.min_columns:
         return horizon, 0.0
     rows, columns, away = rows[inside], columns[inside, None], away[inside]
     blue = pixels[:, :, 0].astype(np.float32)
@@ -151,7 +155,7 @@ def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
     steps -= blue[rows + 1, columns] + blue[rows + 2, columns]
     np.maximum(steps, 0.0, out=steps)
     # Of two steps, sky to hills and hills to land, the nearer one to where all columns agree.
-    steps *= 1.0 - (reach / (_REACH + 1.0)) ** 2
+    steps *= 1.0 - (reach / (HORIZON.reach + 1.0)) ** 2
     best = steps.argmax(axis=1)
     number = np.arange(best.size)
     before, after = np.maximum(best - 1, 0), np.minimum(best + 1, reach.size - 1)
@@ -171,6 +175,27 @@ def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
         weighted = weight * (away - mean_away)
         tangent = (weighted * places).sum() / (weighted * away).sum()
         row = mean_place - tangent * mean_away
-    on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * _FAINTEST)
+    on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * HORIZON.min_strength)
     found = horizon._replace(row=float(row), slope=math.atan(tangent))
     return found, float(on_line.mean())
+
+
+class HorizonTracker:
+    """The horizon as the image shows it, followed from frame to frame."""
+
+    def __init__(self) -> None:
+        self._finder: HorizonFinder | None = None
+        self._last: Horizon | None = None
+        self._frames = 0
+
+    def find(self, pixels: NDArray[Any]) -> Horizon | None:
+        """In a working image of grey levels, or colours blue first; None without one."""
+        levels = np.clip(pixels, 0, 255).astype(np.uint8)
+        pixels = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
+        if self._finder is None:
+            self._finder = HorizonFinder(*pixels.shape[:2])
+        near = None if self._frames % HORIZON.full_period == 0 else self._last
+        self._frames += 1
+        horizon = self._finder.find(pixels, near)
+        self._last = horizon if horizon.trusted else None
+        return self._last

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mvuav_ros.vision.approach.results import ApproachResult, Point
-from mvuav_ros.vision.runway.drawing import (
+from mvuav_ros.vision.runway.debug_images import (
     BLACK,
     WHITE,
     Canvas,

@@ -6,8 +6,8 @@ import pytest
 from support.boards import BOARD
 from support.commands import mvuav
 
-from mvuav_ros.recordings.sources.calibration import load_calibration
-from mvuav_ros.simulation.board import BoardVideo
+from mvuav_ros.simulation.board_video import BoardVideo
+from mvuav_ros.sources.calibration import load_calibration
 
 FRAMES = 12  # Different places
 
@@ -88,7 +88,7 @@ def test_views_that_do_not_tell_a_camera(rendered, tmp_path):
         image[y : y + small.shape[0], x : x + small.shape[1]] = small
         parallel.append(image)
     source = write(tmp_path / 'parallel', parallel)
-    assert 'do not tell the focal length' in refused(tmp_path, source, '--model', 'plumb_bob')
+    assert 'do not determine the focal length' in refused(tmp_path, source, '--model', 'plumb_bob')
 
 
 def test_boards_that_are_misspelt(tmp_path):

@@ -7,9 +7,9 @@ from support.flights import write_bag
 from typer.testing import CliRunner
 
 from mvuav_ros.cli.app import application
-from mvuav_ros.offline.sweep.run import in_order, parse_axis, plan_runs, sweep
+from mvuav_ros.offline.parameter_sweep import in_order, parse_axis, plan_runs, sweep
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.errors import RecordingError
+from mvuav_ros.recordings.recording import RecordingError
 
 FLIGHT = 'sim:tanker?frames=6&noise=0'
 

@@ -25,11 +25,12 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
+from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.sensors import CAMERA_INFO
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.images import CAMERA_INFO, decode_message
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.sources.frame import Frame
 
 NODE = ('--nodes', 'marker_tracker')
 SAMPLES = image_samples(30)

@@ -12,13 +12,17 @@ import yaml
 from rosbags.typesys import Stores, get_typestore
 from support.commands import mvuav, mvuav_process, read
 
-from mvuav_ros.processing.messages.sensors import encode_camera_info, make_header
-from mvuav_ros.recordings.images import CAMERA_INFO, IMAGE, decode_message
-from mvuav_ros.recordings.serialization.cdr import cdr_header
-from mvuav_ros.recordings.serialization.messages import decode_camera_info
-from mvuav_ros.recordings.serialization.serialized_image import serialize_image
-from mvuav_ros.recordings.sources.simulated import camera_model, make_flight
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.images import IMAGE, serialize_image
+from mvuav_ros.messages.sensors import (
+    CAMERA_INFO,
+    decode_camera_info,
+    encode_camera_info,
+    make_header,
+)
 from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.opening import camera_model, make_flight
 from mvuav_ros.vision.camera import CameraModel
 
 POSE = '/marker_tracker/pose'

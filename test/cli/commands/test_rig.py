@@ -8,7 +8,7 @@ import yaml
 from support.commands import mvuav
 from support.places import ROOT
 
-from mvuav_ros.recordings.sources.calibration import save_calibration
+from mvuav_ros.sources.calibration import save_calibration
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import load_rig
 
@@ -102,7 +102,7 @@ def test_flights_that_do_not_tell_a_rig_leave_no_file(flights, tmp_path):
     save_calibration(camera, flights / 'small.yaml')
     output = tmp_path / 'rig.yaml'
     reasons = {
-        'does not tell the shape|is named in 90 images': {'flight': 'still.mcap'},
+        'does not determine the shape|is named in 90 images': {'flight': 'still.mcap'},
         '2 lights are too few': {'rig': 'two.yaml'},
         'there is no light left in drone': {'distance': 'left:right=0.6'},
         'as in left:right=0.82': {'distance': '0.6'},

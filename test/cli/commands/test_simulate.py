@@ -11,12 +11,12 @@ from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from support.node_outputs import messages_of as messages_from
 from support.places import ROOT
 
+from mvuav_ros.messages.images import decode_image
+from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.processing.marker_tracker import MarkerTrackerProcessor
-from mvuav_ros.processing.messages.points import decode_points
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.serialization.image_decoding import decode_image
-from mvuav_ros.recordings.sources.bag import BagImages
+from mvuav_ros.sources.bag import BagImages
 
 TYPES = {
     '/image_raw': Image,

@@ -7,13 +7,12 @@ from rclpy.serialization import serialize_message
 from support.commands import mvuav
 from support.flights import write_bag
 
+from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
-from mvuav_ros.offline.evaluation.comparison import line_errors, marker_errors, roll_errors
 from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, NamedPoints, read_bag, replay
-from mvuav_ros.offline.evaluation.metrics import metrics_of
-from mvuav_ros.processing.messages.sensors import make_header
+from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, metrics_of, roll_errors
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.sources.frame import SourceError
+from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.results import TANKER_NAMES
 
 TANKER = 'sim:tanker?frames=12&motion=roll&fps=15&noise=0'

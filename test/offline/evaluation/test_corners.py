@@ -17,7 +17,7 @@ from mvuav_ros.offline.evaluation.corners import (
     read_horizon,
     score_frame,
 )
-from mvuav_ros.vision.approach.derotation import line_through
+from mvuav_ros.vision.approach.attitude import line_through
 from mvuav_ros.vision.runway.results import LineRole, RunwayLine
 
 HEADER = (
@@ -165,7 +165,7 @@ def test_the_command_reports_and_fails_below_the_minimum(labelled, capsys):
 
 def test_a_missing_image_is_a_users_mistake(labelled):
     from mvuav_ros.cli.app import application
-    from mvuav_ros.recordings.sources.frame import SourceError
+    from mvuav_ros.sources.source import SourceError
 
     (labelled.parent / '7.png').unlink()
     with pytest.raises(SourceError, match=r'7\.png'):

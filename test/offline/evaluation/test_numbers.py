@@ -3,15 +3,15 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.offline.evaluation.line_errors import TrueLine, match_lines
-from mvuav_ros.offline.evaluation.numbers import (
+from mvuav_ros.offline.evaluation.metrics import (
+    TrueLine,
     angle_difference,
     distance_rms,
-    pooled_rms,
+    match_lines,
     rms,
-    spectrum,
 )
 from mvuav_ros.vision.runway.normal_form import NormalForm as Line
+from mvuav_thesis.statistics_of_flights import pooled_rms, spectrum
 
 
 def test_rms_of_distances_by_hand():

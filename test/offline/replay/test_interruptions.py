@@ -84,7 +84,7 @@ def test_killed_replay_leaves_what_was_handed_to_the_file(flight: Path, tmp_path
     code = f"""
 import os, sys
 from mvuav_ros.cli.app import main
-from mvuav_ros.recordings.output_file import OutputFile
+from mvuav_ros.recordings.writing import OutputFile
 log = os.open({str(log)!r}, os.O_WRONLY | os.O_CREAT)
 append = OutputFile.append
 def noted(self, data):

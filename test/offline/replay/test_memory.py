@@ -39,9 +39,7 @@ def peak_kib(*arguments: object, status: int = 0) -> int:
     return sum(peaks.values())
 
 
-def test_huge_messages_that_are_no_images_are_not_copied_for_other_processes(
-    tmp_path: Path,
-) -> None:
+def test_of_huge_messages_that_are_no_images_few_are_held_at_a_time(tmp_path: Path) -> None:
     size = 150 << 20
     sample = Sample('/camera/image_raw', 'sensor_msgs/msg/Image', START_NS, bytes(size))
     bag = write_mcap(tmp_path / 'bag.mcap', [sample] * 3)

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.simulation.attitude_sensor import measured_attitude
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import Attitude, horizon_from, mount_matrix
 from mvuav_ros.vision.camera import CameraModel

@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.cli.bench.frame_rates import approach_cases
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
@@ -235,7 +235,7 @@ def test_a_shape_that_became_impossible_is_let_go(images, frames):
     """Young tracks are weighed in every frame, older ones not; neither may report NaN."""
     pipeline = ApproachDetector(APPROACH)
     run(pipeline, images[:frames])
-    tracker = pipeline._finder._tracker
+    tracker = pipeline._finder.tracker
     broken = tracker.best
     broken.shape.state[:] = math.nan
     result = pipeline.process(images[frames], frames)

@@ -6,7 +6,7 @@ import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.detector import ApproachDetector
-from mvuav_ros.vision.approach.overlaid import Overlaid
+from mvuav_ros.vision.approach.ground_motion import Overlaid
 
 HORIZON = 60
 TEXT = (20, 190, 150, 214)

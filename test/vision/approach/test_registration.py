@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.derotation import Derotation
-from mvuav_ros.vision.approach.registration import Registration
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.ground_motion import Registration
 
 STRIP = np.array([160.0, 90.0, -0.4, 0.4, 4.0, 40.0])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.simulation.runway import RunwayFlight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.results import UNKNOWN_VARIANCE

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from mvuav_ros.vision.runway.association import _cheapest, by_distance
+from mvuav_ros.vision.runway.correction import _cheapest, by_distance
 from mvuav_ros.vision.runway.normal_form import NormalForm
 
 
@@ -63,8 +63,8 @@ def test_the_least_sum_is_scipys_for_any_number_of_lines(rows, columns, random):
 def test_a_runway_of_few_lines_starts_without_scipy():
     """Its import takes longer than the rest of a node's start."""
     code = (
-        'import sys; import mvuav_ros.processing.runway_detector as d;'
-        'from mvuav_ros.vision.runway.association import by_distance;'
+        'import sys; import mvuav_ros.processing.runway_processor as d;'
+        'from mvuav_ros.vision.runway.correction import by_distance;'
         'from mvuav_ros.vision.runway.normal_form import NormalForm as N;'
         'by_distance([N(1, 0)] * 3, [N(1, 0)] * 3, 1, 1);'
         "sys.exit('scipy' in sys.modules)"

@@ -1,0 +1,190 @@
+"""Play the sample bags through real nodes and record what they publish."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+from sensor_msgs.msg import Image
+
+from mvuav_ros.cli.demo.figures import save_roll, save_runway, save_tanker
+from mvuav_ros.cli.demo.sample_flights import SampleFlight, demo_flights
+from mvuav_ros.cli.node_processes import NodeProcesses
+from mvuav_ros.messages.sensors import type_name
+from mvuav_ros.nodes.running import prepare_transport
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.source import SourceError
+
+RATE_WINDOW = 2.0
+EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
+MAX_DURATION = 50.0
+"""Seconds; the demo ends by itself within a minute whatever happens."""
+SETTLING_TIME = 0.5
+"""Seconds from the moment that a node is seen until its messages surely arrive."""
+SILENCE = 0.5
+"""Seconds without a message after which nothing follows the last frame's results."""
+
+
+class DemoRecorder(Node):
+    """Writes every message as it came over DDS.
+
+    Keeps the ``newest`` of each topic but images', their ``counts``, and ``latency_ms``: the median
+    of each processing node, from ``/diagnostics``.
+    """
+
+    def __init__(self, topics: dict[str, type], writer: RecordingWriter, context: Any) -> None:
+        super().__init__('demo_recorder', context=context)
+        self.newest: dict[str, Any] = {}
+        self.counts = dict.fromkeys(topics, 0)
+        self.latency_ms: dict[str, str] = {}
+        self.changed_at = time.monotonic()
+        self._arrivals: dict[str, deque[float]] = {topic: deque() for topic in topics}
+        self._writer = writer
+        for topic, kind in topics.items():
+            self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def hears(self, topics: Iterable[str]) -> bool:
+        """Whether each of the topics has a publisher."""
+        return all(self.count_publishers(topic) > 0 for topic in topics)
+
+    def rate(self, topic: str) -> float:
+        """Messages per second in the moments before the newest one."""
+        arrivals = self._arrivals[topic]
+        while arrivals and arrivals[0] < arrivals[-1] - RATE_WINDOW:
+            arrivals.popleft()
+        return len(arrivals) / RATE_WINDOW
+
+    def _keeper(self, topic: str, kind: type) -> Any:
+        name = type_name(kind)
+
+        def keep(data: bytes) -> None:
+            self._writer.write(topic, name, time.time_ns(), data)
+            self.counts[topic] += 1
+            self.changed_at = time.monotonic()
+            self._arrivals[topic].append(self.changed_at)
+            if kind is not Image:
+                self.newest[topic] = deserialize_message(data, kind)
+
+        return keep
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            latency = values.get('latency_p50_ms', 'nan')
+            # After the flight there is none any more.
+            if latency != 'nan':
+                self.latency_ms[status.name] = latency
+
+
+def run_demo(bags: Path, out: Path, console: Console) -> list[Path]:
+    """Show the demo and leave a bag and three figures in ``out``; returns the files.
+
+    Raises:
+        SourceError: a bag is missing, or a node failed.
+    """
+    flights = demo_flights(bags)
+    out.mkdir(parents=True, exist_ok=True)
+    bag = out / 'demo.mcap'
+    prepare_transport()
+    context = rclpy.Context()
+    with RecordingWriter(bag, overwrite=True) as writer, NodeProcesses() as nodes:
+        rclpy.init(context=context, domain_id=nodes.domain_id)
+        try:
+            recorder = DemoRecorder(_topics(flights), writer, context)
+            for flight in flights:
+                flight.start_node(nodes)
+            _watch(flights, recorder, nodes, console)
+            recorder.destroy_node()
+        finally:
+            rclpy.try_shutdown(context=context)
+    return [bag, *_make_figures(flights, bag, out)]
+
+
+def _topics(flights: list[SampleFlight]) -> dict[str, type]:
+    topics: dict[str, type] = {}
+    for flight in flights:
+        topics[flight.image_topic] = Image
+        topics.update({flight.topic(name): kind for name, kind in flight.processor.topics.items()})
+        topics.update({flight.topic(name): Image for name in flight.processor.debug_topics})
+    return topics
+
+
+def _watch(
+    flights: list[SampleFlight], recorder: DemoRecorder, nodes: NodeProcesses, console: Console
+) -> None:
+    """Play the bags once the recorder hears every node, until every frame is answered."""
+    executor = SingleThreadedExecutor(context=recorder.context)
+    executor.add_node(recorder)
+    end = time.monotonic() + MAX_DURATION
+    playing = False
+    shown, ready_at = 0.0, None
+    with Live(console=console, auto_refresh=False) as live:
+        while (now := time.monotonic()) < end:
+            executor.spin_once(timeout_sec=0.05)
+            if now - shown > 0.1:
+                live.update(_screen(flights, recorder), refresh=True)
+                shown = now
+            if ready_at is None and recorder.hears(flight.main for flight in flights):
+                ready_at = now
+            if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
+                playing = True
+                _start_sources(flights, nodes)
+            if reason := nodes.failure():
+                raise SourceError(reason)
+            answered = all(recorder.counts[flight.main] >= flight.frames for flight in flights)
+            if answered and now - recorder.changed_at > SILENCE:
+                break
+    executor.shutdown()
+    for flight in flights:
+        if not recorder.counts[flight.main]:
+            raise SourceError(f'{flight.node_name} published nothing within {MAX_DURATION:.0f} s')
+
+
+def _start_sources(flights: list[SampleFlight], nodes: NodeProcesses) -> None:
+    """Play each bag once, however many nodes look at it."""
+    by_bag = {flight.bag: flight for flight in flights}
+    for bag, flight in by_bag.items():
+        listeners = sum(other.bag == bag for other in flights) + 1  # the recorder
+        flight.start_source(nodes, wait_for_subscribers=str(listeners))
+
+
+def _screen(flights: list[SampleFlight], recorder: DemoRecorder) -> Group:
+    parts: list[Any] = []
+    for flight in flights:
+        start = f'{flight.node}/'
+        newest = {
+            topic.removeprefix(start): message
+            for topic, message in recorder.newest.items()
+            if topic.startswith(start)
+        }
+        words = (
+            f'{flight.node_name} ({flight.title})   frame {recorder.counts[flight.main]} of '
+            f'{recorder.counts[flight.image_topic]}   {recorder.rate(flight.main):.0f} Hz   '
+            f'latency {recorder.latency_ms.get(flight.node) or "-"} ms'
+        )
+        parts += [Text(words, style='bold'), flight.make_table(newest), Text()]
+    return Group(*parts)
+
+
+def _make_figures(flights: list[SampleFlight], bag: Path, out: Path) -> list[Path]:
+    flown = {flight.name: flight.bag for flight in flights}
+    made = []
+    if 'tanker' in flown:
+        made += [save_tanker(bag, out / 'tanker.png')]
+        made += [save_roll(bag, flown['tanker'], out / 'roll.png')]
+    if 'runway' in flown:
+        made += [save_runway(bag, flown['runway'], out / 'runway.png')]
+    return made

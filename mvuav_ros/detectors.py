@@ -1,0 +1,56 @@
+"""The detectors, each declared once: a line here makes a node, a replay and a page of the panel.
+
+What a detector publishes, draws and shows stands in its `Processor`, what a user can set in its
+parameters. Nothing is imported before it is used, as a process runs only some of them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+
+class Detector(NamedTuple):
+    """A node that looks at images.
+
+    Attributes:
+        node: its name, also that of its executable.
+        word: for the argument ``detectors`` of the launch files.
+        processor: the module and class of its work.
+        parameters: the module and class of what can be set.
+        sample: part of the names of recordings that show what it looks for.
+    """
+
+    node: str
+    word: str
+    processor: str
+    parameters: str
+    sample: str = ''
+
+
+DETECTORS = {
+    detector.node: detector
+    for detector in (
+        Detector(
+            'marker_tracker',
+            'markers',
+            'processing.marker_processor:MarkerTrackerProcessor',
+            'parameters.marker_tracker:MarkerTrackerParameters',
+            sample='tanker',
+        ),
+        Detector(
+            'runway_detector',
+            'runway',
+            'processing.runway_processor:RunwayDetectorProcessor',
+            'parameters.runway_detector:RunwayDetectorParameters',
+            sample='runway',
+        ),
+    )
+}
+"""By the node's name."""
+
+
+def load_class(place: str) -> Any:
+    """The class at a place of a `Detector`, such as ``processing.marker_processor:…``."""
+    module, _, name = place.partition(':')
+    return getattr(import_module(f'mvuav_ros.{module}'), name)

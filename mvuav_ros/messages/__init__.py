@@ -1,0 +1,1 @@
+"""ROS messages as bytes: CDR, definitions, and images as live nodes and replay decode them."""

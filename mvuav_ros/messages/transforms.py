@@ -1,0 +1,180 @@
+"""Where camera and target are to each other, as ``/tf`` and ``~/vision_pose`` carry it.
+
+``/tf`` goes from the camera's optical frame to the target (a marker does so too), as the camera
+already has a parent on a robot that describes itself, or from the target to the vehicle.
+``~/vision_pose`` is the vehicle, or the camera's body axes (x forward, y left, z up, REP-103), in
+the target's frame.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.messages.cdr import CdrWriter, stamped_doubles, without_encapsulation
+from mvuav_ros.vision.approach.results import Guidance
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
+from mvuav_ros.vision.pose import Pose
+
+Array = NDArray[np.float64]
+
+TF_TOPIC = '/tf'
+TF_TYPE: Any = None
+"""The message of ``/tf``; None where tf2_msgs is not installed."""
+if importlib.util.find_spec('tf2_msgs') is not None:
+    TF_TYPE = importlib.import_module('tf2_msgs.msg').TFMessage
+
+_UNKNOWN = np.full((6, 6), math.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A frame seen from another one.
+
+    Attributes:
+        rotation: (3, 3), outer from inner axes.
+        translation: (3,), m, of the inner origin.
+        covariance: (6, 6), of the translation (m) and of small turns about the outer axes (rad).
+    """
+
+    rotation: Array
+    translation: Array
+    covariance: Array
+
+    @property
+    def inverse(self) -> Placement:
+        """The outer frame seen from the inner one; without covariance."""
+        turned = self.rotation.T
+        return Placement(turned, -turned @ self.translation, _UNKNOWN)
+
+    @property
+    def known(self) -> bool:
+        """Whether all of it is."""
+        return bool(np.isfinite(self.translation).all() and np.isfinite(self.rotation).all())
+
+
+def vehicle_of(camera: Placement, mount: Placement) -> Placement:
+    """The vehicle that carries a camera, in the frame that the camera is given in.
+
+    Args:
+        camera: the camera's body axes in that frame.
+        mount: the same axes on the vehicle.
+    """
+    rotation = camera.rotation @ mount.rotation.T
+    x, y, z = arm = rotation @ mount.translation
+    # A small turn w about the outer axes moves the vehicle by arm x w.
+    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    jacobian = np.block([[np.eye(3), cross], [np.zeros((3, 3)), np.eye(3)]])
+    covariance = jacobian @ camera.covariance @ jacobian.T
+    return Placement(rotation, camera.translation - arm, covariance)
+
+
+def mount_of(xyz: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Placement:
+    """A camera's body axes on the vehicle, from its position (m) and angles (degrees)."""
+    roll, pitch, yaw = map(math.radians, rpy_deg)
+    return Placement(from_rpy(roll, pitch, yaw), np.array(xyz), _UNKNOWN)
+
+
+NO_MOUNT = mount_of((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def body_axes(optical: Placement) -> Placement:
+    """A camera's body axes, where its optical frame is."""
+    return Placement(optical.rotation @ OPTICAL_FROM_BODY, optical.translation, _UNKNOWN)
+
+
+class TransformTree:
+    """The transforms of ``/tf_static``: each frame in its parent, the newest parent counting."""
+
+    def __init__(self) -> None:
+        self._placed: dict[str, tuple[str, Placement]] = {}
+
+    def add(self, message: Any) -> None:
+        """Take in a tf2_msgs/TFMessage."""
+        for each in message.transforms:
+            q, t = each.transform.rotation, each.transform.translation
+            placed = Placement(
+                from_quaternion(q.x, q.y, q.z, q.w), np.array([t.x, t.y, t.z]), _UNKNOWN
+            )
+            self._placed[each.child_frame_id] = each.header.frame_id, placed
+
+    def parent(self, frame: str) -> str:
+        """The frame's parent; empty where it has none."""
+        return self._placed[frame][0] if frame in self._placed else ''
+
+    def find(self, inner: str, outer: str) -> Placement | None:
+        """A frame in one of its ancestors; None where they are not so connected."""
+        found = Placement(np.eye(3), np.zeros(3), _UNKNOWN)
+        for _ in self._placed:
+            if inner == outer or inner not in self._placed:
+                break
+            inner, placed = self._placed[inner]
+            moved = placed.rotation @ found.translation + placed.translation
+            found = Placement(placed.rotation @ found.rotation, moved, _UNKNOWN)
+        return found if inner == outer else None
+
+
+def body_in_camera(pose: Pose) -> Placement:
+    """The body in the camera's optical frame."""
+    return Placement(pose.rotation, pose.translation, pose.covariance)
+
+
+def camera_in_runway(guidance: Guidance) -> Placement:
+    """The camera's body axes in the runway's frame; NaN where guidance is."""
+    position = np.array([guidance.x, guidance.y, guidance.z])
+    rotation = from_rpy(guidance.roll, guidance.pitch, guidance.yaw)
+    return Placement(rotation, position, guidance.covariance)
+
+
+def runway_in_camera(guidance: Guidance) -> Placement:
+    """The runway's frame in the camera's optical frame; NaN where guidance is."""
+    rotation = OPTICAL_FROM_BODY @ from_rpy(guidance.roll, guidance.pitch, guidance.yaw).T
+    position = np.array([guidance.x, guidance.y, guidance.z])
+    return Placement(rotation, -rotation @ position, _UNKNOWN)
+
+
+def camera_in_body(pose: Pose) -> Placement:
+    """The camera's body axes in the frame of a body that has that pose before it."""
+    inverse = pose.rotation.T
+    x, y, z = pose.translation
+    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    # A small turn w about the optical axes moves the position by -Rᵀ [t]ₓ w, turns by -Rᵀ w.
+    jacobian = np.block([[-inverse, -inverse @ cross], [np.zeros((3, 3)), -inverse]])
+    return Placement(
+        inverse @ OPTICAL_FROM_BODY,
+        -inverse @ pose.translation,
+        jacobian @ pose.covariance @ jacobian.T,
+    )
+
+
+def encode_transform(placement: Placement, header: bytes, child_frame: str) -> bytes:
+    """A TFMessage with one transform: the placement of the child in the header's frame."""
+    writer = CdrWriter()
+    transforms = 1
+    writer.numbers('I', transforms)
+    writer.written(without_encapsulation(header))
+    writer.text(child_frame)
+    writer.numbers('7d', *placement.translation.tolist(), *quaternion(placement.rotation))
+    return writer.message()
+
+
+def encode_placement(placement: Placement, header: bytes) -> bytes:
+    """A PoseWithCovarianceStamped in the header's frame."""
+    pose = (*placement.translation.tolist(), *quaternion(placement.rotation))
+    return stamped_doubles(header, *pose, *placement.covariance.ravel().tolist())
+
+
+def encode_pose(pose: Pose | None, header: bytes) -> bytes:
+    """A PoseWithCovarianceStamped: the body in the camera's optical frame (m, rad).
+
+    All NaN where there is no pose.
+    """
+    if pose is not None:
+        return encode_placement(body_in_camera(pose), header)
+    return stamped_doubles(header, *[math.nan] * 43)

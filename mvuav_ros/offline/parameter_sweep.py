@@ -1,0 +1,362 @@
+"""A grid of parameters over several inputs: runs, table, and trends as in the GUI of the thesis."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import mvuav_ros
+from mvuav_ros.offline.evaluation.evaluation_run import replay
+from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of, name_and_unit
+from mvuav_ros.offline.node_parameters import PROCESSING_NODES
+from mvuav_ros.offline.processes import Done, each
+from mvuav_ros.offline.replay.cluster import connect
+from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
+from mvuav_ros.parameters.declaration import ParameterError, Value
+from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
+from mvuav_ros.recordings.recording import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter and the values that it takes in turn."""
+
+    node: str
+    name: str
+    values: tuple[Value, ...]
+
+    @property
+    def title(self) -> str:
+        """As the user wrote it."""
+        return f'{self.node}:{self.name}'
+
+
+@dataclass(frozen=True)
+class Run:
+    """One input with one set of parameters.
+
+    Attributes:
+        number: from 1.
+        values: of the axes, in their order.
+        parameters: of each node to run; changes of the defaults.
+        topic: of the images of a bag that has several.
+    """
+
+    number: int
+    source: str
+    values: tuple[Value, ...]
+    parameters: Mapping[str, Mapping[str, Any]]
+    topic: str | None = None
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A run's numbers, or why it failed."""
+
+    run: Run
+    metrics: tuple[Metric, ...] = ()
+    error: str = ''
+
+
+def parse_axis(text: str) -> Axis:
+    """Read ``node:name:=value,value,…``; one value is an axis of one.
+
+    Raises:
+        ParameterError: the form is another, the node or parameter is unknown, or a value of the
+            list is not valid.
+    """
+    target, sign, values = text.partition(':=')
+    parts = [part.strip() for part in values.split(',')]
+    if not sign or not all(parts):
+        raise ParameterError(
+            text, 'write node:name:=value,value as in marker_tracker:search_radius:=4,6,8'
+        )
+    assignments = [parse_assignment(f'{target}:={part}') for part in parts]
+    node, name, _ = assignments[0]
+    if node not in PROCESSING_NODES:
+        raise ParameterError(text, f'there are {", ".join(PROCESSING_NODES)}')
+    spec = NODE_PARAMETERS[node].spec(name)
+    return Axis(node, name, tuple(spec.convert(value) for _, _, value in assignments))
+
+
+def plan_runs(
+    sources: Sequence[str],
+    axes: Sequence[Axis],
+    base: Mapping[str, Mapping[str, Any]],
+    topic: str | None = None,
+) -> list[Run]:
+    """Every combination of the axes' values, on every input.
+
+    ``base`` is what differs from the defaults of each node to run.
+
+    Raises:
+        ParameterError: a parameter occurs twice, or its node is not to run.
+    """
+    for axis in axes:
+        if axis.node not in base:
+            raise ParameterError(axis.title, f'{axis.node} is not among {", ".join(base)}')
+    titles = [axis.title for axis in axes]
+    for title in titles:
+        if titles.count(title) > 1:
+            raise ParameterError(title, 'occurs twice; list its values in one --param')
+    runs = []
+    grid = itertools.product(sources, itertools.product(*(axis.values for axis in axes)))
+    for number, (source, values) in enumerate(grid, 1):
+        parameters = {node: dict(given) for node, given in base.items()}
+        for axis, value in zip(axes, values, strict=True):
+            parameters[axis.node][axis.name] = value
+        runs.append(Run(number, source, values, parameters, topic))
+    return runs
+
+
+def do_run(run: Run) -> list[Metric]:
+    """Replay one run's input and measure.
+
+    Raises:
+        SourceError, RecordingError, ParameterError: see `replay`.
+    """
+    return metrics_of(replay(run.source, run.parameters, run.topic))
+
+
+def sweep(runs: Sequence[Run], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
+    """Do the runs; one that fails is reported and does not stop the others.
+
+    Args:
+        runs: to do.
+        jobs: processes on this machine.
+        dask: a scheduler's address, such as ``tcp://10.0.0.1:8786``, instead.
+
+    Yields:
+        Results as they come, in any order.
+
+    Raises:
+        SourceError: Dask is not installed, or no scheduler answers.
+    """
+    done = _on_cluster(runs, dask) if dask else each(do_run, runs, jobs)
+    for one in done:
+        run = runs[one.number]
+        if one.error is None:
+            yield RunResult(run, tuple(one.result or ()))
+        else:
+            words = ' '.join(str(one.error).split())
+            yield RunResult(run, error=words or type(one.error).__name__)
+
+
+def _on_cluster(runs: Sequence[Run], address: str) -> Iterator[Done[list[Metric]]]:
+    client, distributed = connect(address)
+    with client:
+        futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}
+        with client.as_current():
+            done = distributed.as_completed(list(futures))
+        for future in done:
+            problem = future.exception()
+            result = None if problem else future.result()
+            yield Done(futures[future], result, problem)
+
+
+def in_order(results: Iterable[RunResult]) -> list[RunResult]:
+    """By the runs' numbers."""
+    return sorted(results, key=lambda result: result.run.number)
+
+
+_MARKS = 'osD^vP*X'
+_MOST_TICKS = 24
+_MOST_COLUMNS = 6
+"""Of a table, so that it fits a printed page."""
+_MOST_LEVEL = 12
+"""Labels that fit side by side; more stand upright."""
+
+
+def sweep_table(results: Sequence[RunResult], axes: Sequence[Axis]) -> Table:
+    """One row for each run, in order; metrics that a run lacks are empty."""
+    columns = list(dict.fromkeys(m.column for r in results for m in r.metrics))
+    rows: list[tuple[Cell, ...]] = []
+    for result in results:
+        values = {metric.column: metric.cell for metric in result.metrics}
+        measured = (values.get(column) for column in columns)
+        rows.append((*_run_cells(result), *measured, result.error or None))
+    headings = (*_run_columns(axes), *map(Column, columns), Column('error'))
+    return Table('sweep', 'Runs', headings, tuple(rows))
+
+
+def sweep_report(
+    results: Sequence[RunResult], axes: Sequence[Axis], settings: Mapping[str, Cell]
+) -> Report:
+    """Table and trends of results in the order of the runs; settings besides the version."""
+    failed = [result for result in results if result.error]
+    lead = (
+        f'{counted(len(results), "run")}: {counted(len(axes), "parameter")}, '
+        f'{counted(len({result.run.source for result in results}), "input")}.',
+        *(f'Run {r.run.number} failed: {r.error}' for r in failed),
+    )
+    good = [result for result in results if not result.error]
+    groups = _groups(good)
+    sections = [Section('Runs', (), (_key_table(results, axes), *_metric_tables(results)))]
+    if groups:
+        ticks = _ticks(good, axes)
+        singles = tuple(_single(good, group, names, ticks) for group, names in groups.items())
+        sections += [
+            Section('Trends together', (), (_subplots(good, groups, ticks),)),
+            Section('Trends grouped by input', (), _grouped(good, groups, axes)),
+            Section('Trends one by one', (), singles),
+        ]
+    return Report(
+        'Parameter sweep',
+        lead,
+        {'version': f'mvuav_ros {mvuav_ros.__version__}', **settings},
+        tuple(sections),
+    )
+
+
+def _run_columns(axes: Sequence[Axis]) -> tuple[Column, ...]:
+    """What tells runs apart."""
+    return (Column('run'), Column('input'), *(Column(axis.title) for axis in axes))
+
+
+def _run_cells(result: RunResult) -> tuple[Cell, ...]:
+    run = result.run
+    return (run.number, run.source, *map(_cell, run.values))
+
+
+def _key_table(results: Sequence[RunResult], axes: Sequence[Axis]) -> Table:
+    rows = tuple((*_run_cells(result), result.error or 'ok') for result in results)
+    return Table('runs', 'What was run', (*_run_columns(axes), Column('state')), rows)
+
+
+def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
+    """Whole groups side by side as far as they fit; all of them are too wide for a page."""
+    groups = _groups(results)
+    parts: list[list[str]] = [[]]
+    for group, names in groups.items():
+        if parts[-1] and sum(len(groups[g]) for g in parts[-1]) + len(names) > _MOST_COLUMNS:
+            parts.append([])
+        parts[-1].append(group)
+    tables = []
+    for number, part in enumerate(parts, 1):
+        names = [name for group in part for name in groups[group]]
+        rows = []
+        for result in (result for result in results if not result.error):
+            cells = {metric.column: metric.cell for metric in result.metrics}
+            rows.append((result.run.number, *map(cells.get, names)))
+        columns = (Column('run'), *(Column(*name_and_unit(name)) for name in names))
+        title = ', '.join(part).capitalize()
+        tables.append(Table(f'numbers_{number}', title, columns, tuple(rows)))
+    return tables
+
+
+def _groups(results: Sequence[RunResult]) -> dict[str, list[str]]:
+    return metric_groups(result.metrics for result in results)
+
+
+def _value(result: RunResult, column: str) -> float:
+    return next((m.value for m in result.metrics if m.column == column), math.nan)
+
+
+def _single(
+    results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
+) -> Figure:
+    from mvuav_ros.offline.report_figures import drawing
+
+    with drawing(9.6, 3.6) as canvas:
+        axes = canvas.figure.subplots()
+        _draw(axes, results, group, names, ticks)
+    return Figure(f'trend_{_key(group)}', group.capitalize(), canvas.png)
+
+
+def _subplots(
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], ticks: Sequence[str]
+) -> Figure:
+    from mvuav_ros.offline.report_figures import drawing
+
+    rows = math.ceil(len(groups) / 2)
+    with drawing(9.6, 0.6 + 2.6 * rows) as canvas:
+        panels = canvas.figure.subplots(rows, 2, squeeze=False)
+        for axes, (group, names) in zip(panels.flat, groups.items(), strict=False):
+            _draw(axes, results, group, names, ticks)
+        for axes in list(panels.flat)[len(groups) :]:
+            axes.set_visible(False)
+    return Figure('trends_subplot', 'All trends', canvas.png)
+
+
+def _draw(
+    axes: Axes, results: Sequence[RunResult], group: str, names: Sequence[str], ticks: Sequence[str]
+) -> None:
+    from mvuav_ros.offline.report_figures import COLORS, label
+
+    numbers = [result.run.number for result in results]
+    for index, name in enumerate(names):
+        values = [_value(result, name) for result in results]
+        mark, plain = _MARKS[index % len(_MARKS)], name_and_unit(name)[0]
+        color = COLORS[index % len(COLORS)]
+        axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
+    label(axes, group.capitalize(), 'run', _unit(names))
+    if ticks:
+        axes.set_xticks(numbers, ticks)
+        axes.set_xlabel('run: value')
+    axes.legend(loc='best')
+
+
+def _grouped(
+    results: Sequence[RunResult], groups: Mapping[str, Sequence[str]], axes: Sequence[Axis]
+) -> tuple[Figure, ...]:
+    """Bars over the values of the parameters, one colour for each input."""
+    from mvuav_ros.offline.report_figures import COLORS, drawing, label, legend_below
+
+    sources = list(dict.fromkeys(result.run.source for result in results))
+    cells = list(dict.fromkeys(result.run.values for result in results))
+    titles = [', '.join(str(_cell(value)) for value in values) or 'defaults' for values in cells]
+    figures = []
+    for group, names in groups.items():
+        with drawing(9.6, 0.8 + 2.3 * len(names)) as canvas:
+            panels = canvas.figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+            width = 0.8 / len(sources)
+            for panel, name in zip(panels, names, strict=True):
+                for index, source in enumerate(sources):
+                    own = (result for result in results if result.run.source == source)
+                    found = {result.run.values: _value(result, name) for result in own}
+                    heights = [found.get(cell, math.nan) for cell in cells]
+                    offset = (index - 0.5 * (len(sources) - 1)) * width
+                    color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
+                    panel.bar(places, heights, width, color=color, label=source)
+                panel.grid(axis='x', visible=False)
+                label(panel, name_and_unit(name)[0], '', _unit([name]))
+            panels[-1].set_xticks(
+                range(len(cells)), titles, rotation=0 if len(cells) <= _MOST_LEVEL else 90
+            )
+            panels[-1].set_xlabel(', '.join(axis.title for axis in axes) or 'parameters')
+            legend_below(canvas.figure, panels[0], columns=1)
+        figures.append(Figure(f'grouped_{_key(group)}', group.capitalize(), canvas.png))
+    return tuple(figures)
+
+
+def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:
+    """Run numbers with the value below, where that fits."""
+    if len(axes) != 1 or len(results) > _MOST_TICKS:
+        return []
+    return [f'{r.run.number}:\n{_cell(r.run.values[0])}' for r in results]
+
+
+def _cell(value: object) -> Cell:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, str)):
+        return value
+    return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def _unit(names: Sequence[str]) -> str:
+    unit = name_and_unit(names[0])[1]
+    return f'[{unit}]' if unit else 'count'
+
+
+def _key(group: str) -> str:
+    return re.sub(r'\W+', '_', group)

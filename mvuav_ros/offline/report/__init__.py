@@ -1,1 +1,0 @@
-"""Tables and figures as one HTML page, CSV and JSON."""

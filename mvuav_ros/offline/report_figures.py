@@ -1,0 +1,136 @@
+"""How all figures look."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from mvuav_ros.offline import report
+
+mpl.use('Agg')
+
+INK, SOFT, GRID = '#1c2430', '#5b6675', '#d5dbe3'
+COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#6a4c93', '#8c6d31')
+"""Okabe and Ito's, told apart also without colour vision."""
+TRUTH = '#1c2430'
+THESIS = '#b3261e'
+_DPI = 150
+
+
+def line_of(number: int) -> dict[str, Any]:
+    """Colour and dashes of the n-th curve; dashed where the colours begin again."""
+    return {
+        'color': COLORS[number % len(COLORS)],
+        'ls': ('-', '--', ':')[number // len(COLORS) % 3],
+    }
+
+
+_RC: Any = {
+    'font.family': 'DejaVu Sans',
+    'font.size': 9.5,
+    'axes.titlesize': 10.0,
+    'axes.titleweight': 'bold',
+    'axes.labelcolor': INK,
+    'axes.edgecolor': SOFT,
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'axes.grid': True,
+    'axes.axisbelow': True,
+    'axes.prop_cycle': cycler(color=COLORS),
+    'grid.color': GRID,
+    'grid.linewidth': 0.6,
+    'text.color': INK,
+    'xtick.color': SOFT,
+    'ytick.color': SOFT,
+    'xtick.labelcolor': INK,
+    'ytick.labelcolor': INK,
+    'lines.linewidth': 1.3,
+    'legend.fontsize': 8.5,
+    'legend.frameon': True,
+    'legend.framealpha': 0.92,
+    'legend.edgecolor': GRID,
+    'figure.facecolor': 'white',
+    'axes.facecolor': 'white',
+}
+
+
+class Canvas:
+    """A figure being drawn; ``png`` holds it afterwards."""
+
+    def __init__(self, figure: Figure) -> None:
+        self.figure = figure
+        self.png = b''
+
+    def as_figure(self, key: str, title: str, alt: str, *notes: str) -> report.Figure:
+        """What was drawn, for a report; ``alt`` says what it shows."""
+        return report.Figure(key, title, self.png, alt, notes)
+
+
+@contextmanager
+def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
+    """Draw a figure of that size (inches): within, on ``figure``; after, it is in ``png``."""
+    with mpl.rc_context(_RC):
+        canvas = Canvas(Figure(figsize=(width, height), layout='constrained'))
+        yield canvas
+        buffer = io.BytesIO()
+        # Without the drawing library's advertisement, the same data give the same bytes.
+        canvas.figure.savefig(buffer, dpi=_DPI, format='png', metadata={'Software': None})
+        canvas.png = buffer.getvalue()
+
+
+@contextmanager
+def quartet(
+    titles: Sequence[str], height: float, x: str, y: str, *, sharey: bool = True, columns: int = 6
+) -> Iterator[tuple[Canvas, list[Axes]]]:
+    """Two rows of two panels with their titles, axis labels outside, and one legend below."""
+    with drawing(9.6, height) as canvas:
+        grid = canvas.figure.subplots(2, 2, sharex=True, sharey=sharey)
+        for axes, title in zip(grid.flat, titles, strict=True):
+            label(axes, title)
+        yield canvas, list(grid.flat)
+        for axes in grid[-1]:
+            axes.set_xlabel(x)
+        for axes in grid[:, 0]:
+            axes.set_ylabel(y)
+        legend_below(canvas.figure, *grid.flat, columns=columns)
+
+
+def label(axes: Axes, title: str = '', x: str = '', y: str = '') -> None:
+    """Title and axis labels; each label names its unit."""
+    if title:
+        axes.set_title(title, loc='left')
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+
+
+def legend_below(figure: Figure, *panels: Axes, columns: int = 6) -> None:
+    """One legend of what the panels show, below all of them, where it hides nothing."""
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {
+            name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+    try:
+        figure.legend(handles.values(), handles.keys(), loc='outside lower center', ncols=columns)
+    except ValueError:
+        # matplotlib 3.6, which Ubuntu 24.04 has, cannot make room for a legend by itself.
+        rows = -(-len(handles) // columns)
+        room = (0.1 + 0.22 * rows) / figure.get_figheight()
+        figure.set_layout_engine('constrained', rect=(0.0, room, 1.0, 1.0 - room))
+        figure.legend(handles.values(), handles.keys(), loc='lower center', ncols=columns)
+
+
+def plain_log(axes: Axes) -> None:
+    """A logarithmic y axis whose labels are ordinary numbers."""
+    axes.set_yscale('log')
+    axes.yaxis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
+    axes.yaxis.set_minor_formatter(NullFormatter())

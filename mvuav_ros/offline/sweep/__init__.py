@@ -1,1 +1,0 @@
-"""The same recordings with many parameter sets."""

@@ -1,1 +1,0 @@
-"""Chapter 5 of the thesis, made again."""

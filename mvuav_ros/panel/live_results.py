@@ -1,0 +1,343 @@
+"""A node's newest results: a few large figures, how far to trust them, a pose in space, curves.
+
+Subscribed only while somebody looks.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from functools import partial
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.live_nodes import LiveNode, same_value
+from mvuav_ros.panel.ros_thread import RosThread
+from mvuav_ros.processing.processor import Chart
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_unit_quaternion, rpy
+from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerState
+from mvuav_ros.vision.runway.results import LineFlag
+
+TOPICS: dict[str, dict[str, type]] = {
+    kind: {
+        topic: message
+        for topic, message in processor.topics.items()
+        if topic in ('pose', 'integrity')
+        or any(topic == c.topic for c in processor.panel.charts.values())
+    }
+    for kind, processor in PROCESSORS.items()
+}
+"""What figures and curves are made of, below a node's name."""
+GOOD, DOUBTFUL, BAD = 'good', 'doubtful', 'bad'
+_LEVELS = ('horizontal', 'vertical', 'offset', 'height')
+"""Protection levels (m) in a status of ``integrity``; the largest is shown."""
+_MAX_ROWS = 12
+_MAX_VALUES = 100_000
+_MAX_VALUE = 1e9
+_MAX_RANGE = 10.0
+"""Half of a view's width over its distance; no calibration of a camera is wider."""
+
+Figure = tuple[str, str, str]
+"""What it is, its value with unit, and its standard deviation; ``-`` and empty if not known."""
+_MAX_RATE = 30.0
+"""Points per second of a curve; a screen shows no more."""
+Curves = dict[str, float | None]
+"""Values by curve; None where there is none."""
+
+
+class Figures:
+    """Collects the newest messages of one node; ValueError and the like for what is none of ours.
+
+    ``values`` gives the node's parameters.
+    """
+
+    def __init__(self, kind: str, values: Callable[[], Mapping[str, Any]]) -> None:
+        self._kind, self._values = kind, values
+        self._trust = (BAD, 'no results yet')
+        self._integrity = True, ''
+        self._roll, self._lines = math.nan, list[Figure]()
+        self._place, self._turn = np.full(3, math.nan), np.full((3, 3), math.nan)
+        self._deviations = np.full(6, math.nan)
+        self._view: tuple[float, float] | None = None
+
+    def take(self, topic: str, message: Any) -> None:
+        """A message of one of `TOPICS`, or the ``camera_info`` of the node's images."""
+        if topic == 'camera_info':
+            half_width, half_height = (
+                message.width / 2 / message.k[0],
+                message.height / 2 / message.k[4],
+            )
+            if 0 < half_width < _MAX_RANGE and 0 < half_height < _MAX_RANGE:
+                self._view = half_width, half_height
+        elif topic == 'rpy':
+            self._roll = float(message.vector.x)
+        elif topic == 'pose':
+            self._take_pose(message)
+        elif topic == 'integrity':
+            self._take_integrity(message)
+        elif topic == 'markers':
+            self._trust = _trust_in_markers(rows_of(message))
+        elif topic == 'line_params':
+            self._take_lines(rows_of(message))
+        else:
+            self._take_charts(topic, message)
+
+    def said(self) -> dict[str, Any]:
+        """For the page, as JSON takes it: ``trust``, ``figures``, ``pose`` and ``view``.
+
+        The pose is where something is, m, and its axes as rows of a matrix, x forward, y left, z
+        up: the body before the camera, or the camera in the runway's frame. The view is half the
+        width and height of what the camera sees at a distance of 1.
+        """
+        known = bool(np.isfinite((*self._place[1:], *self._turn.flat)).all())
+        trust = self._trust
+        if self._wants_pose and trust[0] != BAD:
+            is_safe, integrity = self._integrity
+            words = ', '.join(filter(None, (trust[1], integrity)))
+            if trust[0] == GOOD and not known:
+                trust = DOUBTFUL, f'{trust[1]}, but no pose'
+            else:
+                trust = trust[0] if is_safe else DOUBTFUL, words
+        place = np.nan_to_num(self._place)
+        pose = [place.round(3).tolist(), self._turn.round(5).tolist()] if known else None
+        return {'trust': trust, 'figures': self._figures(), 'pose': pose, 'view': self._view}
+
+    @property
+    def _wants_pose(self) -> bool:
+        values = self._values()
+        if self._kind == 'marker_tracker':
+            return bool(values.get('pose')) and values.get('mode') == 'track'
+        return (
+            self._kind == 'runway_detector'
+            and values.get('mode') == 'approach'
+            and values.get('runway_width', 0.0) != 0.0
+        )
+
+    def _figures(self) -> list[Figure]:
+        (x, y, z), (sx, sy, sz, *turns) = self._place, self._deviations
+        whole = np.isfinite(self._turn).all()
+        roll, pitch, yaw = rpy(self._turn) if whole else (math.nan,) * 3
+        if self._kind == 'marker_tracker':
+            known = roll if math.isnan(self._roll) else self._roll
+            return [
+                ('roll', _degrees(known), _degrees(turns[0], '± ')),
+                ('ahead', _metres(x), _metres(sx, '± ')),
+                (_side(y), _metres(abs(y)), _metres(sy, '± ')),
+                ('above' if z > 0 else 'below', _metres(abs(z)), _metres(sz, '± ')),
+                ('pitch', _degrees(pitch), _degrees(turns[1], '± ')),
+                ('yaw', _degrees(yaw), _degrees(turns[2], '± ')),
+            ]
+        if self._values().get('mode') != 'approach':
+            return self._lines
+        return [
+            (f'{_side(y)} of centre', _metres(abs(y)), _metres(sy, '± ')),
+            ('height', _metres(z), _metres(sz, '± ')),
+            (f'heading {_side(yaw)}', _degrees(abs(yaw)), _degrees(turns[2], '± ')),
+            ('to the near end', _metres(-x), _metres(sx, '± ')),
+        ]
+
+    def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
+        pose = message.pose.pose
+        place = np.array([pose.position.x, pose.position.y, pose.position.z])
+        self._place = np.where(np.abs(place) < _MAX_VALUE, place, math.nan)
+        self._turn = rotation_of(pose.orientation)
+        variances = np.diagonal(np.reshape(message.pose.covariance, (6, 6)))
+        known = (variances > 0) & (variances < _MAX_VALUE)
+        self._deviations = np.sqrt(np.where(known, variances, math.nan))
+        if self._kind == 'marker_tracker':
+            self._place = OPTICAL_FROM_BODY.T @ self._place
+            self._turn = OPTICAL_FROM_BODY.T @ self._turn
+            self._deviations[:3] = np.abs(OPTICAL_FROM_BODY.T) @ self._deviations[:3]
+
+    def _take_charts(self, topic: str, message: Any) -> None:
+        """A result that has no figures of its own: those of its curves."""
+        self._lines = [
+            (name, _written(math.nan if value is None else value, f' {chart.unit}', ''), '')
+            for chart in PROCESSORS[self._kind].panel.charts.values()
+            if chart.topic == topic
+            for name, value in curves_of(chart, message).items()
+        ]
+        found = sum(value != '-' for _, value, _ in self._lines)
+        words = f'{found} of {len(self._lines)} numbers'
+        self._trust = (GOOD if found == len(self._lines) else BAD, words)
+
+    def _take_integrity(self, message: DiagnosticArray) -> None:
+        """Whether the pose may be used, and its protection level, or why it may not."""
+        status = message.status[0]
+        is_safe = status.level == DiagnosticStatus.OK
+        words = sanitized.words(status.message)
+        if is_safe:
+            levels = sanitized.key_values(status.values)
+            largest = max(sanitized.number(levels[name]) for name in _LEVELS if name in levels)
+            words = f'protection level {_metres(largest)}'
+        self._integrity = is_safe, words
+
+    def _take_lines(self, rows: Any) -> None:
+        found = np.isfinite(rows['rho'])
+        held = int(((rows['flags'] & LineFlag.CORRECTED) != 0)[found].sum())
+        words = f'{found.sum()} of {len(rows)} lines' + (f', {held} held' if held else '')
+        if self._values().get('mode') == 'approach':
+            confidence = float(np.nan_to_num(rows['confidence'][found]).max(initial=0.0))
+            sure = f'confidence {100 * confidence:.0f} %' if found.any() else 'no runway'
+            words = sure + (f', {held} held' if held else '')
+            complete = bool(found[:2].all())
+        else:
+            complete = bool(found.all())
+        good = complete and not held
+        self._trust = (GOOD if good else DOUBTFUL if found.any() else BAD, words)
+        if not found.any():
+            self._place[:], self._turn[:] = math.nan, math.nan
+        self._lines = [
+            (f'line {number}', _degrees(row['theta']), f'rho {row["rho"]:.0f} px' if known else '')
+            for number, (row, known) in enumerate(zip(rows, found, strict=True), 1)
+        ]
+
+
+def rows_of(message: PointCloud2) -> Any:
+    """The first rows; a message says itself how large it is."""
+    if len(message.fields) > 50 or message.width * message.height > _MAX_VALUES:
+        raise ValueError('no result of our nodes')
+    return decode_points(message)[:_MAX_ROWS]
+
+
+def rotation_of(quaternion: Any) -> NDArray[np.float64]:
+    """A geometry_msgs/Quaternion as a matrix; NaN where it is none."""
+    q = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=float)
+    length = float(np.linalg.norm(q)) if (np.abs(q) < 1e3).all() else 0.0
+    if length < 1e-6:
+        return np.full((3, 3), math.nan)
+    w, x, y, z = q / length
+    return from_unit_quaternion(x, y, z, w)
+
+
+def _trust_in_markers(rows: Any) -> tuple[str, str]:
+    detected, predicted = (
+        int((rows['state'] == state).sum())
+        for state in (MarkerState.DETECTED, MarkerState.PREDICTED)
+    )
+    if len(rows) == 0 or (rows['label'] == Label.UNLABELLED).all():
+        return (GOOD if detected else BAD), f'{detected} lights, without names'
+    words = f'{detected} of {len(rows)} lights' + (f', {predicted} predicted' if predicted else '')
+    good = detected == len(rows)
+    return (GOOD if good else DOUBTFUL if detected + predicted > 1 else BAD), words
+
+
+def _side(value: float) -> str:
+    return 'aside' if math.isnan(value) else 'left' if value > 0 else 'right'
+
+
+def _metres(value: float, sign: str = '') -> str:
+    return _written(value if abs(value) < 1e6 else math.nan, ' m', sign)
+
+
+def _degrees(value: float, sign: str = '') -> str:
+    return _written(math.degrees(value), '°', sign)
+
+
+def _written(value: float, unit: str, sign: str) -> str:
+    """With two digits where it is a deviation, which is nothing where it is not known."""
+    if not math.isfinite(value):
+        return '' if sign else '-'
+    # Adding 0 makes -0.0 a 0.0.
+    return f'{sign}{value:.2g}{unit}' if sign else f'{round(value, 1) + 0.0:.1f}{unit}'
+
+
+class SeriesFeed:
+    """Follows one node's results until `close` and keeps them until they are sent.
+
+    Called from the loop; ``heard`` is, too, whenever there is something to be sent.
+    """
+
+    def __init__(self, ros: RosThread, node: LiveNode, heard: Callable[[], None]) -> None:
+        self.name = node.name
+        self._ros, self._node, self._heard = ros, node, heard
+        self._figures = Figures(node.kind, lambda: node.values)
+        self._charts = PROCESSORS[node.kind].panel.charts
+        self._points: list[tuple[float, str, Curves]] = []
+        self._values = dict(node.values)
+        self._marks: list[tuple[float, str]] = []
+        self._due: dict[str, float] = {}
+        self._new = False
+        self._subscriptions = ExitStack()
+        topics = {
+            topic: (kind, f'{node.name}/{topic}') for topic, kind in TOPICS[node.kind].items()
+        }
+        if node.image_topic:
+            base = node.image_topic.removesuffix('/compressed').rpartition('/')[0]
+            topics['camera_info'] = CameraInfo, f'{base}/camera_info'
+        # Best effort connects to every publisher and never slows one down.
+        qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+        for topic, (kind, name) in topics.items():
+            arrived = partial(self._arrived, topic)
+            self._subscriptions.callback(ros.subscribe(kind, name, arrived, qos))
+        self.close = self._subscriptions.close
+
+    def take(self) -> str:
+        """What was heard since the last time; empty where nothing was.
+
+        As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "marks": [[time,
+        change], …]}`` and what `Figures.said` gives.
+        """
+        if not self._new:
+            return ''
+        said = {'series': self.name, 'points': self._points, 'marks': self._marks}
+        self._points, self._marks, self._new = [], [], False
+        return json.dumps({**said, **self._figures.said()})
+
+    def _arrived(self, topic: str, message: Any) -> None:
+        now = time.monotonic()
+        if now >= self._due.get(topic, 0.0):
+            self._due[topic] = now + 0.5 / _MAX_RATE
+            self._ros.call_in_loop(self._keep, topic, message, round(now, 3))
+
+    def _keep(self, topic: str, message: Any, now: float) -> None:
+        # What is no such message of our nodes says nothing.
+        with suppress(ArithmeticError, ValueError, LookupError, TypeError):
+            self._figures.take(topic, message)
+            for name, chart in self._charts.items():
+                if chart.topic == topic:
+                    self._points.append((now, name, curves_of(chart, message)))
+        for name, value in self._node.values.items():
+            if not same_value(self._values.get(name, value), value):
+                self._marks.append((now, f'{name} {value_text(value)}'))
+        self._values = dict(self._node.values)
+        self._new = True
+        self._heard()
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 3) if abs(value) < _MAX_VALUE else None
+
+
+def curves_of(chart: Chart, message: Any) -> Curves:
+    """The values of a chart's curves in a message of its topic."""
+    scale = 180.0 / math.pi if chart.unit == '°' else 1.0
+    if not isinstance(message, PointCloud2):
+        value = attrgetter(chart.field)(message)
+        return {chart.title.lower(): _number(scale * value)}
+    curves: Curves = {}
+    # From 1, as the lines are numbered in the images.
+    for index, row in enumerate(rows_of(message), 1):
+        lost = 'state' in row.dtype.names and row['state'] == MarkerState.LOST
+        curves[_name(chart, row, index)] = None if lost else _number(scale * row[chart.field])
+    return curves
+
+
+def _name(chart: Chart, row: Any, index: int) -> str:
+    if 'label' in row.dtype.names and int(row['label']) < len(TANKER_NAMES):
+        return TANKER_NAMES[int(row['label'])].replace('_', ' ')
+    return f'{chart.rows} {index}'

@@ -1,0 +1,185 @@
+"""A recording frame by frame, with the node's values of now, and beside them those of a set."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from nicegui import background_tasks, ui
+
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.page.context import Page
+from mvuav_ros.panel.reel import ReelFailedError, ReelProcess, Result, Shown, Wanted, settable
+from mvuav_ros.panel.sets import differences
+
+_PLAYING_INTERVAL = 0.1
+_LIVE = 'live values'
+
+
+class Frames:
+    """The frame on the screen follows the sliders; ``recording`` is the one chosen, if any."""
+
+    def __init__(self, page: Page, recording: Callable[[], Path | None]) -> None:
+        self._page, self._recording = page, recording
+        self._process = ReelProcess()
+        self._visible = self._busy = self._due = False
+        self._index, self._count = 0, 1
+        with el.box('form'):
+            with el.box('line'):
+                el.icon_button('skip_previous', 'One frame back', lambda: self.step(-1))
+                self._play = el.icon_button('play_arrow', 'Play', self.play)
+                el.icon_button('skip_next', 'One frame on', lambda: self.step(1))
+                slider = el.box('range grow', 'input').props('type=range min=0 step=1 max=0')
+                el.set_props(slider, aria_label='Frame', data_unit='')
+                move = '(e) => emit(e.target.value)'
+                self._slider = slider.on('input', self._moved, js_handler=move, throttle=0.05)
+                self._words = el.text('', 'small soft number').props('role=status')
+            with el.box('line wrap'):
+                self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self.show)
+                self._from.props('outlined dense debounce=500').style('width: 110px')
+                self._set = el.choice({'': 'nothing'}, 'Compare with', '', on_change=self.show)
+                self._set.classes('grow').style('min-width: 160px')
+            self._differing = el.text('', 'small soft breaks')
+        with el.box('lanes'):
+            self._lanes = [_ResultView(), _ResultView()]
+        self._timer = ui.timer(_PLAYING_INTERVAL, self._next, active=False)
+        self.reload_sets()
+
+    def reload_sets(self) -> None:
+        """After sets were saved or deleted, or another node was selected."""
+        node = self._page.node
+        names = self._page.services.sets.names(node.kind) if node else []
+        chosen = self._set.value if self._set.value in names else ''
+        self._set.set_options({'': 'nothing', **{name: name for name in names}}, value=chosen)
+        self.show()
+
+    def appear(self, visible: bool) -> None:
+        """Only what is on the screen is processed."""
+        self._visible = visible
+        self._timer.active = False
+        self._show_playing()
+        self.show()
+
+    def rewind(self) -> None:
+        """After another recording was chosen."""
+        self._index = 0
+        self.show()
+
+    def step(self, frames: int) -> None:
+        """Go so many frames on."""
+        self._timer.active = False
+        self._show_playing()
+        self._go(self._index + frames)
+
+    def play(self) -> None:
+        """Play, or pause."""
+        self._timer.active = not self._timer.active
+        self._show_playing()
+
+    def end(self) -> None:
+        """The page is closed."""
+        self._process.end()
+
+    def show(self) -> None:
+        """Process the frame again: values, set, recording or place have changed."""
+        self._due = True
+        if self._visible and not self._busy:
+            background_tasks.create(self._work())
+
+    def _show_playing(self) -> None:
+        self._play.set_icon('pause' if self._timer.active else 'play_arrow')
+        el.set_props(self._play, aria_label='Pause playing' if self._timer.active else 'Play')
+
+    def _next(self) -> None:
+        if not self._busy:
+            self._go((self._index + 1) % self._count)
+
+    def _moved(self, event: Any) -> None:
+        self._go(int(event.args))
+
+    def _go(self, index: int) -> None:
+        self._index = min(max(index, 0), self._count - 1)
+        self.show()
+
+    async def _work(self) -> None:
+        """One frame after the other, and always the newest that is wanted."""
+        self._busy = True
+        try:
+            while self._due and self._visible and not self._words.is_deleted:
+                self._due = False
+                await self._show_one()
+        finally:
+            self._busy = False
+
+    async def _show_one(self) -> None:
+        node, path, name = self._page.node, self._recording(), str(self._set.value or '')
+        if node is None or path is None or not node.controls:
+            return
+        live = node.own_values
+        sets = [live]
+        if name:
+            with el.errors_notified():
+                sets.append({**live, **self._page.services.sets.load(name, node.kind)})
+        values = tuple(settable(node.kind, each) for each in sets)
+        wanted = Wanted(str(path), float(self._from.value or 0.0), node.kind, self._index, values)
+        if self._count == 1:
+            self._words.set_text('opening …')
+        try:
+            shown = await self._process.show(wanted)
+        except ReelFailedError as error:
+            self._timer.active = False
+            if not self._words.is_deleted:
+                self._words.set_text(sanitized.words(error))
+            return
+        if not self._words.is_deleted:
+            self._fill(shown, name)
+            found = differences(values[0], values[-1])
+            said = (f'{d.name} {value_text(d.left)} | {value_text(d.right)}' for d in found)
+            words = f'{_LIVE} | {name}: {", ".join(said) or "no parameter differs"}'
+            self._differing.set_text(
+                sanitized.words(words, sanitized.LONGEST_DESCRIPTION) if name else ''
+            )
+
+    def _fill(self, shown: Shown, name: str) -> None:
+        self._count = shown.count
+        self._index = min(self._index, shown.count - 1)
+        el.set_props(self._slider, max=shown.count - 1, data_index=str(shown.index))
+        part = '' if shown.is_whole else ' (a part)'
+        self._words.set_text(
+            f'frame {shown.index + 1} of {shown.count}{part} · {shown.seconds:.2f} s'
+        )
+        titles = (_LIVE, name)
+        for lane, title, result in zip(self._lanes, titles, (*shown.results, None), strict=False):
+            lane.show(title, result)
+
+
+class _ResultView:
+    """One of the two images, with its figures."""
+
+    def __init__(self) -> None:
+        with el.box('lane') as self._whole:
+            self._title = el.text('', 'title')
+            with el.box('well'):
+                self._image = el.box('still', 'img')
+            self._trust = el.text('', 'trust')
+            self._figures = el.sheet('Figures of the frame', ('', '', ''))
+        self._whole.set_visibility(False)
+
+    def show(self, title: str, result: Result | None) -> None:
+        """What a set of values made of the frame; nothing where there is no such set."""
+        self._whole.set_visibility(result is not None)
+        if result is None:
+            return
+        self._title.set_text(sanitized.words(title))
+        self._image.set_visibility(bool(result.jpeg))
+        if result.jpeg:
+            source = f'data:image/jpeg;base64,{base64.b64encode(result.jpeg).decode()}'
+            el.set_props(self._image, src=source, alt=f'Result with {title}')
+        state, words = result.said.get('trust', ('bad', ''))
+        self._trust.set_text(sanitized.words(result.reason or words))
+        el.set_props(self._trust, data_trust='bad' if result.reason else state)
+        el.fill(self._figures, result.said.get('figures', []))

@@ -1,0 +1,370 @@
+"""The part with runs over recordings, and how their numbers go with a parameter."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from mvuav_ros.detectors import DETECTORS
+from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
+from mvuav_ros.offline.report import csv_text
+from mvuav_ros.panel import sanitized
+from mvuav_ros.panel.controls import value_text
+from mvuav_ros.panel.page import elements as el
+from mvuav_ros.panel.page.context import Load, Page
+from mvuav_ros.panel.page.playback import Frames
+from mvuav_ros.panel.page.set_bar import save_set
+from mvuav_ros.panel.reel import settable
+from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags, run_table, varied
+from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.recording import RecordingError
+
+_FIRST = ('flag counts', 'markers by state')
+_ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}
+_OVER_NAMES = 'run'
+_HEADS = ('run', 'node', 'recording', 'frames', 'other than default', 'made')
+# Quasar's own checkboxes in a table have no name for who cannot see them.
+_CHECKBOX = '<q-checkbox dense size="sm" v-model="props.selected" :aria-label="{}" />'
+_AS_SET = 'Save to set, run and save'
+
+
+class Trends:
+    """Charts of any subset of the numbers of runs, those that ``mvuav sweep`` gives."""
+
+    def __init__(self) -> None:
+        self._runs: list[Run] = []
+        with el.box('card'):
+            with el.box('line titled wrap'):
+                el.text('Trends', 'title grow', tag='h2')
+                self._arrangement = ui.toggle(
+                    _ARRANGEMENTS, value='single', on_change=self._draw
+                ).props('dense unelevated toggle-color=primary size=sm no-caps')
+                self._csv = el.button('CSV', self._export_csv)
+                self._csv.tooltip('Save the numbers and parameters of the chosen runs')
+            with el.box('line wrap fields'):
+                self._over = el.choice([_OVER_NAMES], 'Over', _OVER_NAMES, on_change=self._draw)
+                self._numbers = el.choice(
+                    [], 'Numbers', [], multiple=True, on_change=self._draw
+                ).props('use-chips')
+            self._place = el.box()
+        self.show([])
+
+    def show(self, runs: list[Run]) -> None:
+        """Draw these runs, in their order."""
+        self._runs = runs
+        over = [_OVER_NAMES, *varied(runs)]
+        chosen = self._over.value if self._over.value in over else _OVER_NAMES
+        self._over.set_options(over, value=chosen)
+        columns = list(dict.fromkeys(m.column for run in runs for m in run.metrics))
+        numbers = [column for column in self._numbers.value or [] if column in columns]
+        self._numbers.set_options(columns, value=numbers or self._usual())
+        self._csv.set_enabled(bool(runs))
+        self._draw()
+
+    def _usual(self) -> list[str]:
+        groups = metric_groups(run.metrics for run in self._runs)
+        first = [group for group in (*_FIRST, *groups) if group in groups]
+        return list(groups[first[0]]) if first else []
+
+    def _draw(self) -> None:
+        columns, kind = list(self._numbers.value or []), self._arrangement.value
+        self._place.clear()
+        with self._place:
+            if not self._runs:
+                el.empty('No run chosen', 'Tick saved runs above to compare them.')
+            elif not columns:
+                el.empty('No number chosen', 'Choose one or more of the numbers above.')
+            elif kind == 'subplots':
+                with el.box('charts'):
+                    for column in columns:
+                        self._chart(line_options, [column], 220)
+            else:
+                self._chart(grouped_options if kind == 'grouped' else line_options, columns, 320)
+
+    def _chart(self, options: Callable[..., Any], columns: list[str], height: int) -> None:
+        chart = ui.echart(options(self._runs, columns, self._over.value)).classes('chart')
+        chart.style(f'height: {height}px')
+        names = ', '.join(columns)
+        el.set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
+
+    def _export_csv(self) -> None:
+        ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
+
+
+def line_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
+    """A chart with a line for each column, over the runs in order of the parameter's value."""
+    if over != _OVER_NAMES:
+        runs = sorted(runs, key=lambda run: _order(run.parameters.get(over)))
+    options = el.axes(*_title(columns), [_place(run, over) for run in runs])
+    look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
+    options['series'] = [
+        {**look, 'name': name_and_unit(each)[0], 'data': _numbers(runs, each)} for each in columns
+    ]
+    return options
+
+
+def grouped_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
+    """A chart with a group of bars for each column."""
+    options = el.axes(*_title(columns), [name_and_unit(column)[0] for column in columns])
+    options['yAxis']['scale'] = False
+    look = {'type': 'bar', 'barMaxWidth': 36}
+    values = zip(*(_numbers(runs, column) for column in columns), strict=True)
+    options['series'] = [
+        {**look, 'name': _place(run, over), 'data': list(data)}
+        for run, data in zip(runs, values, strict=True)
+    ]
+    return options
+
+
+def _place(run: Run, over: str) -> str:
+    return run.name if over == _OVER_NAMES else f'{over} {value_text(run.parameters.get(over))}'
+
+
+def _order(value: Any) -> tuple[bool, float, str]:
+    """Numbers by size, then words."""
+    is_number = isinstance(value, (int, float)) and math.isfinite(value)
+    return not is_number, float(value) if is_number else 0.0, str(value)
+
+
+def _title(columns: Sequence[str]) -> tuple[str, str]:
+    """Of the chart, with the unit where all columns have the same."""
+    names, units = zip(*map(name_and_unit, columns), strict=True)
+    title = names[0].capitalize() if len(names) == 1 else 'Trends'
+    return title, units[0] if len(set(units)) == 1 else ''
+
+
+def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:
+    found = [next((m.value for m in run.metrics if m.column == column), math.nan) for run in runs]
+    return [round(value, 4) if math.isfinite(value) else None for value in found]
+
+
+class Runs:
+    """Start runs, keep them, and look at those kept; ``load`` gives their values to the node."""
+
+    def __init__(self, page: Page, load: Load) -> None:
+        self._page, self._load = page, load
+        self._process: RunProcess | None = None
+        self._bags: dict[str, Path] = {}
+        self._runs: list[Run] = []
+        with el.box('part runs stack'):
+            with el.box('card'):
+                el.text('A recording with the values that the node has now', tag='h2')
+                with el.box('form'):
+                    self._bag = el.choice([], 'Recording', on_change=self._opened)
+                self.frames = Frames(page, lambda: self._bags.get(self._bag.value or ''))
+            with el.box('card'):
+                el.text('A run over the whole recording', tag='h2')
+                self._make_form()
+            self._result = el.box('stack')
+            with el.box('card'):
+                self._make_table()
+            self._trends = Trends()
+        page.services.runs_changed.subscribe(self.refresh)
+        self.refresh()
+
+    @property
+    def _ticked(self) -> list[str]:
+        return list(self._page.kept.setdefault('ticks', []))
+
+    def _make_form(self) -> None:
+        with el.box('form'):
+            with el.box('line wrap'):
+                self._name = ui.input('Name').props('outlined dense')
+                self._name.style('flex: 1 1 120px; max-width: 200px')
+                self._buttons = [
+                    el.button('Run', lambda: self._run(keep=False), 'play_arrow'),
+                    el.button('Run and save', self._run, 'save', main=True),
+                    el.button(_AS_SET, lambda: self._run(as_set=True), 'playlist_add_check'),
+                ]
+            with el.box('line').style('min-height: 32px'):
+                self._bar = ui.linear_progress(0.0, show_value=False).props('rounded size=6px')
+                self._bar.classes('grow').props('aria-label=Progress')
+                self._words = el.text('', 'small soft number').props('role=status')
+                self._cancel = el.button('Cancel', self._cancel_run)
+                self._cancel.disable()
+
+    def _make_table(self) -> None:
+        with el.box('line titled wrap'):
+            el.text('Saved runs', 'title grow', tag='h2')
+            self._load_one = el.button('Load its values', self._load_run)
+            self._report_one = el.button('Report', self._show_report)
+            self._delete_any = el.button('Delete', self._delete)
+        self._table = ui.table(
+            rows=[],
+            columns=[{'name': head, 'label': head, 'field': head} for head in _HEADS],
+            column_defaults={'align': 'left', 'sortable': True},
+            row_key='run',
+            selection='multiple',
+            on_select=self._tick,
+        ).props('flat dense binary-state-sort')
+        el.set_props(self._table, no_data_label='No run saved yet. “Run and save” keeps one.')
+        self._table.add_slot('header-selection', _CHECKBOX.format("'All runs'"))
+        self._table.add_slot('body-selection', _CHECKBOX.format('props.row.run'))
+        self._rejected = el.text('', 'small soft breaks q-pa-sm')
+
+    def refresh(self) -> None:
+        """Look for recordings and runs."""
+        services = self._page.services
+        self._bags = find_bags([*services.bags, services.recordings])
+        chosen = self._bag.value if self._bag.value in self._bags else self._likely()
+        self._bag.set_options(list(self._bags), value=chosen)
+        if not self._name.value or (services.runs.folder / self._name.value).exists():
+            self._name.value = services.runs.free_name()
+        self._runs = services.runs.all()
+        el.name_rejected(self._rejected, 'Not readable', services.runs.rejected)
+        rows = [_row(run) for run in reversed(self._runs)]
+        self._table.rows = rows
+        self._table.selected = [row for row in rows if row['run'] in self._ticked]
+        self._show_ticked()
+
+    def choose_recording(self) -> None:
+        """After another node was selected."""
+        self._bag.value = self._likely()
+        self.frames.reload_sets()
+
+    def _opened(self) -> None:
+        self.frames.rewind()
+
+    def _likely(self) -> str | None:
+        node = self._page.node
+        word = DETECTORS[node.kind].sample if node is not None else ''
+        return next(iter(sorted(self._bags, key=lambda name: word not in name)), None)
+
+    def _tick(self) -> None:
+        self._page.kept['ticks'] = [row['run'] for row in self._table.selected]
+        self._show_ticked()
+
+    def _chosen(self) -> list[Run]:
+        return [run for run in self._runs if run.name in self._ticked]
+
+    def _show_ticked(self) -> None:
+        chosen = self._chosen()
+        self._load_one.set_enabled(len(chosen) == 1)
+        self._report_one.set_enabled(len(chosen) == 1)
+        self._delete_any.set_enabled(bool(chosen))
+        self._trends.show(chosen)
+
+    async def _load_run(self) -> None:
+        (run,) = self._chosen()
+        node = self._page.node
+        if node is None or node.kind != run.kind:
+            el.notify(f'{run.name} is one of {run.kind}: select such a node first.', bad=True)
+            return
+        await self._load(run.parameters, run.name)
+
+    def _show_report(self) -> None:
+        (run,) = self._chosen()
+        if self._page.services.runs.report(run.name) is None:
+            el.notify(f'{run.name} was made by an older version, without a report.', bad=True)
+            return
+        ui.navigate.to(f'/report/{run.name}', new_tab=True)
+
+    async def _delete(self) -> None:
+        names, services = [run.name for run in self._chosen()], self._page.services
+        if await el.confirmed(f'Delete {", ".join(names)} with all results?', 'Delete'):
+            for name in names:
+                services.runs.delete(name)
+            services.runs_changed.emit()
+
+    async def _run(self, *, keep: bool = True, as_set: bool = False) -> None:
+        node, services, name = self._page.node, self._page.services, self._name.value or ''
+        if self._process is not None:
+            return
+        if node is None or not node.controls:
+            el.notify('No node is selected whose values a run could use.', bad=True)
+            return
+        if (self._bag.value or '') not in self._bags:
+            el.notify('Choose a recording first.', bad=True)
+            return
+        with el.errors_notified():
+            if as_set:
+                save_set(self._page, node, name)
+            if keep:
+                folder = services.runs.new_folder(name)
+            else:
+                folder = Path(tempfile.mkdtemp(dir=services.scratch))
+            run = Run(
+                name=folder.name if keep else '',
+                kind=node.kind,
+                source=str(self._bags[self._bag.value]),
+                parameters=settable(node.kind, node.own_values),
+                settings=self._page.chosen_set,
+            )
+            await self._replay(run, folder)
+
+    async def _replay(self, run: Run, folder: Path) -> None:
+        """What a run makes goes away again unless it is finished, and to be kept."""
+        process = self._process = RunProcess()
+        keep = False
+        self._show_busy()
+        self._bar.set_value(0.0)
+        self._words.set_text('starting')
+        try:
+            run = await process.run(run, folder, self._progress)
+            if run.name:
+                self._page.services.runs.finish(run)
+                self._page.kept['ticks'] = [*self._ticked, run.name]
+                keep = True
+            self._show_numbers(run)
+        except (RunFailedError, RecordingError, OSError) as error:
+            self._words.set_text('cancelled' if process.cancelled else f'failed: {error}')
+        finally:
+            if not keep:
+                shutil.rmtree(folder, ignore_errors=True)
+            self._process = None
+            self._show_busy()
+            self._page.services.runs_changed.emit()
+
+    def _show_busy(self) -> None:
+        for each in self._buttons:
+            each.set_enabled(self._process is None)
+        self._cancel.set_enabled(self._process is not None)
+
+    def _progress(self, done: int, total: int | None) -> None:
+        self._bar.set_value(done / total if total else 0.0)
+        self._words.set_text(f'{done} of {total} frames' if total else f'{done} frames')
+
+    def _cancel_run(self) -> None:
+        if self._process is not None:
+            self._process.cancel()
+
+    def _show_numbers(self, run: Run) -> None:
+        self._bar.set_value(1.0)
+        self._words.set_text(f'{run.answered} of {run.frames} frames')
+        rows = [[m.name, _number_text(m.value), m.unit] for m in run.metrics]
+        half = -(-len(rows) // 2)
+        self._result.clear()
+        with self._result, el.box('card'):
+            el.text(f'{run.name or "The last run (not saved)"}: {Path(run.source).name}', tag='h2')
+            with el.box('charts'):
+                el.fill(el.sheet('Numbers of the run', ('', '', '')), rows[:half])
+                el.fill(el.sheet('More numbers of the run', ('', '', '')), rows[half:])
+
+
+def _row(run: Run) -> dict[str, str]:
+    """The cells below `_HEADS`."""
+    defaults = PROCESSORS[run.kind].parameters_type().as_dict()
+    changed = [
+        f'{name} {value_text(value)}'
+        for name, value in run.parameters.items()
+        if name in defaults and defaults[name] != value
+    ]
+    return {
+        'run': run.name,
+        'node': run.kind,
+        'recording': Path(run.source).name,
+        'frames': f'{run.answered} of {run.frames}',
+        'other than default': ', '.join(changed) or 'nothing',
+        'made': time.strftime('%Y-%m-%d %H:%M', time.localtime(run.made)),
+    }
+
+
+def _number_text(value: float) -> str:
+    return sanitized.fixed(value, 0 if float(value).is_integer() else 3)

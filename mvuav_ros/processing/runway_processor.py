@@ -1,0 +1,239 @@
+"""The work of ``runway_detector``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker
+
+from mvuav_ros.messages import detections, transforms
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.runway_messages import (
+    encode_corrections,
+    encode_line_params,
+    encode_lines,
+    encode_pose,
+    encode_statistics,
+    encode_vanishing_point,
+)
+from mvuav_ros.messages.statuses import encode_integrity
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
+from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.overlay import draw_approach
+from mvuav_ros.vision.approach.results import ApproachResult, Guidance
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.integrity import RunwayLevels, runway_levels
+from mvuav_ros.vision.runway.debug_images import draw_confined, draw_edges, draw_hough, draw_overlay
+from mvuav_ros.vision.runway.detector import RunwayDetector
+from mvuav_ros.vision.runway.results import RunwayResult
+
+# The thesis's video windows two to five.
+_Drawings = dict[str, tuple[Callable[[Any], Any], str]]
+_THESIS_IMAGES: _Drawings = {
+    'debug/confined': (draw_confined, 'mono8'),
+    'debug/edges': (draw_edges, 'mono8'),
+    'debug/hough': (draw_hough, 'bgr8'),
+    'debug/overlay': (draw_overlay, 'bgr8'),
+}
+_APPROACH_IMAGES: _Drawings = {'debug/overlay': (draw_approach, 'bgr8')}
+
+_DETECTIONS = {name: kind for name, kind in detections.TYPES.items() if name == 'detections'}
+
+
+class RunwayDetectorProcessor(Processor):
+    """Frames to lines with their correction flags, and to guidance in mode ``approach``."""
+
+    name = 'runway_detector'
+    parameters_type = RunwayDetectorParameters
+    topics = {
+        'line_params': PointCloud2,
+        'lines': Marker,
+        'corrections': DiagnosticArray,
+        'vanishing_point': PointStamped,
+        'pose': PoseWithCovarianceStamped,
+        'vision_pose': PoseWithCovarianceStamped,
+        'integrity': DiagnosticArray,
+    }
+    debug_topics = tuple(_THESIS_IMAGES)
+    descriptions = {
+        'line_params': 'Lines, a row for each; see the fields below.',
+        'lines': (
+            'The segments. On a plane 1 m ahead of the camera with a calibrated camera_info, '
+            'else in pixels.'
+        ),
+        'corrections': 'The error flags of each line, as text for `ros2 topic echo`.',
+        'statistics': 'Once a second: flag counts, means and deviations of each line.',
+        'vanishing_point': 'Mode `approach`: where the edges meet (px); NaN while not known.',
+        'pose': (
+            'Mode `approach`: the camera in frame `runway` (m), with a calibrated camera_info '
+            'and `runway_width`. What was not observed is NaN with variance 1e12.'
+        ),
+        'vision_pose': (
+            'The same, or the vehicle (`base_frame`), for estimators, only while all six numbers '
+            'are known.'
+        ),
+        'detections': (
+            'Where vision_msgs is installed: in mode `approach` the target in its box, with its '
+            'confidence.'
+        ),
+        'integrity': (
+            'One status: protection levels of offset, height (m) and heading (degrees) in mode '
+            '`approach`; see [Protection levels](../integrity.md).'
+        ),
+        'debug/confined': 'The rows that are searched.',
+        'debug/edges': 'Edges after thinning and opening.',
+        'debug/hough': 'The accumulator with its peaks.',
+        'debug/overlay': 'The frame with the lines found.',
+    }
+    panel = PanelPage(
+        known_by='line_params',
+        image='debug/overlay',
+        images=('debug/confined', 'debug/edges', 'debug/overlay', 'debug/hough'),
+        charts={
+            'rho': Chart('line_params', 'rho', 'Line rho', 'px', 'line'),
+            'theta': Chart('line_params', 'theta', 'Line theta', '°', 'line'),
+        },
+    )
+    periodic_topics = {'statistics': DiagnosticArray}
+    uses_camera_info = True
+    uses_attitude = True
+    triggers = ('reset_statistics',)
+
+    def __init__(self, parameters: RunwayDetectorParameters | None = None) -> None:
+        super().__init__()
+        self._parameters = parameters or RunwayDetectorParameters()
+        self._thesis = RunwayDetector(replace(self._parameters, mode='thesis'))
+        self._approach = ApproachDetector(parameters)
+        self._newest: tuple[RunwayResult | ApproachResult, bytes] | None = None
+        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
+
+    @property
+    def awaits_attitude(self) -> bool:
+        """See `Processor.awaits_attitude`."""
+        given = self._parameters
+        return given.mode == 'approach' and given.horizon_source != 'image'
+
+    @property
+    def awaits_camera_info(self) -> bool:
+        """See `Processor.awaits_camera_info`; lines are drawn with the last one known."""
+        return self._parameters.mode == 'approach' or self._camera is None
+
+    @property
+    def lacks_camera_info(self) -> bool:
+        """See `Processor.lacks_camera_info`."""
+        given = self._parameters
+        return given.mode == 'approach' and given.runway_width > 0 and self._camera is None
+
+    def configure(self, parameters: RunwayDetectorParameters) -> None:
+        """See `Processor.configure`; another mode starts afresh, statistics included."""
+        before, self._parameters = self._parameters, parameters
+        self._set_topics({**type(self).topics, **_DETECTIONS}, self._parameters.publish_tf)
+        self._thesis.configure(replace(parameters, mode='thesis'))
+        self._approach.configure(parameters)
+        if parameters.mode != before.mode:
+            self._forget()
+            self.reset_statistics()
+
+    def set_camera(self, camera: CameraModel) -> None:
+        """See `Processor.set_camera`."""
+        if self._parameters.image_is_rectified:
+            camera = camera.rectified()
+        super().set_camera(camera)
+        self._approach.set_camera(camera)
+
+    def reset_statistics(self) -> None:
+        """Begin the statistics at zero."""
+        self._thesis.reset_statistics()
+        self._approach.reset_statistics()
+
+    def periodic(self, header: bytes) -> list[Output]:
+        """See `Processor.periodic`."""
+        detector = self._approach if self._parameters.mode == 'approach' else self._thesis
+        return [Output('statistics', partial(encode_statistics, detector.statistics(), header))]
+
+    def _forget(self) -> None:
+        self._newest = None
+        self._thesis.reset()
+        self._approach.reset()
+
+    def _process(self, frame: Frame, header: bytes) -> list[Output]:
+        result: RunwayResult | ApproachResult
+        if self._parameters.mode == 'approach':
+            result = self._approach.process(frame.image, frame.stamp_ns, frame.attitude)
+            self.status = '; '.join(filter(None, (result.status, self._approach.attitude_problem)))
+        else:
+            result = self._thesis.process(frame.image, frame.stamp_ns)
+            self.status = result.status
+        camera = self._usable_camera(frame.image)
+        outputs = [
+            Output('line_params', partial(encode_line_params, result, header)),
+            Output('lines', partial(encode_lines, result, header, camera)),
+            Output('corrections', partial(encode_corrections, result, header)),
+            Output('vanishing_point', partial(encode_vanishing_point, result, header)),
+            Output('integrity', partial(self._encode_integrity, result, header)),
+        ]
+        if detections.TYPES:
+            make = partial(detections.encode_runway, result, self._parameters.target, header)
+            outputs.append(Output('detections', make))
+        if isinstance(result, ApproachResult) and result.guidance is not None:
+            outputs += self._poses(result.guidance, frame)
+        self._newest = (result, header)
+        return outputs
+
+    def _encode_integrity(self, result: RunwayResult | ApproachResult, header: bytes) -> bytes:
+        """How wrong the newest guidance may be; computed only where somebody listens."""
+        given = self._parameters
+        if not isinstance(result, ApproachResult):
+            levels = RunwayLevels(reason='only mode approach has levels')
+        elif result.guidance is None:
+            reason = 'guidance needs a runway_width and a calibrated camera_info'
+            levels = RunwayLevels(reason=reason)
+        elif not result.guidance.known:
+            levels = RunwayLevels(reason=result.status or 'the edges are not known')
+        else:
+            covariance = result.guidance.covariance
+            levels = runway_levels(covariance, result.confidence, given.integrity_risk)
+        return encode_integrity(levels, given.alert_limit, given.integrity_risk, header)
+
+    def _poses(self, guidance: Guidance, frame: Frame) -> list[Output]:
+        """The camera in the runway's frame; as others take it only where all of it is known."""
+        name = self._parameters.runway_frame
+        runway_header = cdr_header(frame.stamp_ns, name)
+        outputs = [Output('pose', partial(encode_pose, guidance, runway_header))]
+        camera = transforms.camera_in_runway(guidance)
+        if not camera.known:
+            return outputs
+        runway = transforms.runway_in_camera(guidance)
+        return outputs + self._placements(camera, runway, name, frame, self._parameters)
+
+    def _usable_camera(self, image: Image) -> CameraModel | None:
+        if self._camera is None:
+            return None
+        try:
+            self._camera.check(image.width, image.height)
+        except CalibrationError:
+            return None
+        return self._camera
+
+    def draw(self, debug: Collection[str]) -> list[Output]:
+        """See `Processor.draw`."""
+        if self._newest is None:
+            return []
+        result, header = self._newest
+        drawings = _APPROACH_IMAGES if isinstance(result, ApproachResult) else _THESIS_IMAGES
+        outputs = []
+        for topic, (draw, encoding) in drawings.items():
+            if topic in debug and (drawn := draw(result)).size:
+                image = Image(drawn, encoding)
+                outputs.append(Output(topic, partial(serialize_image, image, header)))
+        return outputs

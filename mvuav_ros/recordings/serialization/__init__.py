@@ -1,1 +1,0 @@
-"""ROS messages as bytes: images, headers, calibration, CDR."""

@@ -1,0 +1,189 @@
+"""Lights at sub-pixel places: saturated discs with a glow; reflections that look like them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.vision.frames import read_only
+from mvuav_ros.vision.point_operations import Pixels
+
+LARGEST_RADIUS = 6.4
+"""px; a wider light would fall apart under the thesis's grouping distance of 15 px."""
+TINT = (0.90, 0.97, 1.0)
+"""Blue, green and red of the glow, which shows it only where it is not saturated."""
+SOFTNESS = 1.2
+"""Sigma of a disc's edge, px."""
+PEAK, GLOW = 850.0, 55.0
+"""Grey levels of a disc, well above 255, as of a light that overexposes the camera, and of the
+bloom at its centre."""
+GLOW_LENGTH = 5.0
+"""Distance over which the bloom falls to 1/e, px."""
+_STEPS_PER_PIXEL = 16
+DRIFT = 6.0
+"""Greatest way of a reflection from its middle, px."""
+CLEAR = 45.0
+"""Distance that it keeps from every marker's path and other reflections where there is room, px."""
+_TRIES = 60
+
+
+@dataclass(frozen=True)
+class LightProfile:
+    """How one light looks, by the distance from its centre alone.
+
+    The profile is what a pixel collects over its area, so it is taken at the pixels' centres;
+    with edges this soft its sum over the pixels keeps the centre to a thousandth of a pixel.
+
+    Attributes:
+        radius: of the disc at half its peak, px.
+    """
+
+    radius: float
+
+    @property
+    def reach(self) -> int:
+        """Beyond this distance the light adds nothing, px."""
+        return int(self.radius + 4.5 * GLOW_LENGTH)
+
+    @property
+    def core(self) -> float:
+        """Radius that is saturated against a dark background, px."""
+        return self.radius + 1.5 * SOFTNESS
+
+    def at(self, distance: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Grey levels at distances in px."""
+        levels = _levels(self)
+        place = distance * np.float32(_STEPS_PER_PIXEL)
+        np.minimum(place, len(levels) - 2, out=place)
+        left = place.astype(np.int32)
+        place -= left
+        value = levels.take(left)
+        return value + place * (levels.take(left + 1) - value)
+
+
+@lru_cache(maxsize=1024)
+def _levels(profile: LightProfile) -> NDArray[np.float32]:
+    """Grey levels at multiples of 1 / `_STEPS_PER_PIXEL` px; the same lights are drawn often."""
+    r = np.arange(profile.reach * _STEPS_PER_PIXEL + 2) / _STEPS_PER_PIXEL
+    edge = (r - profile.radius) / (math.sqrt(2.0) * SOFTNESS)
+    disc = 0.5 * PEAK * np.array([math.erfc(x) for x in edge.tolist()])
+    glow = GLOW * np.exp(-r / GLOW_LENGTH)
+    # Down to zero at the window's edge, or its corners would show and pull the centroid.
+    taper = np.clip(1.0 - (r / profile.reach) ** 2, 0.0, None) ** 2
+    return read_only(((disc + glow) * taper).astype(np.float32))
+
+
+@dataclass(frozen=True)
+class Light:
+    """How a light looks, and its centre's path during the exposure, (n, 2) px."""
+
+    profile: LightProfile
+    path: NDArray[np.float64]
+
+
+def add_lights(image: Pixels, lights: list[Light], gain: float = 1.0) -> None:
+    """Add lights to an 8-bit image, in place.
+
+    What lies right behind a light is evened out first, as by the glare in a real lens: a
+    structure that came up to the light on one side would move its centroid.
+
+    Args:
+        image: (height, width) or (height, width, 3) uint8.
+        lights: may reach over the borders.
+        gain: multiplies the light before it saturates.
+    """
+    windows = [window for light in lights if (window := _Window.around(image, light))]
+    for window in windows:
+        window.even_out()
+    for window in windows:
+        window.add(gain)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The part of an image that one light reaches, and distances from the light there."""
+
+    part: Pixels
+    light: Light
+    columns: NDArray[np.float32]
+    rows: NDArray[np.float32]
+
+    @classmethod
+    def around(cls, image: Pixels, light: Light) -> _Window | None:
+        if not np.all(np.isfinite(light.path)):
+            return None
+        reach = light.profile.reach + 1
+        low = np.floor(light.path.min(axis=0)).astype(int) - reach
+        high = np.ceil(light.path.max(axis=0)).astype(int) + reach + 1
+        x0, y0 = np.maximum(low, 0).tolist()
+        x1, y1 = np.minimum(high, image.shape[1::-1]).tolist()
+        if x1 <= x0 or y1 <= y0:
+            return None
+        columns = np.arange(x0, x1, dtype=np.float32)
+        rows = np.arange(y0, y1, dtype=np.float32)[:, None]
+        return cls(image[y0:y1, x0:x1], light, columns, rows)
+
+    def distance(self, centre: NDArray[np.float64]) -> NDArray[np.float32]:
+        dx = self.columns - np.float32(centre[0])
+        dy = self.rows - np.float32(centre[1])
+        return np.asarray(np.sqrt(dx * dx + dy * dy), np.float32)
+
+    def even_out(self) -> None:
+        distance = self.distance(self.light.path.mean(axis=0))
+        share = np.clip((self.light.profile.core + 5.0 - distance) / 4.0, 0.0, 1.0)
+        if self.part.ndim == 3:
+            share = share[:, :, None]
+        total = float(share.sum())
+        if total == 0.0:
+            return
+        mean = (self.part * share).sum(axis=(0, 1)) / total
+        self.part[...] = np.rint(self.part + share * (mean - self.part)).astype(np.uint8)
+
+    def add(self, gain: float) -> None:
+        light = np.zeros((len(self.rows), len(self.columns)), np.float32)
+        for centre in self.light.path:
+            light += self.light.profile.at(self.distance(centre))
+        light *= gain / len(self.light.path)
+        if self.part.ndim == 3:
+            light = light[:, :, None] * np.array(TINT, np.float32)
+        # A response with a shoulder, as a camera's knee: a hard limit's edges are so steep that
+        # pixels cannot show where within them the light lies.
+        dark = np.exp(light * (-1.0 / 255.0))
+        self.part[...] = np.rint(255.0 - (255.0 - self.part) * dark).astype(np.uint8)
+
+
+class Glares:
+    """Reflections that look like markers and drift slowly, clear of the markers' paths."""
+
+    def __init__(
+        self,
+        count: int,
+        camera: PinholeCamera,
+        paths: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> None:
+        taken = paths[np.isfinite(paths).all(axis=1)]
+        chosen: list[NDArray[np.float64]] = []
+        low, high = np.array((20.0, 20.0)), np.array((camera.width, camera.height)) - 20.0
+        for _ in range(count):
+            best, best_room = low, -1.0
+            for place in rng.uniform(low, high, (_TRIES, 2)):
+                room = float(np.hypot(*(taken - place).T).min()) if len(taken) else math.inf
+                if room > best_room:
+                    best, best_room = place, room
+                if room >= CLEAR:
+                    break
+            chosen.append(best)
+            taken = np.vstack((taken, best))
+        self._middles = np.array(chosen).reshape(-1, 2)
+        self._phases = rng.uniform(0.0, 2 * math.pi, (count, 2))
+
+    def places(self, time: float) -> NDArray[np.float64]:
+        """(n, 2), px, at a time (s)."""
+        turn = 2 * math.pi * time / np.array((7.0, 9.0))
+        return np.asarray(self._middles + DRIFT * np.sin(turn + self._phases), np.float64)

@@ -1,0 +1,148 @@
+"""The simulator's camera: a pinhole with lens distortion, and where it is over the ground."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.frames import Matrix, Vector, read_only
+
+NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class CameraError(ValueError):
+    """A camera that cannot be, with the reason."""
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """A camera in its optical frame: x right, y down, z forward (m).
+
+    Pixels: (0, 0) is the centre of the top-left one. ``distortion`` holds k1, k2, p1, p2, k3 of
+    sensor_msgs/CameraInfo's ``plumb_bob``, which are OpenCV's first five coefficients.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = NO_DISTORTION
+
+    @classmethod
+    def with_field_of_view(
+        cls,
+        width: int,
+        height: int,
+        fov_deg: float,
+        distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
+    ) -> PinholeCamera:
+        """Square pixels, the axis in the middle of the image.
+
+        The field of view is the horizontal one without distortion, from edge to edge of the frame.
+
+        Raises:
+            CameraError: the distortion folds the image onto itself.
+        """
+        focal = 0.5 * width / math.tan(math.radians(0.5 * fov_deg))
+        camera = cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), distortion)
+        camera._refuse_fold()
+        return camera
+
+    @cached_property
+    def matrix(self) -> Matrix:
+        """K, (3, 3), px."""
+        rows = [(self.fx, 0.0, self.cx), (0.0, self.fy, self.cy), (0.0, 0.0, 1.0)]
+        return read_only(np.array(rows))
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where points (n, 3), m, in the optical frame are seen.
+
+        Returns:
+            (n, 2), px; NaN for points that are not in front of the camera.
+        """
+        depth = points[:, 2]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            x, y = points[:, 0] / depth, points[:, 1] / depth
+        if any(self.distortion):
+            x, y = self._distort(x, y)
+        pixels = np.column_stack((self.fx * x + self.cx, self.fy * y + self.cy))
+        pixels[~(depth > 0.0)] = np.nan
+        return pixels
+
+    def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether (n, 2) px lie on the frame's pixels; NaN does not."""
+        x, y = pixels[:, 0], pixels[:, 1]
+        inside = (x >= -0.5) & (x < self.width - 0.5) & (y >= -0.5) & (y < self.height - 0.5)
+        return np.asarray(inside, bool)
+
+    def _distort(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+
+    def _refuse_fold(self) -> None:
+        k1, k2, _, _, k3 = self.distortion
+        corner = math.hypot(0.5 * self.width / self.fx, 0.5 * self.height / self.fy)
+        r2 = np.linspace(0.0, corner, 200) ** 2
+        if np.any(1.0 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0.0):
+            raise CameraError('folds the image onto itself within the field of view')
+
+
+class CameraPose(NamedTuple):
+    """The camera in the runway's frame.
+
+    The frame: origin on the centreline at the near end, x along the centreline towards the far
+    end, y left, z up.
+
+    Attributes:
+        position: (3,), m.
+        roll: rad, right wing down positive.
+        pitch: rad, REP-103: positive looking down.
+        yaw: rad, REP-103: positive looking left of the runway's direction.
+        rotation: (3, 3), runway's from the camera's optical frame.
+    """
+
+    position: Vector
+    roll: float
+    pitch: float
+    yaw: float
+    rotation: Matrix
+
+
+def horizon_anchor(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float, float]:
+    """Where the horizon is straight ahead (px), and its slope in the image (rad)."""
+    forward = pose.rotation[:, 2] * (1.0, 1.0, 0.0)
+    up = pose.rotation[2]
+    ((x, y),) = camera.project((pose.rotation.T @ forward)[None]).tolist()
+    return x, y, math.atan2(up[0], -up[1])
+
+
+def parse_distortion(text: str) -> tuple[float, float, float, float, float]:
+    """Read ``k1, k2, p1, p2`` or ``k1, k2, p1, p2, k3``; nothing means no distortion.
+
+    Raises:
+        CameraError: it is anything else.
+    """
+    if not text.strip():
+        return NO_DISTORTION
+    try:
+        numbers = [float(word) for word in text.replace(',', ' ').split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (4, 5) or not all(map(math.isfinite, numbers)):
+        raise CameraError(f'takes k1, k2, p1, p2 and perhaps k3, not {text!r}')
+    k1, k2, p1, p2, k3 = (*numbers, 0.0)[:5]
+    return k1, k2, p1, p2, k3

@@ -1,0 +1,314 @@
+"""The synthetic flight to and over a runway, and what is true of its images."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.simulation.flight import (
+    Flight,
+    RandomStream,
+    SimulatedFrame,
+    apply_gain,
+    motion_blur,
+)
+from mvuav_ros.simulation.ground import GroundPainter, load_ground
+from mvuav_ros.simulation.pinhole import CameraPose, PinholeCamera
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.simulation.shake import random_wave
+from mvuav_ros.simulation.sky import Panorama
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy, quaternion, rpy
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.runway.normal_form import NormalForm
+from mvuav_ros.vision.runway.results import LineRole
+
+MIN_DEPTH = 0.1
+"""Lines are cut where they come closer than this to the camera's plane, m."""
+
+
+class LineTruth(NamedTuple):
+    """A straight line in the image: x cos theta + y sin theta = rho.
+
+    Attributes:
+        role: which line of the runway; the edges are the pavement's.
+        visible: whether any of it is on the frame; all numbers are NaN otherwise.
+        rho: px.
+        theta: rad, in (-pi/2, pi/2].
+        x1: px; the end that is nearer, or left for the runway's ends, cut at the frame.
+        y1: px.
+        x2: px; the other end.
+        y2: px.
+    """
+
+    role: LineRole
+    visible: bool
+    rho: float
+    theta: float
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+
+
+@dataclass(frozen=True, eq=False)
+class RunwayTruth:
+    """What an image of the runway shows.
+
+    Attributes:
+        time: s since the start of the flight.
+        lines: in the order of `LineRole`.
+        vanishing_point: px, where the runway's lines meet; NaN when it is behind the camera.
+        horizon: rho (px) and theta (rad) of the ground's horizon.
+        pose: the camera in the runway's frame, shake included.
+        gain: by which the camera's image is brighter than usual.
+        camera: with its matrix K.
+    """
+
+    time: float
+    lines: tuple[LineTruth, ...]
+    vanishing_point: tuple[float, float]
+    horizon: tuple[float, float]
+    pose: CameraPose
+    gain: float
+    camera: PinholeCamera
+
+    def line(self, role: LineRole) -> LineTruth:
+        """The line of that role."""
+        return self.lines[role - 1]
+
+
+def true_lines(
+    camera: PinholeCamera, pose: CameraPose, width: float, length: float
+) -> tuple[LineTruth, ...]:
+    """The runway's lines as seen by a camera without distortion."""
+    half = 0.5 * width
+    ends = {
+        LineRole.LEFT_EDGE: ((0.0, half), (length, half)),
+        LineRole.RIGHT_EDGE: ((0.0, -half), (length, -half)),
+        LineRole.CENTRELINE: ((0.0, 0.0), (length, 0.0)),
+        LineRole.FAR_END: ((length, half), (length, -half)),
+        LineRole.NEAR_END: ((0.0, half), (0.0, -half)),
+    }
+    return tuple(
+        _project_line(camera, pose, role, np.array([(*a, 0.0), (*b, 0.0)]))
+        for role, (a, b) in ends.items()
+    )
+
+
+def normal_form(line: NDArray[np.floating[Any]]) -> tuple[float, float]:
+    """The normal form of a x + b y + c = 0: rho, and theta in (-pi/2, pi/2]."""
+    a, b, c = (float(v) for v in line)
+    size = math.hypot(a, b)
+    if size == 0.0:
+        return math.nan, math.nan
+    return NormalForm(-c / size, math.atan2(b, a)).normalised()
+
+
+def vanishing_point(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
+    """Where lines along the runway meet, px."""
+    ((x, y),) = camera.project(pose.rotation[:1]).tolist()
+    return x, y
+
+
+def horizon(camera: PinholeCamera, pose: CameraPose) -> tuple[float, float]:
+    """The horizon of the runway's plane: rho (px) and theta (rad)."""
+    up = pose.rotation.T[:, 2]
+    return normal_form(np.linalg.inv(camera.matrix).T @ up)
+
+
+def _project_line(
+    camera: PinholeCamera, pose: CameraPose, role: LineRole, ends: Matrix
+) -> LineTruth:
+    nothing = LineTruth(role, False, *[math.nan] * 6)
+    points = (ends - pose.position) @ pose.rotation
+    plane = np.cross(points[0], points[1])
+    cut = _cut_near(points)
+    if cut is None:
+        return nothing
+    (x1, y1), (x2, y2) = camera.project(cut)
+    segment = clip_segment(x1, y1, x2, y2, camera.width - 1.0, camera.height - 1.0)
+    if segment is None:
+        return nothing
+    rho, theta = normal_form(np.linalg.inv(camera.matrix).T @ plane)
+    return LineTruth(role, True, rho, theta, *segment)
+
+
+def _cut_near(points: Matrix) -> Matrix | None:
+    """Two points moved along their line until both are in front of the camera."""
+    depth = points[:, 2] - MIN_DEPTH
+    if depth.max() <= 0.0:
+        return None
+    cut = points.copy()
+    for end in (0, 1):
+        if depth[end] < 0.0:
+            part = depth[end] / (depth[end] - depth[1 - end])
+            cut[end] = points[end] + part * (points[1 - end] - points[end])
+    return cut
+
+
+def clip_segment(
+    x1: float, y1: float, x2: float, y2: float, right: float, bottom: float
+) -> tuple[float, float, float, float] | None:
+    """The part of a segment with 0 <= x <= right and 0 <= y <= bottom (Liang-Barsky)."""
+    dx, dy = x2 - x1, y2 - y1
+    enter, leave = 0.0, 1.0
+    for step, room in ((-dx, x1), (dx, right - x1), (-dy, y1), (dy, bottom - y1)):
+        if step == 0.0:
+            if room < 0.0:
+                return None
+        elif step < 0.0:
+            enter = max(enter, room / step)
+        else:
+            leave = min(leave, room / step)
+    if enter > leave:
+        return None
+    return (
+        float(x1 + enter * dx),
+        float(y1 + enter * dy),
+        float(x1 + leave * dx),
+        float(y1 + leave * dy),
+    )
+
+
+BIAS_DEG, NOISE_DEG = 0.4, 0.1
+"""Standard deviations of roll and pitch each: of a flight, and from sample to sample, as small
+inertial units have them."""
+_STREAM = 1004
+
+
+def measured_attitude(pose: CameraPose, seed: int, stamp_ns: int) -> tuple[float, ...]:
+    """What the sensor of a flight says of a true pose: a quaternion x, y, z, w in a level world."""
+    bias = np.random.default_rng((seed, _STREAM)).normal(0.0, math.radians(BIAS_DEG), 2)
+    noise = np.random.default_rng((seed, _STREAM, stamp_ns)).normal(0.0, math.radians(NOISE_DEG), 2)
+    roll, pitch = pose.roll + bias[0] + noise[0], pose.pitch + bias[1] + noise[1]
+    return quaternion(from_rpy(float(roll), float(pitch), pose.yaw))
+
+
+GLIDE = math.tan(math.radians(3.5))
+AIMING_POINT = 150.0
+"""Where the glide path meets the runway, m from the near end."""
+FLARE_HEIGHT = 8.0
+LOW_PASS_HEIGHT = 22.0
+S_TURN_HEIGHT = 70.0
+S_TURN_AMPLITUDE = 18.0
+S_TURN_PERIOD = 14.0
+CAPTURE_SECONDS = 6.0
+"""Time in which an approach loses 63 % of its lateral offset."""
+_GRAVITY = 9.81
+_STEP = 1e-3
+
+
+class RunwayPath:
+    """The camera's pose as a function of time; the aircraft banks for its own turns."""
+
+    def __init__(self, settings: RunwaySettings, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._wander_y = random_wave(rng, [(0.8, 0.07), (0.25, 0.19)])
+        self._wander_z = random_wave(rng, [(0.5, 0.09), (0.15, 0.23)])
+        self._wobble = tuple(
+            random_wave(rng, [(math.radians(a), 0.13), (math.radians(0.4 * a), 0.37)])
+            for a in (1.6, 0.5, 0.6)
+        )
+
+    def pose(self, time: float, shaken: Matrix | None = None) -> CameraPose:
+        """Where the camera is at a time (s); ``shaken`` from its steady optical frame if it is."""
+        settings = self._settings
+        position = np.array((self._x(time), self._y(time), self._z(time)))
+        drift = (self._y(time + _STEP) - self._y(time - _STEP)) / (2 * _STEP)
+        turn = (self._y(time + _STEP) - 2 * self._y(time) + self._y(time - _STEP)) / _STEP**2
+        roll, pitch, yaw = (wave(time) for wave in self._wobble)
+        # To the left means y grows, which a left bank does: negative roll.
+        roll -= math.atan(turn / _GRAVITY)
+        pitch += math.radians(settings.camera_pitch_deg)
+        if settings.speed > 0.0:
+            yaw += math.atan(drift / settings.speed)
+        rotation = from_rpy(roll, pitch, yaw) @ OPTICAL_FROM_BODY.T
+        if shaken is not None:
+            rotation = rotation @ shaken.T
+            roll, pitch, yaw = rpy(rotation @ OPTICAL_FROM_BODY)
+        return CameraPose(position, roll, pitch, yaw, rotation)
+
+    def _x(self, time: float) -> float:
+        return self._settings.speed * time - self._settings.start_distance
+
+    def _y(self, time: float) -> float:
+        offset = self._settings.lateral_offset
+        if self._settings.motion == 's_turn':
+            turn = 2 * math.pi * time / S_TURN_PERIOD
+            return offset + S_TURN_AMPLITUDE * math.sin(turn) + self._wander_y(time)
+        return offset * math.exp(-time / CAPTURE_SECONDS) + self._wander_y(time)
+
+    def _z(self, time: float) -> float:
+        wander = self._wander_z(time)
+        if self._settings.motion == 's_turn':
+            return S_TURN_HEIGHT + wander
+        if self._settings.motion == 'low_pass':
+            return LOW_PASS_HEIGHT + wander
+        glide = (AIMING_POINT - self._x(time)) * GLIDE
+        # A smooth maximum of the glide path and the height of the flare.
+        above = glide - FLARE_HEIGHT
+        return FLARE_HEIGHT + 0.5 * (above + math.hypot(above, 3.0)) + 0.5 * wander
+
+
+class RunwayFlight(Flight[RunwayTruth]):
+    """Images (bgr8) of a runway ahead, with truth.
+
+    Attributes:
+        settings: what was asked for.
+    """
+
+    def __init__(self, settings: RunwaySettings | None = None) -> None:
+        self.settings = settings or RunwaySettings()
+        super().__init__(self.settings, self.settings.camera())
+        self._path = RunwayPath(self.settings, self._rng(RandomStream.MOTION))
+
+    def truth_at(self, time: float) -> RunwayTruth:
+        """What is true at any time (s)."""
+        pose = self.pose(time)
+        return RunwayTruth(
+            time,
+            true_lines(self.camera, pose, self.settings.runway_width, self.settings.runway_length),
+            vanishing_point(self.camera, pose),
+            horizon(self.camera, pose),
+            pose,
+            self._gain(time),
+            self.camera,
+        )
+
+    def pose(self, time: float) -> CameraPose:
+        """The camera, which may shake, in the runway's frame at a time (s)."""
+        return self._path.pose(time, None if self._shake.still else self._shake.rotation(time))
+
+    def frame(self, index: int) -> SimulatedFrame[RunwayTruth]:
+        """Draw frame ``index``, dropped or not."""
+        time = self.seen_at(index)
+        truth = self.truth_at(time)
+        image: NDArray[np.uint8] = self._panorama.view(truth.pose)
+        self._painter.paint(image, truth.pose)
+        image = motion_blur(image, *self._smear(time))
+        image = apply_gain(image, truth.gain)
+        image = self._exposed(image, time)
+        return SimulatedFrame(self.stamp_ns(index), Image(image, 'bgr8'), truth)
+
+    def _smear(self, time: float) -> tuple[float, float]:
+        """How far the vanishing point moves during the exposure, px."""
+        half = 0.5 * self.settings.exposure
+        x1, y1 = vanishing_point(self.camera, self.pose(time - half))
+        x2, y2 = vanishing_point(self.camera, self.pose(time + half))
+        dx, dy = x2 - x1, y2 - y1
+        return (dx, dy) if math.isfinite(dx + dy) else (0.0, 0.0)
+
+    @cached_property
+    def _painter(self) -> GroundPainter:
+        s = self.settings
+        ground = load_ground(s.runway_width, s.runway_length, s.detail, s.seed)
+        return GroundPainter(ground, self.camera, s.visibility)
+
+    @cached_property
+    def _panorama(self) -> Panorama:
+        return Panorama(self.camera, self.settings.detail, self._rng(RandomStream.BACKGROUND))

@@ -1,0 +1,445 @@
+"""The synthetic flight behind a tanker with marker lights, and what is true of its images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_mesh, place_boom, tanker_mesh
+from mvuav_ros.simulation.flight import (
+    Flight,
+    RandomStream,
+    SimulatedFrame,
+    apply_gain,
+    motion_blur,
+)
+from mvuav_ros.simulation.light_drawing import (
+    LARGEST_RADIUS,
+    Glares,
+    Light,
+    LightProfile,
+    add_lights,
+)
+from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.settings import (
+    ALL,
+    ScheduleError,
+    TankerSettings,
+    affected,
+    parse_schedule,
+    refuse_unknown,
+)
+from mvuav_ros.simulation.shake import random_wave
+from mvuav_ros.simulation.sky import Background
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, about_y, from_rpy
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.point_operations import Pixels
+from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
+
+
+class MarkerTruth(NamedTuple):
+    """One light.
+
+    Attributes:
+        name: of the light.
+        x: px, where its centre is projected, in the frame or not; NaN behind the camera.
+        y: px.
+        vx: px/s, the camera's shake included.
+        vy: px/s.
+        visible: it is lit, its centre is on the frame and not behind the boom.
+        whole: all of its disc is visible, so that a centroid can be right.
+    """
+
+    name: str
+    x: float
+    y: float
+    vx: float
+    vy: float
+    visible: bool
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TankerTruth:
+    """What an image of the tanker shows.
+
+    Attributes:
+        time: s since the start of the flight.
+        markers: in the rig's order.
+        roll: rad, right wing down positive: atan2 of right wing minus left wing as projected; for
+            a body without lights of these names, of its rotation.
+        rotation: (3, 3), of the body (x forward, y left, z up) in the camera's optical frame.
+        translation: (3,), m, of the body's origin in the optical frame.
+        distance: from the camera to the body's dock point, m.
+        gain: by which the camera's image is brighter than usual.
+        camera: with its matrix K and distortion.
+    """
+
+    time: float
+    markers: tuple[MarkerTruth, ...]
+    roll: float
+    rotation: Matrix
+    translation: Vector
+    distance: float
+    gain: float
+    camera: PinholeCamera
+
+    def marker(self, name: str) -> MarkerTruth:
+        """The light of that name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        return {marker.name: marker for marker in self.markers}[name]
+
+
+def true_roll(markers: Sequence[MarkerTruth], rotation: Matrix) -> float:
+    """Roll (rad) from left_wing to right_wing, or without them that of the body's rotation."""
+    places = {marker.name: marker for marker in markers}
+    if not {'left_wing', 'right_wing'} <= places.keys():
+        body = OPTICAL_FROM_BODY.T @ rotation
+        return math.atan2(float(body[2, 1]), float(body[2, 2]))
+    left, right = places['left_wing'], places['right_wing']
+    return math.atan2(right.y - left.y, right.x - left.x)
+
+
+LAB_DISTANCE = 3.3
+"""From the camera to the body's origin in the lab view, in units of the body's reach: at 60
+degrees the wings then span somewhat more than half of the frame."""
+LAB_ELEVATION = math.radians(4.0)
+RECEIVER_DISTANCE = 1.5
+"""From the camera to the dock point in the receiver view when not docking, in reaches."""
+RECEIVER_ELEVATION = math.radians(30.0)
+ROLL_SWEEP = math.radians(60.0)
+ROLL_PERIOD = 10.0
+CROSSING_PITCH_DEG = -7.65
+SETTLED = 0.1
+"""Part of a docking approach that is flown at the final distance."""
+
+
+class BodyPose(NamedTuple):
+    """A body in the camera's optical frame: rotation (3, 3) and translation (3,), m."""
+
+    rotation: Matrix
+    translation: Vector
+
+
+@dataclass(frozen=True)
+class BodyOffset:
+    """Where a motion puts the body, relative to flying straight ahead of the camera.
+
+    Angles are rad, as `from_rpy` takes them; the offset is x ahead, y left, z up, in reaches;
+    ``closeness`` runs from 0 to 1 during a docking approach.
+    """
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    closeness: float = 0.0
+
+
+OffsetByTime = Callable[[float], BodyOffset]
+
+
+class TankerMotion:
+    """The body's pose as a function of time, for a camera that does not shake."""
+
+    def __init__(
+        self, settings: TankerSettings, rig: MarkerRig, duration: float, rng: np.random.Generator
+    ) -> None:
+        random = _RANDOM_MOTIONS.get(settings.motion)
+        self._move = random(duration, rng) if random else _MOTIONS[settings.motion]
+        self._roll = math.radians(settings.roll_deg)
+        self._reach = rig.reach
+        lab = settings.actual_view == 'lab'
+        self._elevation = LAB_ELEVATION if lab else RECEIVER_ELEVATION
+        docking = settings.motion == 'docking'
+        # Seen from right behind, a turn about the origin stays in the middle of the frame.
+        aim = rig.dock if docking or not lab else (0.0, 0.0, 0.0)
+        self._aim = np.array(aim)
+        usual = rig.reach * (LAB_DISTANCE if lab else RECEIVER_DISTANCE)
+        self._start = settings.start_distance if docking else usual
+        self._end = settings.end_distance if docking else usual
+
+    def steady_frame(self) -> Matrix:
+        """Steady optical frame from level axes (x ahead, y left, z up), (3, 3)."""
+        return np.asarray(OPTICAL_FROM_BODY @ about_y(-self._elevation).T)
+
+    def pose(self, time: float) -> BodyPose:
+        """The body in the steady camera's optical frame at a time (s)."""
+        placed = self._move(time)
+        distance = self._start + (self._end - self._start) * placed.closeness
+        # Wander that takes the same angle at any distance: a pilot steers closer when closer.
+        scale = self._reach * min(1.0, distance / self._start)
+        look = (math.cos(self._elevation), 0.0, math.sin(self._elevation))
+        camera = self._aim - distance * np.array(look)
+        offset = scale * np.array((placed.x, placed.y, placed.z))
+        optical = self.steady_frame()
+        body = from_rpy(placed.roll + self._roll, placed.pitch, placed.yaw)
+        return BodyPose(optical @ body, optical @ (offset - camera))
+
+
+def _sine(amplitude: float, period: float, time: float) -> float:
+    return amplitude * math.sin(2 * math.pi * time / period)
+
+
+def _roll(time: float) -> BodyOffset:
+    return BodyOffset(roll=_sine(ROLL_SWEEP, ROLL_PERIOD, time))
+
+
+def _translation(time: float) -> BodyOffset:
+    return BodyOffset(x=_sine(0.15, 11.0, time), y=_sine(0.36, 8.0, time), z=_sine(0.22, 5.0, time))
+
+
+def _roll_translation(time: float) -> BodyOffset:
+    moved = _translation(time)
+    return replace(moved, z=0.6 * moved.z, roll=_roll(time).roll)
+
+
+def _crossing(time: float) -> BodyOffset:
+    """A yaw at which one stabilizer passes its wing, then the other passes the other wing.
+
+    The pitch sets how close (about 5 px in the lab view of 640 px): the tail lies 25 m behind
+    the wings, so nose up lowers it.
+    """
+    return BodyOffset(
+        pitch=math.radians(CROSSING_PITCH_DEG), yaw=_sine(math.radians(42.0), 12.0, time)
+    )
+
+
+def _erratic(_duration: float, rng: np.random.Generator) -> OffsetByTime:
+    """Like a model moved by hand: several incommensurate frequencies in every direction."""
+    hand = [(0.14, 0.11), (0.07, 0.29), (0.035, 0.67)]
+    tilt = [(0.10, 0.13), (0.05, 0.31), (0.02, 0.71)]
+    x, y, z = (random_wave(rng, hand) for _ in range(3))
+    roll, pitch, yaw = (random_wave(rng, tilt) for _ in range(3))
+    return lambda t: BodyOffset(roll(t), 0.5 * pitch(t), 0.5 * yaw(t), x(t), y(t), z(t))
+
+
+def _docking(duration: float, rng: np.random.Generator) -> OffsetByTime:
+    """Closing in ever more slowly, with a pilot's wander."""
+    y, z = (random_wave(rng, [(0.02, 0.09), (0.008, 0.23)]) for _ in range(2))
+    roll, pitch, yaw = (random_wave(rng, [(0.035, 0.07), (0.012, 0.31)]) for _ in range(3))
+
+    def move(t: float) -> BodyOffset:
+        part = min(1.0, t / ((1.0 - SETTLED) * duration))
+        closeness = math.sin(0.5 * math.pi * part)
+        attitude = (roll(t), 0.4 * pitch(t), 0.4 * yaw(t))
+        return BodyOffset(*attitude, 0.0, y(t), z(t), closeness)
+
+    return move
+
+
+_MOTIONS: dict[str, OffsetByTime] = {
+    'still': lambda time: BodyOffset(),
+    'translation': _translation,
+    'roll': _roll,
+    'roll_translation': _roll_translation,
+    'roll_360': lambda time: BodyOffset(roll=2 * math.pi * time / ROLL_PERIOD),
+    'crossing': _crossing,
+}
+_RANDOM_MOTIONS = {'erratic': _erratic, 'docking': _docking}
+"""Made for a duration (s) with a generator."""
+
+
+BOOM_WIDTH = 0.9
+"""m."""
+_STEP = 1e-4
+"""Half of the time over which velocities are taken, s."""
+_LONG_PATH = 0.25
+"""A light that moves less than this during the exposure (px) is drawn standing still."""
+
+
+class TankerFlight(Flight[TankerTruth]):
+    """Images of a tanker's lights, with truth.
+
+    The airframe never hides a light: all of them are drawn on top of it.
+
+    Attributes:
+        settings: what was asked for.
+        rig: the body's lights.
+    """
+
+    def __init__(self, settings: TankerSettings | None = None) -> None:
+        """Prepare a flight, of the default settings if None are given.
+
+        Raises:
+            ParameterError: the rig's file cannot be used, or a schedule names no light of it.
+        """
+        self.settings = settings or TankerSettings()
+        super().__init__(self.settings, self.settings.camera())
+        self.rig = _open_rig(self.settings)
+        self._failures = parse_schedule(self.settings.failures)
+        self._occlusions = parse_schedule(self.settings.occlusions)
+        for name, schedule in (('failures', self._failures), ('occlusions', self._occlusions)):
+            try:
+                refuse_unknown(schedule, (*self.rig.names, ALL))
+            except ScheduleError as error:
+                raise ParameterError(name, str(error)) from error
+        self._motion = TankerMotion(
+            self.settings, self.rig, self.duration, self._rng(RandomStream.MOTION)
+        )
+
+    def truth_at(self, time: float) -> TankerTruth:
+        """What is true at any time (s)."""
+        pose = self.pose(time)
+        places = self._project(pose)
+        velocities = (
+            self._project(self.pose(time + _STEP)) - self._project(self.pose(time - _STEP))
+        ) / (2 * _STEP)
+        boom = self._boom(pose, places, time)
+        markers = []
+        for name, place, velocity, profile in zip(
+            self.rig.names, places, velocities, self._profiles(pose), strict=True
+        ):
+            (x, y), (vx, vy) = place.tolist(), velocity.tolist()
+            visible = self._shows(name, place, 0.0, boom, time)
+            whole = self._shows(name, place, profile.radius + 1.0, boom, time)
+            markers.append(MarkerTruth(name, x, y, vx, vy, visible, whole))
+        dock = pose.rotation @ np.array(self.rig.dock) + pose.translation
+        return TankerTruth(
+            time,
+            tuple(markers),
+            true_roll(markers, pose.rotation),
+            pose.rotation,
+            pose.translation,
+            float(np.linalg.norm(dock)),
+            self._gain(time),
+            self.camera,
+        )
+
+    def pose(self, time: float) -> BodyPose:
+        """The body in the optical frame of the camera, which may shake, at a time (s)."""
+        pose = self._motion.pose(time)
+        if self._shake.still:
+            return pose
+        turned = self._shake.rotation(time)
+        return BodyPose(turned @ pose.rotation, turned @ pose.translation)
+
+    def frame(self, index: int) -> SimulatedFrame[TankerTruth]:
+        """Draw frame ``index``, dropped or not."""
+        time = self.seen_at(index)
+        truth = self.truth_at(time)
+        image = Image(self._exposed(self._draw(truth, time), time), self.settings.encoding)
+        return SimulatedFrame(self.stamp_ns(index), image, truth)
+
+    def _draw(self, truth: TankerTruth, time: float) -> Pixels:
+        pose = BodyPose(truth.rotation, truth.translation)
+        places = np.array([(m.x, m.y) for m in truth.markers])
+        image = self._background.view(None if self._shake.still else self._shake.rotation(time))
+        lab = self.settings.actual_background != 'sky'
+        if self.settings.airframe and self.rig.name == TANKER_747.name:
+            lighting = IN_LAB if lab else IN_SKY
+            # The light stands still while the body turns under it.
+            light = self._motion.steady_frame() @ np.array(lighting.towards)
+            lighting = replace(lighting, towards=tuple(light.tolist()))
+            paint_mesh(image, tanker_mesh(), self.camera, pose, lighting)
+        mean_x, mean_y = np.nanmean([(m.vx, m.vy) for m in truth.markers], axis=0)
+        exposure = self.settings.exposure
+        image = motion_blur(image, exposure * float(mean_x), exposure * float(mean_y))
+        image = apply_gain(image, truth.gain)
+        add_lights(image, self._lights(pose, places, time), truth.gain)
+        boom = self._boom(pose, places, time)
+        if boom is not None:
+            boom.paint(image)
+        return image
+
+    def _lights(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> list[Light]:
+        exposure = self.settings.exposure
+        first, last = (self._project(self.pose(time + s * 0.5 * exposure)) for s in (-1.0, 1.0))
+        longest = float(np.nan_to_num(np.hypot(*(last - first).T)).max())
+        if longest < _LONG_PATH:
+            paths = places[None]
+        else:
+            count = min(2 * math.ceil(longest) + 1, 33)
+            offsets = exposure * ((np.arange(count) + 0.5) / count - 0.5)
+            paths = np.stack([self._project(self.pose(time + offset)) for offset in offsets])
+        lights = [
+            Light(profile, path)
+            for name, profile, path in zip(
+                self.rig.names, self._profiles(pose), np.moveaxis(paths, 1, 0), strict=True
+            )
+            if not affected(self._failures, name, time)
+        ]
+        profile = LightProfile(self.settings.light_radius)
+        return lights + [Light(profile, place[None]) for place in self._glares.places(time)]
+
+    def _profiles(self, pose: BodyPose) -> list[LightProfile]:
+        """Larger when closer, though by the root only: the glow is the lens's."""
+        usual = self._usual_depth
+        radius = self.settings.light_radius
+        largest = max(radius, LARGEST_RADIUS)
+        depths = self._optical(pose)[:, 2]
+        radii = (radius * math.sqrt(usual / max(depth, 0.1)) for depth in depths)
+        return [LightProfile(round(min(max(seen, 2.0), largest), 2)) for seen in radii]
+
+    def _optical(self, pose: BodyPose) -> NDArray[np.float64]:
+        """The markers in the camera's optical frame, (n, 3), m."""
+        return self.rig.positions @ pose.rotation.T + pose.translation
+
+    def _project(self, pose: BodyPose) -> NDArray[np.float64]:
+        return self.camera.project(self._optical(pose))
+
+    def _boom(self, pose: BodyPose, places: NDArray[np.float64], time: float) -> Boom | None:
+        if not self._occlusions and self.settings.actual_view == 'lab':
+            return None
+        boom = np.array(self.rig.boom)
+        below = boom + self.rig.reach * np.array((-0.1, 0.0, -0.2))
+        points = np.stack((boom, below)) @ pose.rotation.T + pose.translation
+        pivot, end = self.camera.project(points)
+        if not np.all(np.isfinite((pivot, end))) or not np.all(np.isfinite(places)):
+            return None
+        half = 0.5 * BOOM_WIDTH * self.camera.fx / float(points[0, 2])
+        if self._occlusions:
+            half = max(half, max(profile.core for profile in self._profiles(pose)) + 1.5)
+        lights = dict(zip(self.rig.names, places, strict=True))
+        return place_boom(pivot, end - pivot, lights, self._occlusions, time, half)
+
+    def _shows(
+        self, name: str, place: NDArray[np.float64], radius: float, boom: Boom | None, time: float
+    ) -> bool:
+        if affected(self._failures, name, time) or not np.all(np.isfinite(place)):
+            return False
+        corners = np.stack((place - radius, place + radius))
+        if not self.camera.contains(corners).all():
+            return False
+        return boom is None or boom.distance(place) > radius
+
+    @cached_property
+    def _usual_depth(self) -> float:
+        return float(np.median(self._optical(self._motion.pose(0.0))[:, 2]))
+
+    @cached_property
+    def _background(self) -> Background:
+        return Background(
+            self.settings.actual_background,
+            self.camera,
+            self.settings.encoding == 'bgr8',
+            self.settings.detail,
+            self._rng(RandomStream.BACKGROUND),
+        )
+
+    @cached_property
+    def _glares(self) -> Glares:
+        times = np.linspace(0.0, self.duration, 60 if self.settings.glares else 1)
+        paths = np.concatenate([self._project(self.pose(float(t))) for t in times])
+        return Glares(self.settings.glares, self.camera, paths, self._rng(RandomStream.GLARES))
+
+
+def _open_rig(settings: TankerSettings) -> MarkerRig:
+    if not settings.layout:
+        return TANKER_747
+    try:
+        return load_rig(settings.layout)
+    except RigError as error:
+        raise ParameterError('layout', str(error)) from error

@@ -1,0 +1,1 @@
+"""Cameras, videos, folders, bags and synthetic flights as one stream of frames."""

@@ -1,0 +1,308 @@
+"""The images of one topic of a bag, with the calibration and the attitude beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from mvuav_ros.messages.definitions import decode_message, normalised_type
+from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
+from mvuav_ros.messages.images import IMAGE, is_image_type, view_coded_image
+from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, decode_camera_info, decode_imu, stamp_ns_of
+from mvuav_ros.messages.untrusted import MalformedMessageError, words
+from mvuav_ros.recordings.reading import Recording, open_recording
+from mvuav_ros.recordings.recording import RecordedMessage, RecordingError, TopicInfo
+from mvuav_ros.sources.pairing import AttitudePairing, StampPairing
+from mvuav_ros.sources.source import (
+    EVERYTHING,
+    EncodedFrame,
+    FrameSource,
+    Selection,
+    SourceError,
+    stamp_ns_of_image,
+)
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import ImageError
+
+_MAX_NAMES = 20
+
+
+def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
+    """The image topic to read.
+
+    Args:
+        recording: an open recording.
+        wanted: the topic's name, with or without its leading slash; if None, the only one there
+            is (topics known to be empty do not count where another one is not).
+
+    Raises:
+        RecordingError: none fits, or several do and none is named; says which there are.
+    """
+    images = [topic for topic in recording.topics if is_image_type(topic.type)]
+    choices = _listed(f'{topic.name} ({_described(topic)})' for topic in images)
+    if not images:
+        if not recording.topics and not recording.skipped:
+            raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
+        names = _listed(topic.name for topic in recording.topics) or 'nothing readable'
+        skipped = _listed(f'{name} ({encoding})' for name, encoding in recording.skipped)
+        raise RecordingError(
+            f'{recording.path} has no image topic; it holds {names}'
+            + (f'; skipped, as not CDR: {skipped}' if skipped else '')
+        )
+    if wanted is None:
+        filled = [topic for topic in images if topic.message_count != 0] or images
+        if len(filled) > 1:
+            raise RecordingError(
+                f'{recording.path} has several image topics, choose one of them: {choices}'
+            )
+        return filled[0]
+    for topic in images:
+        if topic.name.lstrip('/') == wanted.lstrip('/'):
+            return topic
+    raise RecordingError(f'{recording.path} has no image topic {wanted}; choose one of: {choices}')
+
+
+def _listed(names: Iterable[str]) -> str:
+    shown = list(names)
+    more = f' and {len(shown) - _MAX_NAMES} more' if len(shown) > _MAX_NAMES else ''
+    return ', '.join(shown[:_MAX_NAMES]) + more
+
+
+def _described(topic: TopicInfo) -> str:
+    kind = topic.type.rsplit('/', 1)[-1]
+    return kind if topic.message_count is None else f'{kind}, {topic.message_count} messages'
+
+
+_NS = 1_000_000_000
+
+
+class BagImages(FrameSource):
+    """Image or CompressedImage messages with their own stamps and frames.
+
+    Attributes:
+        topic: the image topic.
+        topics: every topic that can be read.
+        camera_topic: that of the CameraInfo beside the image topic, None if there is none.
+        imu_topic: that of the body's attitude: ``imu`` beside the image topic or ``/imu``; None if
+            there is none.
+        count: number of the images read by the newest pass; an estimate until it ends.
+    """
+
+    rate: float | None = None
+
+    def __init__(self, path: Path, topic: str | None = None) -> None:
+        """Find the image topic.
+
+        Args:
+            path: the bag.
+            topic: needed where the bag has several image topics.
+
+        Raises:
+            SourceError: it is not a bag, or the topic cannot be chosen.
+        """
+        try:
+            self._recording = open_recording(path)
+        except RecordingError as error:
+            raise SourceError(str(error)) from error
+        try:
+            chosen = choose_image_topic(self._recording, topic)
+        except RecordingError as error:
+            self._recording.close()
+            raise SourceError(str(error)) from error
+        self.account = self._recording.account
+        for name, encoding in self._recording.skipped:
+            said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR: skipped'
+            self.account.note(('skipped', name), said)
+        self.topic = chosen.name
+        self.topics = tuple(topic.name for topic in self._recording.topics)
+        self.camera_topic = camera_topic_of(self._recording, chosen.name)
+        self.imu_topic = imu_topic_of(self._recording, chosen.name)
+        self._message_count = chosen.message_count
+        self.count: int | None = chosen.message_count
+        self.name = f'bag {words(path.name)} {words(self.topic)}'
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read from the start; a message that does not decode is a `BadFrame`.
+
+        A stamp of zero means that the driver did not set one: the time of recording is used.
+
+        Raises:
+            SourceError: the bag cannot be read any more.
+        """
+        for item in self.items(camera=True, attitude=True):
+            if isinstance(item, EncodedFrame):
+                yield item.decoded()
+            elif not isinstance(item, RecordedMessage):
+                yield item
+
+    def items(
+        self,
+        selection: Selection = EVERYTHING,
+        *,
+        others: bool = False,
+        camera: bool = False,
+        attitude: bool = False,
+    ) -> Generator[EncodedFrame | Frame | BadFrame | RecordedMessage, None, None]:
+        """Read a part of the bag in the order in which it was recorded.
+
+        Args:
+            selection: the part, by the times of recording.
+            others: also give every message as it is, an image's own before its frame.
+            camera: give each frame its calibration of `camera_topic` (see `StampPairing`).
+            attitude: give each frame the attitude of `imu_topic` (see `AttitudePairing`).
+
+        Yields:
+            Frames that are not decoded yet, as that can be done apart (those of a video cannot,
+            and are), and messages.
+
+        Raises:
+            SourceError: the bag cannot be read any more.
+        """
+        try:
+            wanted = self.camera_topic if camera else None, self.imu_topic if attitude else None
+            yield from self._items(selection, others, SynchronizedTopics(self.topic, *wanted))
+        except RecordingError as error:
+            raise SourceError(str(error)) from error
+
+    def _items(
+        self, selection: Selection, others: bool, paired: SynchronizedTopics
+    ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
+        recording = self._recording
+        origin_ns = 0
+        if selection.is_part:
+            paired.look_ahead(recording)
+            origin_ns = next((m.stamp_ns for m in recording.messages()), 0)
+        images = 0
+        video = VideoDecoder()
+        self.count = self._estimate(selection, 0, 0)
+        window = selection.window_ns(origin_ns)
+        topics = None if others else {self.topic, *paired.topics}
+        for message in recording.messages(topics, *window):
+            if others:
+                yield message
+            paired.take(message)
+            if message.topic == self.topic and is_image_type(message.type):
+                wanted = images % selection.every == 0
+                yield from paired.add(_frames(message, video, wanted))
+                images += 1
+                elapsed_ns = message.stamp_ns - (window[0] or origin_ns)
+                self.count = self._estimate(selection, images, elapsed_ns)
+            yield from paired.ready(wait=True)
+        yield from paired.add(video.end())
+        yield from paired.ready(wait=False)
+
+    def _estimate(self, selection: Selection, images: int, elapsed_ns: int) -> int | None:
+        """The number of frames that a pass gives, from the rate so far."""
+        total = self._message_count
+        if selection.is_part:
+            if elapsed_ns <= 0:
+                return None
+            rate = images / elapsed_ns * _NS
+            limits = [] if total is None else [total - selection.start_s * rate]
+            if selection.duration_s is not None:
+                limits.append(selection.duration_s * rate)
+            total = max(round(min(limits)), images) if limits else None
+        return None if total is None else -(-total // selection.every)
+
+    def close(self) -> None:
+        """Remove what was unpacked for reading."""
+        self._recording.close()
+
+
+def _frames(
+    recorded: RecordedMessage, video: VideoDecoder, wanted: bool
+) -> Iterator[EncodedFrame | Frame | BadFrame]:
+    """What becomes of an image's message, or of a packet of a video."""
+    if normalised_type(recorded.type) != IMAGE:
+        try:
+            coded = view_coded_image(recorded.type, recorded.data)
+        except ImageError as error:
+            yield BadFrame(recorded.stamp_ns, str(error))
+            return
+        if coded.is_video:
+            coded.stamp_ns = coded.stamp_ns or recorded.stamp_ns
+            yield from video.frames(coded, wanted)
+            return
+    if wanted:
+        yield EncodedFrame(recorded, stamp_ns_of_image(recorded))
+
+
+AnyFrame = EncodedFrame | Frame
+
+
+def camera_topic_of(recording: Recording, image_topic: str) -> str | None:
+    """The name that camera drivers give, beside the image topic or, if compressed, its parent."""
+    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
+    for topic in recording.topics:
+        if topic.type == CAMERA_INFO and topic.name == f'{base}/camera_info':
+            return topic.name if topic.message_count != 0 else None
+    return None
+
+
+def imu_topic_of(recording: Recording, image_topic: str) -> str | None:
+    """The name of the body's attitude: ``imu`` beside the image topic, or ``/imu``."""
+    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
+    names = {topic.name for topic in recording.topics if topic.type == IMU and topic.message_count}
+    return next((name for name in (f'{base}/imu', '/imu') if name in names), None)
+
+
+class SynchronizedTopics:
+    """The messages of a calibration's topic and of an attitude's, None where there is none."""
+
+    def __init__(self, image_topic: str, camera_topic: str | None, imu_topic: str | None) -> None:
+        self._image_topic = image_topic
+        self._camera_topic = camera_topic
+        self._imu_topic = imu_topic
+        self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
+        self._cameras = StampPairing[CameraModel, AnyFrame]()
+        self._attitudes = AttitudePairing[AnyFrame]()
+
+    def look_ahead(self, recording: Recording) -> None:
+        """The calibration of a part may have been published once, before the part begins."""
+        if self._camera_topic is None:
+            return
+        for message in recording.messages({self._camera_topic}):
+            if self._add_camera(message):
+                return
+
+    def take(self, message: RecordedMessage) -> None:
+        """Look at a message of any topic."""
+        if message.topic == self._camera_topic:
+            self._add_camera(message)
+        elif message.topic == self._imu_topic:
+            try:
+                decoded = decode_message(message.type, message.data)
+            except MalformedMessageError:
+                return
+            self._attitudes.add_info(stamp_ns_of(decoded.header), decode_imu(decoded))
+
+    def add(self, frames: Iterable[AnyFrame | BadFrame]) -> Iterator[BadFrame]:
+        """Frames that may have to wait; gives those that cannot be used."""
+        for frame in frames:
+            if isinstance(frame, BadFrame):
+                yield frame
+            else:
+                self._cameras.add_image(frame.stamp_ns, frame)
+
+    def ready(self, *, wait: bool) -> Iterator[AnyFrame]:
+        """Frames that need not wait any more."""
+        for_camera = wait and self._camera_topic is not None
+        while (pair := self._cameras.take(wait=for_camera)) is not None:
+            camera, frame = pair
+            whole = frame if camera is None else replace(frame, camera=camera)
+            self._attitudes.add_image(frame.stamp_ns, whole)
+        for_imu = wait and self._imu_topic is not None
+        while (found := self._attitudes.take(wait=for_imu)) is not None:
+            attitude, frame = found
+            yield frame if attitude is None else replace(frame, attitude=attitude)
+
+    def _add_camera(self, recorded: RecordedMessage) -> bool:
+        """Whether the message could be read."""
+        try:
+            message = decode_message(recorded.type, recorded.data)
+        except MalformedMessageError:
+            return False
+        camera = decode_camera_info(message, self._image_topic)
+        self._cameras.add_info(stamp_ns_of(message.header), camera)
+        return True

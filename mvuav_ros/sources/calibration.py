@@ -1,0 +1,99 @@
+"""Calibration files of camera_calibration."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+import yaml
+
+from mvuav_ros.recordings.remote import write_whole
+from mvuav_ros.sources.source import SourceError
+from mvuav_ros.vision.camera import CameraModel
+
+
+def load_calibration(path: str | Path) -> CameraModel:
+    """Read a camera's calibration from the YAML file that camera_calibration saves.
+
+    Args:
+        path: the file, or its ``file://`` or ``package://`` URL.
+
+    Raises:
+        SourceError: it cannot be read, or is not a calibration.
+
+    Examples:
+        >>> from mvuav_ros import load_calibration
+        >>> camera = load_calibration('examples/camera.yaml')
+        >>> camera.width, camera.height, camera.distortion_model
+        (640, 480, 'plumb_bob')
+    """
+    try:
+        content = yaml.safe_load(_path(str(path)).read_text())
+        return CameraModel(
+            width=int(content['image_width']),
+            height=int(content['image_height']),
+            k=content['camera_matrix']['data'],
+            d=content['distortion_coefficients']['data'],
+            distortion_model=str(content['distortion_model']),
+            r=content['rectification_matrix']['data'],
+            p=content['projection_matrix']['data'],
+        )
+    except OSError as error:
+        raise SourceError(f'calibration {path}: {error.strerror}') from error
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+        raise SourceError(
+            f'calibration {path}: not a calibration file of camera_calibration ({error})'
+        ) from error
+
+
+def save_calibration(camera: CameraModel, path: Path, name: str = 'camera') -> None:
+    """Write the YAML file that camera_calibration_parsers reads.
+
+    Args:
+        camera: calibrated; without a rectification and a projection those of a single camera are
+            written, the identity and K.
+        path: of the file, which is replaced as a whole.
+        name: of the camera.
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    k = camera.k
+    lines = [
+        f'image_width: {camera.width}',
+        f'image_height: {camera.height}',
+        f'camera_name: {json.dumps(name)}',
+        *_matrix('camera_matrix', 3, k),
+        f'distortion_model: {camera.distortion_model}',
+        *_matrix('distortion_coefficients', 1, camera.d),
+        *_matrix('rectification_matrix', 3, camera.r or (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0)),
+        *_matrix('projection_matrix', 3, camera.p or (*k[:3], 0, *k[3:6], 0, *k[6:], 0)),
+    ]
+    write_whole(path, '\n'.join(lines) + '\n')
+
+
+def _matrix(name: str, rows: int, data: tuple[float, ...]) -> tuple[str, ...]:
+    numbers = ', '.join(f'{float(value)!r}' for value in data)
+    return f'{name}:', f'  rows: {rows}', f'  cols: {len(data) // rows}', f'  data: [{numbers}]'
+
+
+def _path(url: str) -> Path:
+    parsed = urlparse(url)
+    if not parsed.scheme:
+        return Path(url).expanduser()
+    if parsed.scheme == 'file':
+        return Path(unquote(parsed.path))
+    if parsed.scheme != 'package':
+        raise SourceError(f'calibration {url}: only paths, file:// and package:// are read')
+    # Where ament_index_python looks, which a robot has only once ROS is sourced.
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    for prefix in prefixes:
+        share = Path(prefix) / 'share' / parsed.netloc
+        if share.is_dir():
+            return share / unquote(parsed.path).lstrip('/')
+    raise SourceError(
+        f'calibration {url}: no package {parsed.netloc} in AMENT_PREFIX_PATH: is its workspace '
+        'sourced?'
+    )

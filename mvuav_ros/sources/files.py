@@ -1,0 +1,204 @@
+"""Video files through PyAV, and folders and globs of image files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame, upright
+from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file
+from mvuav_ros.messages.untrusted import words
+from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, start_of
+from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.vision.image import ImageError
+
+# Of the most pixels, four channels of 16 bits.
+_MAX_FILE = MAX_PIXELS * 8 + (1 << 20)
+
+
+class ImageFolder(FrameSource):
+    """Image files in the order of the numbers in their names; file k has the stamp k / rate."""
+
+    def __init__(self, name: str, files: Sequence[Path], rate: float | None = None) -> None:
+        """Take the files (in any order) that are images; the name is for people, the rate in Hz."""
+        self.name = f'images {words(name)}'
+        self.rate: float | None = rate or DEFAULT_RATE
+        self.account = Account(self.name)
+        self._files = sorted((file for file in files if is_image_file(file)), key=_natural_order)
+        self.count: int | None = len(self._files)
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read from the start; a file that does not decode is a `BadFrame`."""
+        assert self.rate is not None
+        self.account.kept = 0
+        for index, file in enumerate(self._files):
+            stamp_ns = round(index * 1e9 / self.rate)
+            try:
+                if file.stat().st_size > _MAX_FILE:
+                    raise ImageError(f'the file is larger than {_MAX_FILE >> 20} MB')
+                image = decode_image_file(np.fromfile(file, np.uint8))
+            except (ImageError, OSError) as error:
+                yield BadFrame(stamp_ns, f'{file.name}: {error}')
+            else:
+                self.account.kept += 1
+                yield Frame(stamp_ns, OPTICAL_FRAME, image)
+
+
+def is_image_file(file: Path) -> bool:
+    """Whether a file is an image by its name or, where that says nothing, by its content."""
+    suffix = file.suffix.lower()
+    if suffix in IMAGE_SUFFIXES:
+        return file.is_file()
+    # Not by cv2.haveImageReader, which a name that is not UTF-8 crashes.
+    return not suffix and is_image_start(start_of(file))
+
+
+def _natural_order(file: Path) -> list[tuple[int, str]]:
+    """Sort key: image_2 before image_10."""
+    parts = re.split(r'(\d+)', file.name)
+    return [(int(p), '') if p.isdigit() else (0, p) for p in parts]
+
+
+DEFAULT_RATE = 30.0
+_MIN_LOSS_S = 0.5
+
+
+class VideoFile(FrameSource):
+    """A video file; frames carry their own times, counted from the first, and stand upright."""
+
+    def __init__(self, path: Path, rate: float | None = None) -> None:
+        """Open the file.
+
+        Args:
+            path: anything that FFmpeg reads.
+            rate: frames per second, instead of the file's own times.
+
+        Raises:
+            SourceError: it is not a video.
+        """
+        self.name = f'video {words(path.name)}'
+        self.account = Account(self.name)
+        self._path = path
+        self._given_rate = rate
+        with self._open() as container:
+            stream = container.streams.video[0]
+            size = stream.codec_context.width * stream.codec_context.height
+            if size > MAX_PIXELS:
+                raise SourceError(f'{path}: frames of {size} pixels are too large')
+            own_rate = float(stream.average_rate or 0)
+            self._tick = Fraction(stream.time_base or 0)
+            self._promised: int = stream.frames
+            # FFmpeg has the duration of an AVI that is cut off shorter; its ticks are its frames.
+            in_frames = self._tick == Fraction(1, stream.average_rate or 1)
+            ticks: int = max(stream.duration or 1, self._promised if in_frames else 0)
+            self._end: int = (stream.start_time or 0) + ticks
+            duration_s = (container.duration or 0) / 1e6
+            self._duration_s = duration_s if len(container.streams) == 1 else 0.0
+        self._own_rate = own_rate if 0 < own_rate <= 10_000 else DEFAULT_RATE
+        self.rate: float | None = rate or self._own_rate
+        self.count: int | None = self._promised or round(duration_s * self._own_rate) or None
+
+    def _open(self) -> Any:
+        try:
+            import av
+        except ImportError as error:
+            raise SourceError(
+                f'{self._path}: reading videos needs PyAV: pip install av, or apt install '
+                f'python3-av ({error})'
+            ) from error
+        try:
+            # A playlist must not lead to other machines, nor a frame be larger than it says.
+            limits = {'protocol_whitelist': 'file', 'max_pixels': str(MAX_PIXELS)}
+            container = av.open(_place(self._path), options=limits)
+        except (av.error.FFmpegError, ValueError):
+            container = None
+        # Of a codec that FFmpeg does not know there is no context.
+        if container is None or not any(s.codec_context for s in container.streams.video[:1]):
+            raise SourceError(
+                f'{self._path} is not a video that FFmpeg can read; convert it, for example with '
+                'ffmpeg -i FILE flight.mp4'
+            )
+        return container
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read from the start."""
+        stamps = _Stamps(self._given_rate, self._own_rate, self._tick)
+        packets = damaged = end = self.account.kept = 0
+        with self._open() as container:
+            stream = container.streams.video[0]
+            stream.thread_type = 'AUTO'
+            for packet in _packets(container, stream):
+                packets += packet.size > 0
+                end = max(end, (packet.pts or 0) + (packet.duration or 1))
+                try:
+                    for frame in packet.decode():
+                        self.account.kept += 1
+                        yield Frame(stamps.of(frame.pts), OPTICAL_FRAME, upright(frame))
+                except (ValueError, MemoryError):  # FFmpeg's errors of invalid data are such
+                    damaged += 1
+        if damaged:
+            said = f'{damaged} packets of the video do not decode'
+            self.account.lose('', 'packets', said, damaged)
+        self._note_end(packets, end)
+
+    def _note_end(self, packets: int, end: int) -> None:
+        """Say what is missing behind the last packet, which ends at that tick."""
+        end_s = float(end * self._tick)
+        # AVI counts the ticks without a frame, too; Matroska counts no frames.
+        if packets < self._promised and end < self._end:
+            said = f'the video ended after {packets} of {self._promised} frames'
+            self.account.lose('', 'end', said, self._promised - packets)
+        elif self._promised == 0 and end_s < self._duration_s - _MIN_LOSS_S:
+            said = f'the video ended at {end_s:.2f} s of {self._duration_s:.2f} s'
+            self.account.lose('', 'end', said)
+
+
+class _Stamps:
+    """From a video's time stamps to ns; those of a steady rate without the file's rounding."""
+
+    def __init__(self, given_rate: float | None, own_rate: float, tick: Fraction) -> None:
+        self._given_rate = given_rate
+        self._rate = given_rate or own_rate
+        self._tick_s = float(tick)
+        self._first: int | None = None
+        self._index = 0
+        self._previous_ns = -1
+
+    def of(self, pts: int | None) -> int:
+        """The next frame's stamp, ns; ``pts`` in the file's ticks."""
+        stamp_ns = round(self._index * 1e9 / self._rate)
+        self._index += 1
+        if self._given_rate is None and pts is not None and self._tick_s > 0:
+            self._first = pts if self._first is None else self._first
+            own_s = (pts - self._first) * self._tick_s
+            if abs(own_s - stamp_ns * 1e-9) > 0.5 * self._tick_s + 1e-9:
+                stamp_ns = round(own_s * 1e9)
+        if stamp_ns <= self._previous_ns:  # a broken file; time goes on
+            stamp_ns = self._previous_ns + round(1e9 / self._rate)
+        self._previous_ns = stamp_ns
+        return stamp_ns
+
+
+def _place(path: Path) -> str | BinaryIO:
+    """What FFmpeg opens: a name before a colon would be a protocol, and names must be UTF-8."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return path.open('rb')
+    return f'file:{path}'
+
+
+def _packets(container: Any, stream: Any) -> Iterator[Any]:
+    """The packets up to the file's end or to where it cannot be read any more."""
+    packets = container.demux(stream)
+    while True:
+        try:
+            yield next(packets)
+        except (StopIteration, ValueError, OSError):
+            return

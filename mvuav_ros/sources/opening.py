@@ -1,0 +1,191 @@
+"""From what a user types to a source of frames; synthetic flights are one as well."""
+
+from __future__ import annotations
+
+import glob
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import parse_qsl
+
+import yaml
+
+from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
+from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.remote import fetch, is_url
+from mvuav_ros.simulation.pinhole import PinholeCamera
+from mvuav_ros.simulation.runway_flight import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
+from mvuav_ros.simulation.tanker_flight import TankerFlight
+from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
+from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.sources.v4l2_camera import Camera, CameraSettings
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.rig import RigError
+
+
+def open_source(
+    text: str,
+    *,
+    topic: str | None = None,
+    rate: float | None = None,
+    cameras: bool = True,
+    camera: CameraSettings | None = None,
+) -> FrameSource:
+    """Open whatever ``text`` names.
+
+    Args:
+        text: a camera index or device, a video file, a folder or glob of images, a bag, an URL
+            of one of them, or a synthetic flight (``sim:tanker``, ``sim:runway``).
+        topic: the image topic of a bag.
+        rate: frames per second of images without stamps, Hz.
+        cameras: whether a camera will do.
+        camera: what a camera is asked for.
+
+    Returns:
+        A `FrameSource`: its ``frames()`` yields `Frame`, with ``image``, ``stamp_ns`` and, where
+        they are known, ``camera`` and ``attitude``, or `BadFrame` for an image that cannot be
+        read, with the ``reason``.
+
+    Raises:
+        SourceError: there is no such thing, or nothing in it can be read.
+
+    Examples:
+        >>> from mvuav_ros import open_source
+        >>> source = open_source('bags/tanker.mcap')
+        >>> frame = next(source.frames())
+        >>> source.count, frame.stamp_ns, frame.image.width, frame.image.encoding
+        (180, 1700000000000000000, 640, 'mono8')
+    """
+    if text.startswith(PREFIX):
+        return SimulatedFlight(text, rate)
+    if is_url(text):
+        return _remote(text, topic, rate)
+    if cameras and (text.isdigit() or text.startswith('/dev/')):
+        return Camera(int(text) if text.isdigit() else text, camera)
+    path = Path(text).expanduser()
+    if any(sign in text for sign in '*?[') and not path.exists():
+        return _images(text, [Path(name) for name in glob.glob(str(path))], rate)  # noqa: PTH207
+    if not path.exists():
+        raise SourceError(f'{text}: there is no such file or folder')
+    if looks_like_bag(path):
+        return _bag(path, topic)
+    if path.is_dir():
+        return _images(text, list(path.iterdir()), rate)
+    if not path.is_file():
+        raise SourceError(f'{text} is neither a file nor a folder')
+    if path.stat().st_size == 0:
+        raise SourceError(f'{text} is empty')
+    if is_image_file(path):
+        return _images(text, [path], rate)
+    return VideoFile(path, rate)
+
+
+def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
+    """A copy of what lies elsewhere, for as long as the source is used."""
+    folder = TemporaryDirectory(prefix='mvuav_')
+    try:
+        path = fetch(url, Path(folder.name))
+        source = open_source(str(path), topic=topic, rate=rate, cameras=False)
+    except RecordingError as error:
+        folder.cleanup()
+        raise SourceError(str(error)) from error
+    weakref.finalize(source, folder.cleanup)
+    return source
+
+
+def looks_like_bag(path: Path) -> bool:
+    """Whether a path is a bag and not images; content decides where it is not damaged."""
+    if path.is_dir():
+        return any(
+            entry.name == 'metadata.yaml'
+            or (entry.suffix.lower() not in IMAGE_SUFFIXES and is_bag_file(entry))
+            for entry in path.iterdir()
+        )
+    return path.name == 'metadata.yaml' or is_bag_file(path)
+
+
+def _bag(path: Path, topic: str | None) -> FrameSource:
+    # The bag libraries come from PyPI; cameras and videos work on a robot that lacks them.
+    try:
+        from mvuav_ros.sources.bag import BagImages
+    except ImportError as error:
+        raise SourceError(
+            f'{path}: reading bags needs rosbags and mcap (pip install rosbags mcap): {error}'
+        ) from error
+    return BagImages(path, topic)
+
+
+def _images(text: str, files: list[Path], rate: float | None) -> ImageFolder:
+    folder = ImageFolder(text, files, rate)
+    if folder.count == 0:
+        raise SourceError(
+            f'{text}: no images and no bag there (images end in '
+            f'{", ".join(sorted(IMAGE_SUFFIXES))}; a bag in .mcap, .db3 or .bag)'
+        )
+    return folder
+
+
+PREFIX = 'sim:'
+FRAME_ID = OPTICAL_FRAME
+
+
+class SimulatedFlight(FrameSource):
+    """The images of a synthetic flight; its calibration comes along."""
+
+    def __init__(self, text: str, rate: float | None = None) -> None:
+        """Plan the flight.
+
+        Args:
+            text: ``sim:tanker`` or ``sim:runway``, then settings as in an URL:
+                ``sim:tanker?motion=roll&shake=2`` (see ``mvuav simulate tanker --help``).
+            rate: frames per second, instead of the setting ``fps``.
+
+        Raises:
+            SourceError: there is no such flight or setting.
+        """
+        kind, _, query = text.removeprefix(PREFIX).partition('?')
+        given = {name: yaml.safe_load(value) for name, value in parse_qsl(query)}
+        if rate is not None:
+            given['fps'] = rate
+        self._flight = make_flight(kind, given)
+        self.name = text
+        self.account = Account(self.name)
+        self.rate: float | None = self._flight.rate
+        self.count: int | None = len(self._flight)
+        self._camera = camera_model(self._flight.camera)
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Fly it from the start."""
+        for frame in self._flight:
+            yield Frame(frame.stamp_ns, FRAME_ID, frame.image, self._camera)
+
+
+def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFlight:
+    """Plan a flight: ``tanker`` or ``runway`` with some settings changed.
+
+    Raises:
+        SourceError: there is no such flight or setting.
+    """
+    try:
+        if kind == 'tanker':
+            return TankerFlight(TankerSettings.from_mapping(given))
+        if kind == 'runway':
+            return RunwayFlight(RunwaySettings.from_mapping(given))
+    except (ParameterError, RigError) as error:
+        raise SourceError(f'{PREFIX}{kind}: {error}') from error
+    raise SourceError(f'{PREFIX}{kind}: there are sim:tanker and sim:runway')
+
+
+def camera_model(camera: PinholeCamera) -> CameraModel:
+    """The simulator's camera as a calibration."""
+    return CameraModel(
+        width=camera.width,
+        height=camera.height,
+        k=tuple(float(value) for value in camera.matrix.ravel()),
+        d=camera.distortion,
+    )

@@ -1,0 +1,117 @@
+"""Cameras through OpenCV, which speaks V4L2 to them on Linux."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+
+from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.recordings.account import Account
+from mvuav_ros.sources.source import FrameSource, SourceError
+from mvuav_ros.vision.image import Image
+
+_MANUAL = 1  # Of V4L2's auto_exposure: manual mode
+_FPS_TOLERANCE = 0.05  # Of the frame rate; 29.97 is taken for 30
+_CONTROLS = {
+    'width': cv2.CAP_PROP_FRAME_WIDTH,
+    'height': cv2.CAP_PROP_FRAME_HEIGHT,
+    'fps': cv2.CAP_PROP_FPS,
+    'exposure_time_absolute': cv2.CAP_PROP_EXPOSURE,
+    'gain': cv2.CAP_PROP_GAIN,
+}
+"""Of `CameraSettings`, which are asked for where they are above their defaults."""
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """What a camera is asked for; a field's default leaves the camera as it is."""
+
+    width: int = 0  # px
+    height: int = 0  # px
+    fps: float = 0.0  # frames per second
+    pixel_format: str = ''  # V4L2's four letters, such as YUYV, MJPG or GREY
+    exposure_time_absolute: int = 0  # V4L2's control, 100 µs
+    gain: int = -1  # V4L2's control, in the driver's own unit; negative: as it is
+
+
+class Camera(FrameSource):
+    """A camera by index or device; frames carry the time at which they arrived."""
+
+    live = True
+    count: int | None = None
+
+    def __init__(self, device: int | str, settings: CameraSettings | None = None) -> None:
+        """Name the camera; it is opened when frames are read."""
+        self.name = f'camera {device}'
+        self.account = Account(self.name)
+        self._device = device
+        self._settings = settings or CameraSettings()
+        self.rate: float | None = self._settings.fps or None
+        self._capture: cv2.VideoCapture | None = None
+
+    def frames(self) -> Iterator[Frame | BadFrame]:
+        """Read until the camera stops delivering.
+
+        Raises:
+            SourceError: it cannot be opened, does not do what it is asked for, or has been
+                unplugged.
+        """
+        capture = self._capture = cv2.VideoCapture(self._device)
+        try:
+            if not capture.isOpened():
+                raise SourceError(f'{self.name} cannot be opened: is it plugged in and not in use?')
+            self._apply(capture)
+            while True:
+                ok, pixels = capture.read()
+                if not ok:
+                    raise SourceError(f'{self.name} has stopped delivering frames')
+                encoding = 'mono8' if pixels.ndim == 2 else 'bgr8'
+                yield Frame(time.time_ns(), OPTICAL_FRAME, Image(pixels, encoding))
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Let go of the device."""
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def _apply(self, capture: cv2.VideoCapture) -> None:
+        """Ask for the settings, then compare them with what the camera says."""
+        wanted = self._settings
+        asked = [
+            (name, number, value)
+            for name, number in _CONTROLS.items()
+            if (value := getattr(wanted, name)) > getattr(CameraSettings, name)
+        ]
+        if wanted.pixel_format:
+            # First, as the sizes and rates that there are depend on it.
+            capture.set(cv2.CAP_PROP_FOURCC, _fourcc(wanted.pixel_format))
+        for name, number, value in asked:
+            if name == 'exposure_time_absolute':
+                capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
+            capture.set(number, value)
+        differences = []
+        got = _letters(int(capture.get(cv2.CAP_PROP_FOURCC)))
+        if wanted.pixel_format and got != wanted.pixel_format:
+            differences.append(f'pixel_format is {got}, not {wanted.pixel_format}')
+        for name, number, value in asked:
+            said = capture.get(number)
+            if abs(said - value) > (_FPS_TOLERANCE * value if name == 'fps' else 0.5):
+                differences.append(f'{name} is {said:g}, not {value:g}')
+        if differences:
+            raise SourceError(
+                f'{self.name}: {", ".join(differences)}; v4l2-ctl --list-formats-ext and '
+                '--list-ctrls show what it offers'
+            )
+
+
+def _fourcc(letters: str) -> int:
+    return sum(ord(letter) << 8 * place for place, letter in enumerate(letters.ljust(4)))
+
+
+def _letters(fourcc: int) -> str:
+    return ''.join(chr(fourcc >> 8 * place & 0xFF) for place in range(4)).strip('\0 ')

@@ -1,0 +1,215 @@
+"""From a frame to maps of what may be an edge: steps of brightness and colour, and painted lines.
+
+Everything is measured in units of the local texture, so that the same numbers hold for grey and
+for colour, for haze and for sun, for 8 and for 16 bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.tuning import SEARCH
+from mvuav_ros.vision.point_operations import Pixels
+
+WORKING_WIDTH = 320
+"""Px; images much wider than this are shrunk by a whole factor for the search."""
+
+OPPONENT = np.array([(0.114, 0.587, 0.299), (1.0, -0.5, -0.5), (0.0, -1.0, 1.0)], np.float32)
+"""Brightness (eq. 3.3), blue against yellow, red against green; from blue, green, red."""
+
+Table = NDArray[np.float32]
+"""(channels, rows, columns + 1) sums along the rows; element x is that of the x columns before."""
+
+
+def shrunk(image: Pixels) -> tuple[Pixels, int]:
+    """A frame, not empty, about `WORKING_WIDTH` px wide, and px of the frame per px of it."""
+    height, width = image.shape[:2]
+    factor = max(1, min(round(width / WORKING_WIDTH), height))
+    return _shrunk_by(image, factor), factor
+
+
+def halved(pixels: Pixels) -> Pixels:
+    """The next level of a pyramid."""
+    return _shrunk_by(pixels, 2)
+
+
+def _shrunk_by(image: Pixels, factor: int) -> Pixels:
+    if factor == 1:
+        return image
+    height, width = image.shape[:2]
+    size = (width // factor, height // factor)
+    whole = image[: size[1] * factor, : size[0] * factor]
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+
+
+def grey_levels(pixels: Pixels) -> NDArray[np.float32]:
+    """The pixels as 256 grey levels, those of 16 bits too."""
+    levels = pixels.astype(np.float32)
+    if pixels.dtype == np.uint16:
+        levels /= 256
+    return levels
+
+
+def opponent_channels(pixels: Pixels) -> list[NDArray[np.float32]]:
+    """Brightness alone of a grey image, else the three channels of `OPPONENT`; grey levels."""
+    levels = grey_levels(pixels)
+    if pixels.ndim == 2:
+        return [levels]
+    return [np.ascontiguousarray(channel) for channel in cv2.split(cv2.transform(levels, OPPONENT))]
+
+
+def row_sums(
+    channels: Sequence[NDArray[Any]] | NDArray[Any], first_row: int = 0, table: Table | None = None
+) -> Table:
+    """Sums along the rows of channels, which are of the rows from ``first_row`` on.
+
+    An earlier table of the same size is overwritten; its rows above stay as they are.
+    """
+    if table is None:
+        rows, columns = channels[0].shape
+        table = np.zeros((len(channels), first_row + rows, columns + 1), np.float32)
+    for channel, sums in zip(channels, table, strict=True):
+        # Several times as fast as adding up one row after the other.
+        area = np.asarray(cv2.integral(channel, sdepth=cv2.CV_64F))
+        np.subtract(area[1:], area[:-1], out=sums[first_row:], casting='same_kind')
+    return table
+
+
+UNIT = 16
+"""Of the evidence maps: so many are one local texture."""
+COARSE = 4
+"""Evidence units of the search are so many times coarser: sums of eight fit into a byte."""
+_MOST_COARSE = 15
+CHANNELS = 4
+"""Of the maps: brightness, blue against yellow, red against green, paint."""
+
+_BRIGHT_16_BITS = 230.0
+"""Grey level to which the brightest pixels of a 16-bit image are raised: cameras of 10 to 14 bits
+use the lower part of the range."""
+
+
+def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
+    """A frame as `shrunk` gives it, uint8 or, for 16 bits, float32 of 256 grey levels."""
+    image, factor = shrunk(image)
+    if image.dtype == np.uint16:
+        levels = image.astype(np.float32)
+        brightest = float(np.percentile(levels[::4, ::4], 99))
+        return levels * (_BRIGHT_16_BITS / max(brightest, 256.0)), factor
+    return image, factor
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceMap:
+    """A levelled image, or a part of it, as evidence.
+
+    Attributes:
+        sums: of the 1 or 3 opponent channels, grey levels.
+        evidence: (height, width, 4) int8 in `UNIT`: steps to the right, and paint.
+        texture: (height, width) of brightness, grey levels.
+        hidden: (height, width) where something is laid over the view, if anywhere.
+    """
+
+    sums: Table
+    evidence: NDArray[np.int8]
+    texture: NDArray[np.float32]
+    hidden: NDArray[np.bool_] | None = None
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.evidence.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.evidence.shape[1])
+
+    def packed(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """All four channels of a pixel in one number, coarse: as left and as right edges."""
+        coarse = np.clip(self.evidence // COARSE, -_MOST_COARSE, _MOST_COARSE).astype(np.int8)
+        mirrored = coarse.copy()
+        mirrored[..., :3] *= -1
+        left, right = (
+            np.ascontiguousarray(each).reshape(-1, CHANNELS).view(np.int32).ravel()
+            for each in (coarse, mirrored)
+        )
+        return left, right
+
+    def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
+        """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""
+        column = np.rint(columns).astype(np.int32)
+        row = np.broadcast_to(rows, column.shape)
+        inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
+        found = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel()
+        index = np.where(inside, row * self.width + column, 0)
+        values = found.take(index)
+        if self.hidden is not None:
+            inside &= ~self.hidden.ravel().take(index)
+        values[~inside] = 0
+        return values.view(np.int8).reshape((*column.shape, CHANNELS)), inside
+
+    def means(
+        self, rows: NDArray[Any], first: NDArray[Any], last: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """Mean of each channel between columns, in the image; and where there are any."""
+        begin = np.rint(np.clip(first + 0.5, 0, self.width)).astype(np.intp)
+        end = np.maximum(np.rint(np.clip(last + 0.5, 0, self.width)).astype(np.intp), begin)
+        row = np.clip(rows, 0, self.height - 1)
+        total = self.sums[:, row, end] - self.sums[:, row, begin]
+        return total / np.maximum(end - begin, 1), end > begin
+
+
+def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = None) -> EvidenceMap:
+    """Make the maps of a levelled image of 256 grey levels, or colours.
+
+    There is no evidence where it is hidden, (height, width).
+    """
+    channels = opponent_channels(pixels)
+    height, width = channels[0].shape
+    evidence = np.zeros((height, width, CHANNELS), np.int8)
+    for number, channel in enumerate(channels):
+        floor = SEARCH.colour_floor if number else SEARCH.brightness_floor
+        evidence[..., number] = _quantised(_steps(channel, floor))
+    change = np.zeros((height, width), np.float32)
+    np.abs(channels[0][:, 1:] - channels[0][:, :-1], out=change[:, :-1])
+    evidence[..., 3] = _quantised(_paint(channels[0], change))
+    texture = cv2.blur(np.minimum(change, 20.0), (31, 9))
+    if hidden is not None:
+        evidence[hidden] = 0
+    return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32), hidden)
+
+
+def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:
+    most = SEARCH.most_evidence * UNIT
+    return np.clip(values * UNIT, -most, most).astype(np.int8)
+
+
+def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
+    """How much larger a channel is to the right of each pixel than to its left, in textures."""
+    reach = SEARCH.step_reach
+    kernel = np.array([[-1] * reach + [0] + [1] * reach], np.float32) / reach
+    step = cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+    size: NDArray[Any] = np.abs(step)
+    # One bright roof must not hide the field beside it.
+    np.minimum(size, 4.0 * float(size[::3, ::3].mean()) + floor, out=size)
+    usual = cv2.blur(size, SEARCH.texture_window)
+    return np.asarray(step / (1.25 * usual + floor), np.float32)
+
+
+def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
+    """How much brighter each pixel is than the pixels on both sides, in textures."""
+    ridge = np.zeros_like(brightness)
+    for reach in SEARCH.ridge_reaches:
+        sides = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
+        inner = ridge[:, reach:-reach]
+        np.maximum(inner, brightness[:, reach:-reach] - sides, out=inner)
+    limit = 4.0 * float(change.mean()) + 1.0
+    usual = cv2.blur(np.minimum(change, limit), SEARCH.texture_window)
+    found = cv2.dilate(ridge / (1.5 * usual + 1.5), np.ones((1, 3), np.uint8))
+    return np.asarray(found, np.float32)

@@ -1,0 +1,197 @@
+"""How the surroundings of a strip move between frames, and what stands still while they do.
+
+The ground moves as a plane does, and what is far away as the camera turns: from some frames to the
+next both are about an affine map. What stands still where that map says that it should have moved
+does not belong to them (burned-in text, a window's frame), and its edges are no evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.edges import Strip
+from mvuav_ros.vision.approach.numeric import vertex
+from mvuav_ros.vision.approach.tuning import MOTION
+
+
+class Registration:
+    """Compares each working image with the last one."""
+
+    def __init__(self) -> None:
+        self._last: NDArray[Any] | None = None
+        self._now: NDArray[Any] | None = None
+        self.gray = np.zeros((0, 0), np.uint8)
+        """The newest working image in 256 grey levels."""
+        self.moving = False
+        """The newest image differs from the last one; a still says nothing new."""
+        self.unchanged = 0
+        """Images that were the same as the newest."""
+
+    def take(self, pixels: NDArray[Any]) -> None:
+        """Take in the next working image, (height, width) or (height, width, 3)."""
+        # A copy: the caller may use the image's memory for the next one.
+        gray = pixels.copy() if pixels.ndim == 2 else cv2.extractChannel(pixels, 1)
+        if gray.dtype != np.uint8:
+            gray = gray.astype(np.float32)
+        self._last, self._now = self._now, np.asarray(gray)
+        self.gray = self._now.astype(np.uint8) if gray.dtype != np.uint8 else self._now
+        same = self._last is not None and np.array_equal(self._last, self._now)
+        self.moving = self._last is not None and not same
+        self.unchanged = self.unchanged + 1 if same else 0
+
+    def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
+        """Px to the right and down by which the surroundings of the last frame's strip have moved.
+
+        Both are on the levelled working image; the shift is 0 where nobody can tell.
+        """
+        last, now = self._last, self._now
+        if last is None or now is None or last.shape != now.shape or last.dtype != now.dtype:
+            return 0.0, 0.0
+        box = _box(strip, level, last.shape)
+        if box is None:
+            return 0.0, 0.0
+        first, top, end, bottom = box
+        part = last[top:bottom, first:end]
+        around = now[
+            top - MOTION.reach : bottom + MOTION.reach, first - MOTION.reach : end + MOTION.reach
+        ]
+        alike = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
+        row, column = np.unravel_index(int(alike.argmax()), alike.shape)
+        if not alike[row, column] > MOTION.min_correlation:
+            return 0.0, 0.0
+        right = column - MOTION.reach + vertex(alike[row], int(column))
+        down = row - MOTION.reach + vertex(alike[:, column], int(row))
+        cos, sin = math.cos(level.slope), math.sin(level.slope)
+        return cos * right + sin * down, -sin * right + cos * down
+
+
+def _box(
+    strip: Strip, level: Derotation, size: tuple[int, ...]
+) -> tuple[int, int, int, int] | None:
+    """First column, first row, column and row after the last one of what is compared."""
+    x, y, left, right, _, near = (float(value) for value in strip)
+    at_x, at_y = level.to_frame(x + 0.25 * (left + right) * near, y + 0.5 * near)
+    at_x, at_y = (at_x + 0.5) / level.factor - 0.5, (at_y + 0.5) / level.factor - 0.5
+    if not math.isfinite(at_x + at_y):
+        return None
+    height, width = size[:2]
+    half_wide = 0.5 * min(max(1.5 * (right - left) * near, MOTION.min_side), MOTION.max_side)
+    half_high = 0.5 * min(max(1.5 * near, MOTION.min_side), MOTION.max_side)
+    first, end = (
+        max(MOTION.reach, int(at_x - half_wide)),
+        min(width - MOTION.reach, int(at_x + half_wide)),
+    )
+    top, bottom = (
+        max(MOTION.reach, int(at_y - half_high)),
+        min(height - MOTION.reach, int(at_y + half_high)),
+    )
+    if end - first < MOTION.min_side // 2 or bottom - top < MOTION.min_side // 2:
+        return None
+    return first, top, end, bottom
+
+
+class Overlaid:
+    """Learns from working images of one size what is laid over the view.
+
+    Attributes:
+        mask: (height, width) uint8, 255 where the picture is overlaid; None where nowhere.
+    """
+
+    def __init__(self) -> None:
+        self.mask: NDArray[np.uint8] | None = None
+        self._votes: NDArray[np.float32] | None = None
+        self._first: NDArray[np.uint8] | None = None
+        self._corners: NDArray[np.float32] | None = None
+        self._age, self._period = 0, MOTION.period
+
+    def take(self, gray: NDArray[np.uint8]) -> None:
+        """Take in the next working image, (height, width); it may not be changed later."""
+        self._age += 1
+        if self._first is None or self._corners is None:
+            self._begin(gray)
+            return
+        if self._age % self._period:
+            return
+        seen = self._compare(gray)
+        if seen or self._age >= MOTION.max_period:
+            self._begin(gray)
+
+    def _begin(self, gray: NDArray[np.uint8]) -> None:
+        self._first, self._age = gray, 0
+        found = cv2.goodFeaturesToTrack(
+            gray, MOTION.max_corners, 0.005, MOTION.corner_distance, blockSize=3
+        )
+        self._corners = None if found is None else np.asarray(found, np.float32)
+
+    def _compare(self, gray: NDArray[np.uint8]) -> bool:
+        """Whether the ground has moved, so that other corners are better."""
+        assert self._first is not None
+        assert self._corners is not None
+        now, found, _ = cv2.calcOpticalFlowPyrLK(
+            self._first,
+            gray,
+            self._corners,
+            self._corners.copy(),
+            winSize=MOTION.flow_window,
+            maxLevel=MOTION.flow_levels,
+        )
+        known = np.asarray(found)[:, 0] > 0
+        old, new = self._corners[known, 0], np.asarray(now)[known, 0]
+        way = np.linalg.norm(new - old, axis=1)
+        moving = way > MOTION.max_still
+        if np.count_nonzero(moving) < MOTION.min_moving:
+            return False
+        plane, agree = cv2.findHomography(
+            old[moving],
+            new[moving],
+            cv2.RANSAC,
+            ransacReprojThreshold=MOTION.max_residual,
+            maxIters=200,
+        )
+        if plane is None or agree.mean() < MOTION.min_inliers:
+            # Too fast to be followed over more than a frame.
+            self._period = 1
+            return True
+        there = np.asarray(cv2.perspectiveTransform(old[:, None], plane))[:, 0]
+        expected = np.linalg.norm(there - old, axis=1)
+        overlaid = ~moving & (expected > MOTION.min_moved)
+        if not (expected > MOTION.min_moved).any():
+            return False
+        self._period = min(self._period + 1, MOTION.period)
+        self._vote(old[overlaid], new[way > MOTION.min_moved], gray.shape)
+        return True
+
+    def _vote(self, still: Any, moved: Any, size: tuple[int, ...]) -> None:
+        height, width = size
+        if self._votes is None:
+            self._votes = np.zeros(
+                (height // MOTION.cell + 1, width // MOTION.cell + 1), np.float32
+            )
+        votes = self._votes
+        votes *= 1.0 - MOTION.forgotten
+        # Beside a letter that stands still there may be digits that change.
+        around = cv2.dilate(self._counted(still), np.ones((3, 3), np.uint8))
+        votes += np.minimum(around, 1.0) - self._counted(moved)
+        np.clip(votes, 0.0, MOTION.max_votes, out=votes)
+        cells = np.where(votes >= MOTION.min_votes, 255, 0).astype(np.uint8)
+        if not cells.any():
+            self.mask = None
+            return
+        mask = np.repeat(np.repeat(cells, MOTION.cell, axis=0), MOTION.cell, axis=1)
+        self.mask = np.ascontiguousarray(mask[:height, :width])
+
+    def _counted(self, places: Any) -> NDArray[np.float32]:
+        """How many places (n, 2) lie in each cell."""
+        assert self._votes is not None
+        rows, columns = self._votes.shape
+        column, row = (places / MOTION.cell).astype(np.intp).T
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        cells = row[inside] * columns + column[inside]
+        counts = np.bincount(cells, minlength=rows * columns)
+        return counts.reshape(rows, columns).astype(np.float32)

@@ -1,0 +1,467 @@
+"""Roads' lanes and pipelines: what they look like, and where they may be in a frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.evidence import OPPONENT, Table, grey_levels
+from mvuav_ros.vision.approach.numeric import best_run, in_common
+from mvuav_ros.vision.approach.tuning import ROAD
+
+
+@dataclass(frozen=True)
+class EdgeProfile:
+    """What tells the strip from the land beside it.
+
+    Lengths are in widths of the strip.
+
+    Attributes:
+        gap: from an edge to where the outside begins.
+        least_gap: the same, px.
+        inset: from an edge to where the inside begins.
+        inside: of the inside that is compared with each side.
+        flank: of the outside that is compared on each side.
+        brightness: weight of brightness against colourfulness.
+        floor: grey levels; contrast of a row that speaks neither for nor against a strip.
+        painted: the edges are bright lines, not the borders of a surface.
+    """
+
+    gap: float = 0.08
+    least_gap: float = 0.4
+    inset: float = 0.1
+    inside: float = 0.3
+    flank: float = 0.6
+    brightness: float = 0.6
+    floor: float = 7.0
+    painted: bool = False
+
+
+@dataclass(frozen=True)
+class Target:
+    """The differences between the things that are straight strips on the ground.
+
+    Widths are in camera heights above the ground, which is what the image shows: the strip's
+    edges move apart by that many pixels per pixel below the horizon, at any focal length.
+
+    Attributes:
+        look: what tells it from the land. Painted lines are looked for everywhere: the camera is
+            taken to be level, its horizon where they meet. Other strips are looked for below the
+            horizon.
+        usual_widths: width over height below and above which a shape is less and less likely.
+        widest: greatest width over height of a shape that is followed.
+        usual_offset: of the camera from the strip's middle, in widths, above which a shape is less
+            and less likely.
+        offset_spread: standard deviation of offsets beyond.
+        farthest_aside: most offset of a shape that is followed.
+        least_support: of the edges, 0 to 1, below which a shape counts as not seen.
+        start_score: merit above which a frame speaks for a shape.
+        keep_score: quality below which a shape is no longer believed.
+    """
+
+    look: EdgeProfile
+    usual_widths: tuple[float, float]
+    widest: float
+    usual_offset: float
+    offset_spread: float
+    farthest_aside: float
+    least_support: float
+    start_score: float
+    keep_score: float
+
+
+_LANE = Target(
+    look=EdgeProfile(
+        gap=-0.008, least_gap=-9.0, inset=0.05, inside=0.45, flank=0.03, floor=5.0, painted=True
+    ),
+    usual_widths=(1.6, 4.0),
+    widest=9.0,
+    usual_offset=0.25,
+    offset_spread=0.1,
+    farthest_aside=0.5,
+    least_support=0.3,
+    start_score=0.5,
+    keep_score=0.3,
+)
+_PIPELINE = Target(
+    look=EdgeProfile(),
+    usual_widths=(0.03, 0.6),
+    widest=2.0,
+    usual_offset=2.0,
+    offset_spread=2.0,
+    farthest_aside=6.0,
+    least_support=0.15,
+    start_score=1.0,
+    keep_score=0.8,
+)
+TARGETS = {'road': _LANE, 'pipeline': _PIPELINE}
+
+Features = NDArray[np.float32]
+"""(2, rows, columns) brightness and colourfulness, grey levels."""
+CHANNELS = 2
+
+
+@dataclass(frozen=True)
+class Colours:
+    """How colours are taken before they are compared.
+
+    Attributes:
+        white: factors of blue, green and red that make white things white.
+        gain: factor of the colourfulness.
+    """
+
+    white: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    gain: float = 1.0
+
+
+PLAIN = Colours()
+
+
+def white_of(pixels: NDArray[Any]) -> tuple[float, float, float]:
+    """Factors of blue, green and red that take the tint from the brightest pixels."""
+    some = pixels[:: ROAD.white_step, :: ROAD.white_step].reshape(-1, 3).astype(np.float32)
+    brightness = some @ OPPONENT[0]
+    brightest = some[brightness >= np.percentile(brightness, ROAD.white_percentile)].mean(axis=0)
+    factors = np.clip(
+        brightest.mean() / np.maximum(brightest, 1.0), 1 / ROAD.max_cast, ROAD.max_cast
+    )
+    factors /= np.clip(factors, 1 / ROAD.usual_cast, ROAD.usual_cast)
+    blue, green, red = (float(factor) for factor in factors)
+    return blue, green, red
+
+
+def features_of(pixels: NDArray[Any], colours: Colours = PLAIN, smoothing: int = 1) -> Features:
+    """Brightness and colourfulness.
+
+    Pavement is greyer than what grows beside it, whether it is darker or brighter; and what is as
+    colourful as its surroundings, such as one field beside another, does not stand out.
+
+    Args:
+        pixels: (rows, columns) or (rows, columns, 3), blue first; 8 or 16 bits.
+        colours: of the image.
+        smoothing: columns, odd, over which colour (not brightness) is averaged, by a Gaussian.
+    """
+    levels = grey_levels(pixels)
+    if pixels.ndim == 2:
+        return np.stack([levels, np.zeros_like(levels)])
+    matrix = OPPONENT.copy()
+    matrix[1:] *= np.multiply(colours.white, colours.gain, dtype=np.float32)
+    opponent = cv2.transform(levels, matrix)
+    brightness, blue_yellow, red_green = cv2.split(opponent)
+    if smoothing > 1:
+        # Before the magnitude, which would take noise for colour.
+        blue_yellow = cv2.GaussianBlur(blue_yellow, (smoothing, 1), 0)
+        red_green = cv2.GaussianBlur(red_green, (smoothing, 1), 0)
+    # cv2.magnitude rounds as the arrays happen to lie in memory; results must repeat.
+    blue_yellow *= blue_yellow
+    red_green *= red_green
+    blue_yellow += red_green
+    return np.stack([brightness, np.sqrt(blue_yellow, out=blue_yellow)])
+
+
+Shapes = NDArray[np.float64]
+"""(n, 4): vanishing point's x and y, and the columns by which the left and the right edge move to
+the right per row below it; px on the levelled working image."""
+
+
+@dataclass(frozen=True, eq=False)
+class StripScores:
+    """What `score_strips` says of n shapes.
+
+    Attributes:
+        score: (n,) sum over the depth of the strip, log scale, of contrast above the floor, in
+            units of the floor; 0 where there is none.
+        far: (n,) first row of the strip, px below the vanishing point.
+        near: (n,) row after its last one, px below the vanishing point.
+        contrast: (n, channels) mean of inside minus outside, grey levels.
+        open_end: (n,) the strip leaves the image there.
+    """
+
+    score: NDArray[np.floating[Any]]
+    far: NDArray[np.floating[Any]]
+    near: NDArray[np.floating[Any]]
+    contrast: NDArray[np.floating[Any]]
+    open_end: NDArray[np.bool_]
+
+
+def bounds_of(left: Any, right: Any, look: EdgeProfile) -> tuple[Any, ...]:
+    """Columns between which a strip's outside and inside are averaged, from left to right.
+
+    Four stretches: beside the left edge outside and inside, beside the right edge inside and
+    outside. What lies in the middle of a runway, from rubber to figures, does not count.
+    """
+    width = right - left
+    gap = np.maximum(look.gap * width, look.least_gap)
+    flank = np.clip(look.flank * width, ROAD.min_flank, ROAD.max_flank)
+    inset = look.inset * width
+    inside = look.inside * width
+    return (
+        left - gap - flank,
+        left - gap,
+        left + inset,
+        left + inset + inside,
+        right - inset - inside,
+        right - inset,
+        right + gap,
+        right + gap + flank,
+    )
+
+
+def contrasts(
+    sums: NDArray[Any], bounds: NDArray[Any], look: EdgeProfile
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """How a strip differs from both sides.
+
+    Args:
+        sums: (channels, 8, ...) row sums at the bounds.
+        bounds: (8, ...) the bounds, already confined to the image.
+        look: of the target.
+
+    Returns:
+        (channels, ...) what both sides have in common of inside minus outside, and (...) its
+        size with the channels weighted. Of painted edges (2, ...) by how much the left and the
+        right one are brighter than the inside, and their mean.
+    """
+    shares = bounds[1::2] - bounds[::2]
+    means = (sums[:, 1::2] - sums[:, ::2]) / np.maximum(shares, 1e-3)
+    left = means[:, 1] - means[:, 0]
+    right = means[:, 2] - means[:, 3]
+    if look.painted:
+        sides = np.maximum(-np.stack([left[0], right[0]]), 0.0)
+        np.minimum(sides, 2 * ROAD.ceiling * look.floor, out=sides)
+        size = 0.5 * (sides[0] + sides[1])
+        common = sides
+    else:
+        common = in_common(left, right)
+        size = np.hypot(look.brightness * common[0], np.minimum(common[1], 0.0))
+    return common, size * _seen(bounds)
+
+
+def _seen(bounds: NDArray[Any]) -> NDArray[Any]:
+    """Where enough of both sides and of the strip itself is in the image."""
+    shares = bounds[1::2] - bounds[::2]
+    seen: NDArray[Any] = (np.minimum(shares[0], shares[3]) > 0.5) & (
+        np.minimum(shares[1], shares[2]) > 0.2
+    )
+    return seen
+
+
+def score_strips(table: Table, shapes: Shapes, look: EdgeProfile) -> StripScores:
+    """Measure shapes row by row, and find where along its depth each is a strip."""
+    _, height, stride = table.shape
+    columns = stride - 1
+    rows = np.arange(max(0, int(np.ceil(shapes[:, 1].min() + ROAD.first_depth))), height)
+    count = shapes.shape[0]
+    if rows.size < 2:
+        nothing = np.zeros(count)
+        return StripScores(
+            nothing, nothing, nothing, np.zeros((count, CHANNELS)), np.zeros(count, bool)
+        )
+    depth = (rows - shapes[:, 1:2]).astype(np.float32)
+    start = shapes[:, 0:1].astype(np.float32)
+    left = start + shapes[:, 2:3].astype(np.float32) * depth
+    right = start + shapes[:, 3:4].astype(np.float32) * depth
+    # Pixel x covers [x - 0.5, x + 0.5].
+    bounds = np.stack(bounds_of(left, right, look))
+    bounds += np.float32(0.5)
+    np.clip(bounds, 0, columns, out=bounds)
+    sums = _interpolate(table, rows, bounds)
+    common, size = contrasts(sums, bounds, look)
+    # What is hidden speaks neither for nor against.
+    seen = _seen(bounds)
+    visible = (depth >= ROAD.first_depth) & seen
+    depth = np.maximum(depth, 1.0)
+    worth = visible / depth
+    gain = (np.minimum(size / look.floor, ROAD.ceiling) - 1.0) * worth
+    _, first, last = best_run(gain)
+    weight = _within(first, last, rows.size)
+    # What is fainter by far than the rest is no longer the strip.
+    limited = np.minimum(size, 2 * ROAD.ceiling * look.floor)
+    typical = (limited * weight).sum(axis=1, keepdims=True)
+    floor = np.maximum(look.floor, ROAD.faded * typical)
+    _, first, last = best_run((limited - floor) * worth)
+    weight = _within(first, last, rows.size)
+    score = np.maximum((gain * (weight > 0)).sum(axis=1), 0.0)
+    contrast = np.einsum('cnr,nr->nc', common, weight)
+    if look.painted:
+        score *= _balance(contrast[:, 0], contrast[:, 1])
+        contrast = np.stack([-contrast.mean(axis=1), np.zeros(count)], axis=1)
+    number = np.arange(count)
+    far = depth[number, first]
+    near = depth[number, np.maximum(last - 1, first)] + 1.0
+    # Where the next row is hidden, nobody knows how far the strip goes on.
+    beyond = np.minimum(last, rows.size - 1)
+    open_end = (last >= rows.size - 1) | ~seen[number, beyond]
+    return StripScores(score, far, near, contrast, open_end)
+
+
+def _balance(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """1 for two lines, be one of them dashed 1 : 2; less where one is faint beside the other."""
+    larger = np.maximum(np.maximum(left, right), 1e-6)
+    share: NDArray[Any] = np.minimum(left, right) / larger
+    return np.clip((share - 0.03) / 0.22, 0.0, 1.0)
+
+
+def _interpolate(table: Table, rows: NDArray[Any], bounds: NDArray[Any]) -> NDArray[Any]:
+    """(channels, ..., r) row sums at r whole rows and (..., r) fractional columns."""
+    channels, _, stride = table.shape
+    whole = np.minimum(bounds.astype(np.int32), stride - 2)
+    part = bounds - whole
+    index = whole + (rows * stride).astype(np.int32)
+    flat = table.reshape(channels, -1)
+    below = flat.take(index, axis=1, mode='clip')
+    index += 1
+    above: NDArray[Any] = flat.take(index, axis=1, mode='clip')
+    above -= below
+    above *= part
+    above += below
+    return above
+
+
+def _within(first: NDArray[Any], last: NDArray[Any], columns: int) -> NDArray[Any]:
+    """(n, columns) equal weights that sum to 1 from ``first`` to before ``last``, else 0."""
+    index = np.arange(columns)
+    within = (index >= first[:, None]) & (index < last[:, None])
+    share: NDArray[Any] = within / np.maximum(within.sum(axis=1, keepdims=True), 1)
+    return share
+
+
+_OFFSETS = np.array((-3.0, -1.5, -1.2, -0.7, -0.3, 0.0, 0.3, 0.7, 1.2, 1.5, 3.0))
+"""The camera's ways from the strip's middle, in widths, that are tried."""
+
+
+class Band:
+    """All strips of one width over height that end at about one depth below the horizon."""
+
+    def __init__(
+        self, look: EdgeProfile, depth: float, ratio: float, height: int, width: int
+    ) -> None:
+        """Lay out where to look on levelled images of that height and width.
+
+        ``depth`` is the near end's below the horizon, px, ``ratio`` width over camera height.
+        """
+        self._width, self._height = ratio * depth, height
+        self._slopes = np.stack([-(_OFFSETS + 0.5) * ratio, (0.5 - _OFFSETS) * ratio], axis=1)
+        self._rows = np.unique(
+            np.rint(np.geomspace(ROAD.taper * depth, depth, ROAD.samples))
+        ).astype(int)
+        step = max(1, min(8, int(self._width / 4)))
+        beyond = int(ROAD.max_beyond * width)
+        self._points = np.arange(-beyond, width + beyond, step)
+        x = self._points[:, None, None]
+        left, right = (x + slopes[:, None] * self._rows for slopes in self._slopes.T)
+        bounds = np.stack(bounds_of(left, right, look))
+        bounds = np.rint(np.clip(bounds + 0.5, 0, width)).astype(np.int32)
+        self._bounds = bounds.astype(np.float32)
+        self._index = bounds + (self._rows * (width + 1)).astype(np.int32)
+        self._middles = self._points[:, None] + 0.5 * self._slopes.sum(axis=1) * depth
+        self.size = self._index.size
+
+    def find(self, table: Table, look: EdgeProfile, horizon_row: float) -> Shapes:
+        """The best strips of this band whose vanishing points lie on a row, best first."""
+        top = round(horizon_row)
+        found: list[tuple[float, ...]] = []
+        if top + self._rows[0] < 0 or top + self._rows[-1] >= self._height:
+            return np.empty((0, 4))
+        channels, _, stride = table.shape
+        flat = table.reshape(channels, -1)
+        sums = flat.take(self._index + np.int32(top * stride), axis=1, mode='clip')
+        _, size = contrasts(sums, self._bounds, look)
+        gain = np.minimum(size, ROAD.ceiling * look.floor).mean(axis=2)
+        for _ in range(ROAD.max_of_band):
+            point, number = np.unravel_index(int(gain.argmax()), gain.shape)
+            if gain[point, number] <= look.floor:
+                break
+            found.append((self._points[point], horizon_row, *self._slopes[number]))
+            # Strips whose near ends have nearly the same middle are the same strip.
+            near = np.abs(self._middles - self._middles[point, number]) < 0.7 * self._width
+            gain[near] = 0.0
+        return np.array(found, np.float64).reshape(-1, 4)
+
+
+class Search:
+    """Takes a share of the bands in each frame, so that no frame takes long."""
+
+    def __init__(self, look: EdgeProfile, height: int, width: int) -> None:
+        self._bands = [
+            Band(look, float(depth), ratio, height, width)
+            for depth in np.geomspace(10, 0.6 * height, 9)
+            for ratio in ROAD.ratios
+            if ROAD.narrowest <= ratio * depth <= 0.9 * width
+        ]
+        self._effort = ROAD.search_share * sum(band.size for band in self._bands)
+        self._next = 0
+
+    def find(self, table: Table, look: EdgeProfile, horizon_row: float) -> Shapes:
+        """Candidates of the next bands' turn; after a few frames all had theirs."""
+        effort = self._effort
+        found = [np.empty((0, 4))]
+        while effort > 0:
+            band = self._bands[self._next]
+            self._next = (self._next + 1) % len(self._bands)
+            effort -= band.size
+            found.append(band.find(table, look, horizon_row))
+        return np.concatenate(found)
+
+
+def find_lanes(table: Table, target: Target) -> Shapes:
+    """Candidates from pairs of painted lines of plausible widths and offsets, strongest first."""
+    height, width = table.shape[1], table.shape[2] - 1
+    lines = _painted_lines(table)
+    found: list[tuple[float, tuple[float, float, float, float]]] = []
+    for place_left, left, votes_left in lines:
+        for place_right, right, votes_right in lines:
+            ratio = right - left
+            if not 0.7 * target.usual_widths[0] < ratio < target.widest:
+                continue
+            if abs(left + right) / 2 / ratio > target.farthest_aside:
+                continue
+            # Places are columns on the lowest row.
+            depth = (place_right - place_left) / ratio
+            row = height - 1 - depth
+            column = place_left - left * depth
+            if ROAD.highest * height < row < ROAD.lowest * height and 0 <= column < width:
+                found.append((min(votes_left, votes_right), (column, row, left, right)))
+    found.sort(key=lambda entry: -entry[0])
+    return np.array([shape for _, shape in found[: ROAD.max_lanes]]).reshape(-1, 4)
+
+
+def _painted_lines(table: Table) -> list[tuple[float, float, float]]:
+    """Column on the lowest row, columns per row, and votes of lines; strongest first."""
+    brightness = table[0, :, 1:] - table[0, :, :-1]
+    height = brightness.shape[0]
+    top = int(ROAD.highest * height)
+    mask = _paint(brightness[top:])
+    found = cv2.HoughLinesWithAccumulator(mask, 1.0, math.radians(1.5), ROAD.min_votes)
+    lines: list[tuple[float, float, float]] = []
+    for rho, theta, votes in () if found is None else found.reshape(-1, 3)[:200]:
+        cos, sin = math.cos(theta), math.sin(theta)
+        if abs(sin) > ROAD.flattest * abs(cos):
+            continue
+        slope = -sin / cos
+        place = rho / cos + slope * (height - 1 - top)
+        if any(
+            abs(place - p) < ROAD.same_place * (1 + abs(slope)) and abs(slope - s) < ROAD.same_slope
+            for p, s, _ in lines
+        ):
+            continue
+        lines.append((float(place), float(slope), float(votes)))
+        if len(lines) == ROAD.max_lines:
+            break
+    return lines
+
+
+def _paint(brightness: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """1 where a row has a narrow bright place."""
+    mask = np.zeros(brightness.shape, np.uint8)
+    inner = brightness[:, ROAD.paint_reach : -ROAD.paint_reach] - ROAD.paint_contrast
+    bright = (inner > brightness[:, : -2 * ROAD.paint_reach]) & (
+        inner > brightness[:, 2 * ROAD.paint_reach :]
+    )
+    mask[:, ROAD.paint_reach : -ROAD.paint_reach] = bright
+    return mask

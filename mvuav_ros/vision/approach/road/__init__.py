@@ -1,1 +1,0 @@
-"""Roads and pipelines: strips unlike the land on both sides, searched and followed."""

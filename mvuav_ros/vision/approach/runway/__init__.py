@@ -1,1 +1,0 @@
-"""Runways found by themselves: searched, weighed, and followed as several that may be the one."""

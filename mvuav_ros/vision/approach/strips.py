@@ -1,0 +1,294 @@
+"""A strip on the ground: where it is, and the Kalman filter on its two edges."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
+from mvuav_ros.vision.approach.edges import EdgePoints, Edges, Strip
+from mvuav_ros.vision.approach.search import Strips
+from mvuav_ros.vision.approach.tuning import STRIP
+
+
+def columns_at(strips: Strips, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 2) columns of the left and the right edge at two rows, px."""
+    depth = rows - strips[:, 1:2]
+    edges = [strips[:, 0:1] + strips[:, column : column + 1] * depth for column in (2, 3)]
+    return np.stack(edges, axis=1)
+
+
+def strips_through(
+    columns: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Strips:
+    """Strips whose edges pass through columns at two rows."""
+    slopes = (columns[:, :, 1] - columns[:, :, 0]) / (rows[1] - rows[0])
+    gap = np.maximum(slopes[:, 1] - slopes[:, 0], 0.02)
+    depth = (columns[:, 1, 1] - columns[:, 0, 1]) / gap
+    x, y = columns[:, 0, 1] - slopes[:, 0] * depth, rows[1] - depth
+    found = np.stack([x, y, slopes[:, 0], slopes[:, 1], ends[:, 0] - y, ends[:, 1] - y], axis=1)
+    found[:, 5] = np.maximum(found[:, 5], 4.0)
+    return found
+
+
+def surrounding_box(strips: Strips) -> tuple[float, float, float, float]:
+    """The part of an image that is needed to describe strips."""
+    x, y, left, right, _, near = strips.T
+    first, last = x + left * near, x + right * near
+    margin = max(STRIP.side_margin * float((last - first).max()), STRIP.min_side_margin)
+    return (
+        float(np.minimum(first, x).min()) - margin,
+        float(y.min()) - STRIP.margin_above,
+        float(np.maximum(last, x).max()) + margin,
+        float((y + STRIP.depth_below * near).max()) + 4,
+    )
+
+
+def apart(strips: Strips, odds: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Numbers of the strips that differ, best first."""
+    best = strips[int(odds.argmax())]
+    rows = best[1] + np.array([0.4, 1.0]) * best[5]
+    columns = columns_at(strips, rows)
+    width = float(columns[int(odds.argmax()), 1, 1] - columns[int(odds.argmax()), 0, 1])
+    kept: list[int] = []
+    for index in np.argsort(-odds, kind='stable'):
+        if not kept or (
+            odds[index] > odds[kept[0]] - 9.0
+            and np.abs(columns[kept] - columns[index]).max(axis=(1, 2)).min() > 0.08 * width + 0.5
+        ):
+            kept.append(int(index))
+    return np.array(kept, np.intp)
+
+
+def overlap(strip: Strip, other: Strip) -> bool:
+    """Whether two strips share half of the narrower one, and meet at about the same place."""
+    row = np.array([strip[1] + strip[5]])
+    (left, right), (first, last) = columns_at(np.stack([strip, other]), row)[:, :, 0]
+    width, its = right - left, max(last - first, 1e-6)
+    return bool(
+        min(last, right) - max(first, left) > 0.5 * min(width, its)
+        and abs(other[1] - strip[1]) < 0.6 * strip[5]
+        and width / 3 < its < 3 * width
+    )
+
+
+def points_along(
+    mean: NDArray[np.float64], rows: NDArray[np.float64], spread: NDArray[np.float64]
+) -> Edges:
+    """The mean's edges as points, the fewer the less they are known."""
+    share = (np.arange(STRIP.points) + 0.5) / STRIP.points
+    at = rows[0] + share * (rows[1] - rows[0])
+    edges = []
+    for side in (0, 1):
+        columns = mean[side, 0] + share * (mean[side, 1] - mean[side, 0])
+        weight = 1.0 / (1.0 + float(spread[side].max()) ** 2)
+        edges.append(EdgePoints(at, columns, np.full(STRIP.points, weight), 1.0))
+    left, right = edges
+    return left, right
+
+
+def strip_through(
+    corners: NDArray[np.float64], rows: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Strip:
+    """The strip whose edges pass through corners at two rows."""
+    left, right = (corners[:, 1] - corners[:, 0]) / (rows[1] - rows[0])
+    depth = (corners[1, 1] - corners[0, 1]) / max(right - left, 1e-3)
+    return np.array([corners[0, 1] - left * depth, rows[1] - depth, left, right, *ends])
+
+
+def agrees(exact: EdgePoints, mean: EdgePoints) -> bool:
+    """Whether points measured on the frame lie along the mean."""
+    used = exact.weights > 0
+    if np.count_nonzero(used) < 4:
+        return False
+    expected = np.interp(exact.rows[used], mean.rows, mean.columns)
+    slope = (mean.columns[-1] - mean.columns[0]) / (mean.rows[-1] - mean.rows[0])
+    beyond = exact.rows[used] - np.clip(exact.rows[used], mean.rows[0], mean.rows[-1])
+    apart = np.abs(exact.columns[used] - expected - slope * beyond)
+    # The median is that low.
+    return bool(2 * np.count_nonzero(apart < STRIP.max_disagreement) > apart.size)
+
+
+def is_plausible(strip: Strip, size: tuple[int, int]) -> bool:
+    """Whether a strip can be a runway seen from the air; of an image of that height and width."""
+    if not np.isfinite(strip).all():
+        return False
+    x, y, left, right, far, near = strip
+    height, columns = size
+    width = right - left
+    return bool(
+        0.05 < width < 8.0
+        and width * near > STRIP.min_width
+        and abs(left + right) / 2 < 2.0 * width
+        and -0.5 * columns < x < 1.5 * columns
+        and -STRIP.max_above * height < y < height - 6
+        and near > far
+        and (y > STRIP.top_row or y + near > STRIP.min_below_top)
+    )
+
+
+class Shape:
+    """Two edges, each x = p + a (y - reference row), on the levelled working image.
+
+    Attributes:
+        state: (4,) p and a of the left edge, p and a of the right edge.
+        covariance: (4, 4).
+        reference: row, px.
+    """
+
+    def __init__(self, strip: Strip) -> None:
+        """Take over a candidate: as sure of its near end as of a fraction of its width."""
+        x, y, left, right, _, near = (float(v) for v in strip)
+        self.reference = y + near
+        self.state = np.array([x + left * near, left, x + right * near, right])
+        width = (right - left) * near
+        place, slope = max(1.5, 0.2 * width), 0.2 * (right - left)
+        self.covariance = np.diag([place**2, slope**2, place**2, slope**2])
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Of the left and of the right edge, columns per row."""
+        return float(self.state[1]), float(self.state[3])
+
+    @property
+    def vanishing_point(self) -> tuple[float, float]:
+        """Where the edges meet, px; NaN where they are parallel."""
+        p_left, left, p_right, right = self.state.tolist()
+        if right - left < 1e-3:
+            return float('nan'), float('nan')
+        depth = -(p_right - p_left) / (right - left)
+        return p_left + left * depth, self.reference + depth
+
+    def predict(self, rightwards: float = 0.0, downwards: float = 0.0) -> None:
+        """One frame passes, in which the image was seen to move, px."""
+        left, right = self.slopes
+        self.state[[0, 2]] += rightwards
+        self.reference += downwards
+        sideways = np.array([1.0, 0.0, 1.0, 0.0])
+        upwards = np.array([left, 0.0, right, 0.0])
+        change = (STRIP.slope_sigma + STRIP.slope_share_sigma * abs(right - left)) ** 2
+        self.covariance = (
+            self.covariance
+            + STRIP.yaw_sigma**2 * np.outer(sideways, sideways)
+            + STRIP.pitch_sigma**2 * np.outer(upwards, upwards)
+            + np.diag([0.04, change, 0.04, change])
+        )
+
+    def turn(self, old: Derotation, new: Derotation) -> None:
+        """Describe the same edges on another derotation."""
+        for first in (0, 2):
+            place, slope = (float(value) for value in self.state[first : first + 2])
+            self.state[first : first + 2] = turn_edge(place, slope, self.reference, old, new)
+
+    def move_reference(self, row: float) -> None:
+        """Describe the same edges at another row."""
+        step = row - self.reference
+        matrix = np.eye(4)
+        matrix[0, 1] = matrix[2, 3] = step
+        self.state = matrix @ self.state
+        self.covariance = matrix @ self.covariance @ matrix.T
+        self.reference = row
+
+    def update(self, edges: Edges, horizon: tuple[float, float] | None) -> None:
+        """Take in the points of both edges, and that they meet at the horizon.
+
+        Of that, its row and the vanishing point's standard deviation about it, px, may be known.
+        """
+        information = np.linalg.inv(self.covariance)
+        vector = information @ self.state
+        for first, points in zip((0, 2), edges, strict=True):
+            weight = points.weights / (STRIP.point_sigma**2 * STRIP.correlated_rows)
+            depth = points.rows - self.reference
+            # Sums, not products of matrices: BLAS rounds as the arrays happen to lie in memory.
+            by_depth = weight * depth
+            both = by_depth.sum()
+            information[first : first + 2, first : first + 2] += (
+                (weight.sum(), both),
+                (both, (by_depth * depth).sum()),
+            )
+            vector[first] += (weight * points.columns).sum()
+            vector[first + 1] += (by_depth * points.columns).sum()
+        if horizon is not None:
+            horizon_row, sigma = horizon
+            below = horizon_row - self.reference
+            gap = max(self.slopes[1] - self.slopes[0], 0.05)
+            row = np.array([1.0, below, -1.0, -below])
+            information += np.outer(row, row) / (gap * sigma) ** 2
+        self.covariance = np.linalg.inv(information)
+        self.state = self.covariance @ vector
+
+
+class FollowedStrip:
+    """A strip that is followed, whatever it is: what the tracker needs to know of it.
+
+    Attributes:
+        shape: its edges.
+        far: rows from the vanishing point to the far end, px of the working image; smoothed.
+        near: likewise to the near end.
+        near_seen: the same in the newest frame alone.
+        open_end: its near end is out of sight.
+        age: frames.
+        misses: looks in a row in which it was not seen.
+        points: of the edges in the newest frame, if seen.
+        log_odds: how likely it is what is looked for, averaged over the last frames.
+    """
+
+    max_misses: ClassVar[int]
+
+    def __init__(self, strip: Strip, log_odds: float) -> None:
+        self.shape = Shape(strip)
+        self.far, self.near = float(strip[4]), float(strip[5])
+        self.near_seen = self.near
+        self.open_end = False
+        self.age = self.misses = 0
+        self.points: Edges | None = None
+        self.log_odds = log_odds
+
+    @property
+    def rank(self) -> float:
+        """Log odds with which it stands against other tracks."""
+        return self.log_odds
+
+    @property
+    def standing(self) -> float:
+        """Log odds that another track must exceed, while this is the one that is shown."""
+        return self.log_odds
+
+    @property
+    def showable(self) -> bool:
+        """Enough frames have spoken for it."""
+        return True
+
+    @property
+    def lost(self) -> bool:
+        """It has not been seen for too long."""
+        return self.misses > self.max_misses
+
+    def give_up(self) -> None:
+        """Count it as lost."""
+        self.misses = self.max_misses + 1
+
+    def strip(self) -> Strip:
+        """(6,) where it is."""
+        return np.array([*self.shape.vanishing_point, *self.shape.slopes, self.far, self.near])
+
+    def covers(self, strip: Strip) -> bool:
+        """Whether a strip may be the same: around, within or beside it."""
+        return overlap(self.strip(), strip)
+
+    def turn(self, old: Derotation, new: Derotation) -> None:
+        """Go over to another derotation."""
+        self.shape.turn(old, new)
+
+    def follow_ends(self, far: float, near: float) -> None:
+        """Take in where the ends are in the newest frame, rows below the vanishing point."""
+        if not math.isfinite(near):
+            return
+        share = max(STRIP.end_memory, 1.0 / self.age)
+        self.near_seen = near
+        self.near += share * (near - self.near)
+        self.far += share * (far - self.far)
+        self.near = max(self.near, self.far + 3.0)

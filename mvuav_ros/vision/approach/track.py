@@ -1,0 +1,454 @@
+"""One possible runway followed from frame to frame, as several strips that may be it.
+
+A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
+of them is the runway one frame seldom tells. All keep their places in the runway's own
+coordinates, columns in widths from its left edge, which do not change as the aircraft moves. They
+are weighed anew in every few frames, and what is followed and reported is their mean, weighted by
+what many frames together say of each.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.appearance import FEATURES
+from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
+from mvuav_ros.vision.approach.candidates import LevelledImage, describe_around, ends_of
+from mvuav_ros.vision.approach.edges import EdgeLook, Edges, LevelledFrame, Strip
+from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.probability import log_odds_of
+from mvuav_ros.vision.approach.search import Strips
+from mvuav_ros.vision.approach.shoulders import shows_shoulders
+from mvuav_ros.vision.approach.side_lines import LinedEdges
+from mvuav_ros.vision.approach.strips import (
+    FollowedStrip,
+    agrees,
+    apart,
+    columns_at,
+    is_plausible,
+    points_along,
+    strip_through,
+    strips_through,
+)
+from mvuav_ros.vision.approach.tuning import SEARCH, TRACK
+
+Places = NDArray[np.float64]
+"""(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
+and at the near end, in widths of the runway there."""
+
+
+class Weighed(NamedTuple):
+    """Strips (n, 6) as measured in the newest frame, and their shares (n,), which add up to 1."""
+
+    strips: Strips
+    shares: NDArray[np.float64]
+
+
+class Hypotheses:
+    """Strips around, within and beside one another."""
+
+    def __init__(self) -> None:
+        self._places: Places = np.empty((0, 2, 2))
+        self._ends = np.empty((0, 2))
+        self._odds = np.empty(0)
+        self._count = np.empty(0)
+        self._kept = np.empty(0, np.intp)
+
+    def strips(self, frame: NDArray[np.float64]) -> Strips:
+        """Where they are expected in a frame in which the runway is the strip (6,)."""
+        rows = _rows(frame)
+        edges = columns_at(frame[None], rows)[0]
+        columns = edges[0] + self._places * (edges[1] - edges[0])
+        ends = frame[1] + self._ends * frame[5]
+        return strips_through(columns, rows, ends)
+
+    def weigh(
+        self,
+        measured: Strips,
+        odds: NDArray[np.float64],
+        share: float,
+        frame: NDArray[np.float64],
+    ) -> Weighed:
+        """Take in what a frame says of `strips` and others.
+
+        Args:
+            measured: (m, 6) strips as they are in the frame: the expected ones first.
+            odds: (m,) log odds of each in this frame; minus infinity of what is no strip there.
+            share: how many frames this one stands for.
+            frame: (6,) the runway's strip.
+        """
+        known = len(self._odds)
+        self._count += 1.0
+        memory = np.maximum(
+            1.0 - (1.0 - TRACK.strip_memory) ** share, 1.0 / np.maximum(self._count, 1.0)
+        )
+        now = np.where(np.isfinite(odds[:known]), odds[:known], TRACK.gone_odds)
+        self._odds += memory * (now - self._odds)
+        all_odds = np.concatenate([self._odds, odds[known:]])
+        count = np.concatenate([self._count, np.ones(len(odds) - known)])
+        width = max(float((frame[3] - frame[2]) * frame[5]), 1.0)
+        columns = columns_at(measured, _rows(frame))
+        rank = all_odds - TRACK.new_strip_margin * (count == 1.0)
+        kept = _distinct(columns, rank, max(TRACK.same_share * width, TRACK.same_px))
+        self._odds, self._count, self._kept = all_odds[kept], count[kept], kept
+        return Weighed(measured[kept], self._shares(columns[kept]))
+
+    def settle(self, measured: Strips, frame: NDArray[np.float64]) -> None:
+        """Say where the runway is in the newest frame, for the places of `weigh`'s strips."""
+        rows = _rows(frame)
+        edges = columns_at(frame[None], rows)[0]
+        places = (columns_at(measured, rows) - edges[0]) / np.maximum(edges[1] - edges[0], 0.5)
+        ends = (measured[:, 1:2] + measured[:, 4:6] - frame[1]) / frame[5]
+        old = self._kept < len(self._places)
+        before = self._kept[old]
+        places[old] += (1.0 - TRACK.place_memory) * (self._places[before] - places[old])
+        ends[old] += (1.0 - TRACK.place_memory) * (self._ends[before] - ends[old])
+        self._places, self._ends = places, ends
+
+    def _shares(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not len(self._odds):
+            return np.empty(0)
+        widths = np.maximum(columns[:, 1, 1] - columns[:, 0, 1], 1.0)
+        known = self._count / (self._count + TRACK.young_weighings)
+        usual = float(np.average(widths, weights=known))
+        temperature = float(
+            np.interp(usual, (TRACK.hot[0], TRACK.cold[0]), (TRACK.hot[1], TRACK.cold[1]))
+        )
+        # Paint and rubber within a runway are seen more often than it: the wider counts more.
+        weight = np.exp((self._odds - self._odds.max()) / temperature) * widths * known
+        shares: NDArray[np.float64] = weight / weight.sum()
+        return shares
+
+
+def _rows(frame: NDArray[np.float64]) -> NDArray[np.float64]:
+    rows: NDArray[np.float64] = frame[1] + np.array([SEARCH.first_row, 1.0]) * frame[5]
+    return rows
+
+
+def _distinct(
+    columns: NDArray[np.float64], odds: NDArray[np.float64], apart: float
+) -> NDArray[np.intp]:
+    """Numbers of the strips that differ, best first, without hopeless ones."""
+    kept: list[int] = []
+    if not odds.size:
+        return np.array(kept, np.intp)
+    for index in np.argsort(-odds, kind='stable'):
+        if not odds[index] >= odds.max() + TRACK.max_odds_below or len(kept) == TRACK.max_strips:
+            break
+        if not kept or (np.abs(columns[kept] - columns[index]).max(axis=(1, 2)) > apart).all():
+            kept.append(int(index))
+    return np.array(kept, np.intp)
+
+
+class View(NamedTuple):
+    """A frame as the tracks see it.
+
+    Attributes:
+        frame: the frame itself.
+        working: its working image, levelled.
+        horizon: row of the vanishing point and its standard deviation, if known, px.
+        registration: of the working images.
+    """
+
+    frame: LevelledFrame
+    working: LevelledImage
+    horizon: tuple[float, float] | None
+    registration: Registration
+
+
+def tolerance(width: float) -> float:
+    """Px by which an edge may be wrong where the near end is so many px wide."""
+    return max(TRACK.min_tolerance, TRACK.tolerance_share * width)
+
+
+def support(edges: Edges) -> float:
+    """Of the less certain edge, 0 to 1."""
+    return min(edge.support for edge in edges)
+
+
+class EdgeTrack(FollowedStrip):
+    """A runway's edges, and what is known of how they look.
+
+    Attributes:
+        distinct: share of the last frames with clear lines along both sides, or clear colours.
+        shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
+    """
+
+    def __init__(self, strip: Strip, log_odds: float) -> None:
+        super().__init__(strip, log_odds)
+        self.distinct = self.shoulders = 0.0
+        self._look, self._lines = EdgeLook(), LinedEdges()
+        self._clear = False
+
+    @property
+    def other_edges(self) -> float:
+        """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
+
+        It is so with paved shoulders that are plain to see.
+        """
+        shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
+        return max(shoulders, self._lines.other)
+
+    @property
+    def shoulder_lines(self) -> float:
+        """From 0 to 1, whether shoulders have lines too, on both sides and as far apart."""
+        return self._lines.shoulders
+
+    def predict(self, view: View) -> None:
+        """Where it is expected in the next frame."""
+        self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
+
+    def follow_edges(self, view: View) -> bool:
+        """Follow a wide runway by its edges alone; whether they are seen."""
+        strip = self.strip()
+        exact = self.seen_edges(view, wide=True)
+        if exact is None:
+            self.points = None
+            return False
+        # The lines' outer sides are the edges, by colour too: shoulders may lie beyond.
+        if self._look.coloured:
+            self._lines.expect_colour(strip, exact)
+        exact = self._lines_along(view, strip) or exact
+        self._update(exact, float(strip[1] + 0.3 * self.far + 0.7 * self.near))
+        shown = shows_shoulders(view.frame, self.strip())
+        if shown is not None:
+            self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
+        return True
+
+    def see_ends(self, view: View) -> None:
+        """See where it ends in the newest frame."""
+        strip = self.strip()
+        found = ends_of(view.working, strip)
+        if found is None:
+            return
+        if found[1] > 0.5 * self.near:
+            self._ends_at(strip[1] + found)
+        middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
+        _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
+        self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)
+
+    def seen_edges(self, view: View, *, wide: bool) -> Edges | None:
+        """Both edges by the pavement's, where they were followed, if they are seen there."""
+        exact = self._look.find(view.frame, self.strip(), wide=wide)
+        return None if support(exact) < TRACK.min_support else exact
+
+    def by_lines(self, view: View, about: Strip) -> Edges | None:
+        """Both edges by the lines along them, where colour does not show them."""
+        coloured = self._clear and self._look.coloured
+        if coloured:
+            self._lines.forget()
+        found = None if coloured else self._lines_along(view, about)
+        distinct = float(coloured or found is not None)
+        self.distinct += max(TRACK.memory, 1.0 / self.age) * (distinct - self.distinct)
+        return found
+
+    def _lines_along(self, view: View, about: Strip) -> Edges | None:
+        strip = self.strip()
+        allowed = tolerance(float((strip[3] - strip[2]) * strip[5]))
+        return self._lines.find(view.frame, strip, about, allowed)
+
+    def known_span(self, strip: Strip) -> Strip:
+        """A strip whose lines are measured to the near end as known from earlier frames, too.
+
+        What is measured in the far part of a runway alone is wrong at its near end.
+        """
+        _, y = self.shape.vanishing_point
+        if self.age <= TRACK.young or not math.isfinite(y):
+            return strip
+        down = y - float(strip[1])
+        ends = max(self.far + down, 1.0), max(self.near + down, float(strip[5]))
+        return np.array([*strip[:4], *ends])
+
+    def take_in(self, points: Edges, rows: NDArray[np.float64], view: View) -> None:
+        """Take in edges between two rows."""
+        self._update(points, float(0.3 * rows[0] + 0.7 * rows[1]), view.horizon)
+
+    def _update(
+        self, points: Edges, row: float, horizon: tuple[float, float] | None = None
+    ) -> None:
+        self.points = points
+        self.shape.move_reference(row)
+        self.shape.update(points, horizon)
+
+    def _ends_at(self, rows: NDArray[np.float64]) -> None:
+        _, y = self.shape.vanishing_point
+        self.follow_ends(max(float(rows[0]) - y, 1.0), float(rows[1]) - y)
+
+
+_PAINT = FEATURES.index('paint')
+_STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
+_OPEN = FEATURES.index('open_end')
+
+
+class RunwayTrack(EdgeTrack):
+    """The mean of strips that overlap, and how likely one of them is the runway.
+
+    Attributes:
+        moved: frames that differed from the one before.
+        locked: it is followed by its edges alone.
+        agreement: probability of the strips that are where the mean is.
+    """
+
+    max_misses = 4
+
+    def __init__(self, strip: Strip, log_odds: float) -> None:
+        """Begin with a candidate."""
+        super().__init__(strip, log_odds)
+        self.moved = 0
+        self.locked = False
+        self.agreement = 1.0
+        self._found = [strip]
+        self._hypotheses = Hypotheses()
+        self._spread = np.zeros((2, 2))
+        self._rested = self._unseen = 0
+        self._sharp = 0.0
+
+    def add(self, strip: Strip) -> None:
+        """Take in what a search has found, in the next frame."""
+        self._found.append(strip)
+
+    def turn(self, old: Derotation, new: Derotation) -> None:
+        """Go over to another derotation."""
+        self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
+        super().turn(old, new)
+
+    def step(self, view: View, period: int) -> None:
+        """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
+        if self.age:
+            self.predict(view)
+        if not self._plausible(view):
+            self.give_up()
+            return
+        before = self.strip()
+        self._follow(view, period)
+        if self._plausible(view):
+            self._lines.move(before, self.strip())
+        else:
+            self.give_up()
+
+    def _plausible(self, view: View) -> bool:
+        return is_plausible(self.strip(), view.working.size)
+
+    def _follow(self, view: View, period: int) -> None:
+        self.age += 1
+        self.moved += view.registration.moving
+        self._rested += 1
+        dim = self.log_odds < TRACK.dim_odds
+        if self.age <= TRACK.young:
+            period = TRACK.dim_period if dim else 1
+        elif dim:
+            period *= 2
+        if self._rested < period and self.age > 1:
+            if self.locked:
+                self.follow_edges(view)
+            elif self.points is not None:
+                self._rest(view)
+            return
+        share, self._rested = float(self._rested), 0
+        if self.locked and self._hold(view):
+            self._found = []
+            return
+        seen = self._plausible(view) and self._weigh(view, share)
+        self._found = []
+        if seen:
+            self.misses = 0
+            return
+        self.misses += 1
+        self.points = None
+        self.log_odds += (1.0 - (1.0 - TRACK.miss_memory) ** share) * (
+            TRACK.missed_odds - self.log_odds
+        )
+
+    def _rest(self, view: View) -> None:
+        """Follow without weighing; wide edges are measured in every frame."""
+        strip = self.strip()
+        rows = strip[1] + strip[4:6]
+        mean = columns_at(strip[None], rows)[0]
+        self.points = points_along(mean, rows, self._spread)
+        if self.log_odds < TRACK.dim_odds:
+            return
+        lines = self.by_lines(view, strip)
+        if lines is not None:
+            self.take_in(lines, rows, view)
+            return
+        wide = float(mean[1, 1] - mean[0, 1]) >= TRACK.wide
+        if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
+            exact = self._look.find(view.frame, strip, wide=True)
+            if all(map(agrees, exact, self.points)):
+                self._update(exact, float(0.3 * rows[0] + 0.7 * rows[1]))
+
+    def _hold(self, view: View) -> bool:
+        """Follow a locked runway by its edges alone; whether it stays locked."""
+        if self._plausible(view) and self.follow_edges(view):
+            self._unseen = 0
+            self.see_ends(view)
+            return True
+        self._unseen += 1
+        self.locked = self._unseen <= TRACK.max_unseen
+        return self.locked
+
+    def _weigh(self, view: View, share: float) -> bool:
+        """Weigh all strips that may be the runway; whether there are any."""
+        frame = self.strip()
+        expected = np.concatenate([self._hypotheses.strips(frame), *(s[None] for s in self._found)])
+        seen = describe_around(view.working, frame, expected, TRACK.strips_around)
+        if seen is None:
+            return False
+        measured, features, valid = seen
+        odds = np.where(valid, log_odds_of(features), -np.inf)
+        best = int(odds.argmax())
+        now = float(odds[best]) + math.log(
+            float(np.exp(odds[apart(measured, odds)] - odds[best]).sum())
+        )
+        memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
+        self.log_odds += memory * (now - self.log_odds)
+        weighed = self._hypotheses.weigh(measured, odds, share, frame)
+        self._look.paint_lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
+        self._measure(view, weighed, memory)
+        self.open_end = bool(features[best, _OPEN] > 0.5)
+        self._hypotheses.settle(weighed.strips, self.strip())
+        return True
+
+    def _measure(self, view: View, weighed: Weighed, memory: float) -> None:
+        """Find the edges about the mean of the strips."""
+        strips, shares = weighed.strips, weighed.shares
+        best = strips[int(shares.argmax())]
+        rows = best[1] + best[4:6]
+        corners = columns_at(strips, rows)
+        mean = np.tensordot(shares, corners, axes=1)
+        self._spread = spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
+        points = points_along(mean, rows, spread)
+        width = float(mean[1, 1] - mean[0, 1])
+        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(width)
+        self.agreement += memory * (float(shares[near_mean].sum()) - self.agreement)
+        self._clear = bool(spread[:, 1].max() < max(TRACK.clear_px, TRACK.clear_share * width))
+        wide = width >= TRACK.wide
+        through = strip_through(mean, rows, best[4:6])
+        if self._clear or wide:
+            exact = self._look.find(view.frame, through, wide=wide)
+            if all(map(agrees, exact, points)) or (wide and support(exact) > TRACK.min_support):
+                points, self._clear = exact, True
+                self._sharp += memory * (support(exact) - self._sharp)
+                self.locked = (
+                    width > TRACK.lock_width
+                    and self.age > TRACK.lock_age
+                    and self.log_odds > TRACK.lock_odds
+                    and (self.agreement > TRACK.lock_agreement or self._sharp > TRACK.lock_support)
+                )
+        if not self._clear and self._look.coloured and self.distinct > TRACK.min_distinct:
+            # Strips that differ much have a mean that may be none of them.
+            held = self.seen_edges(view, wide=wide)
+            self._clear = held is not None
+            points = held or points
+        if not self.locked:
+            self._lines.expect(self.strip(), through)
+            lines = self.by_lines(view, self.known_span(through))
+            if lines is None and self.distinct > TRACK.min_distinct and not self._look.coloured:
+                lines = points_along(columns_at(self.strip()[None], rows)[0], rows, spread)
+            points = lines or points
+        self.take_in(points, rows, view)
+        self._ends_at(rows)

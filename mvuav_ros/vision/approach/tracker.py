@@ -1,0 +1,279 @@
+"""Several possible runways followed at a time, until it is clear which is the one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import islice, zip_longest
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.approach.appearance import Scene
+from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
+from mvuav_ros.vision.approach.candidates import (
+    NO_CANDIDATES,
+    Candidates,
+    LevelledImage,
+    find_candidates,
+)
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
+from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
+from mvuav_ros.vision.approach.search import fan_jobs
+from mvuav_ros.vision.approach.strips import FollowedStrip
+from mvuav_ros.vision.approach.track import RunwayTrack, View
+from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
+
+
+class SearchRange(NamedTuple):
+    """Rows between which vanishing points lie on the working image levelled by a slope, rad."""
+
+    slope: float
+    first: float
+    last: float
+
+
+_Chunk = tuple[SearchRange, int, int, list[float]]
+"""What is searched in one frame: range, level, depth, and rows."""
+
+
+def _chunks(where: SearchRange) -> Iterator[_Chunk]:
+    for level in range(SEARCH.levels):
+        for depth, rows in fan_jobs(where.first / 2**level, where.last / 2**level, level):
+            for start in range(0, len(rows), TRACKER.chunk):
+                yield where, level, depth, rows[start : start + TRACKER.chunk]
+
+
+def _by_turns(ranges: list[list[_Chunk]]) -> Iterator[_Chunk]:
+    """One chunk of each range after the other."""
+    for together in zip_longest(*ranges):
+        yield from (chunk for chunk in together if chunk is not None)
+
+
+class Sight(NamedTuple):
+    """Where edges may meet on the levelled working image.
+
+    Attributes:
+        row: of the horizon, px, if it is known.
+        ranges: hypotheses of where it is; the first has the frame's slope.
+        meeting: row of the vanishing point and its standard deviation, if known, px.
+        attitude: whether that comes from an attitude sensor.
+    """
+
+    row: float | None
+    ranges: list[SearchRange]
+    meeting: tuple[float, float] | None = None
+    attitude: bool = False
+
+    @classmethod
+    def unknown(cls, height: int) -> Sight:
+        """No horizon is in view: anywhere in, or somewhat above, an image of a height, px."""
+        first, last = (share * height for share in DETECTOR.whole_range)
+        beyond = SearchRange(0.0, DETECTOR.range_above * height, first)
+        return cls(None, [SearchRange(0.0, first, last), beyond])
+
+    @classmethod
+    def from_attitude(cls, row: float, slope: float) -> Sight:
+        """A sensor has told the horizon's row and slope."""
+        reach = SEARCH.attitude_reach
+        ranges = [SearchRange(slope, row - reach, row + reach)]
+        return cls(row, ranges, (row, SEARCH.attitude_sigma), True)
+
+    @classmethod
+    def from_image(cls, row: float, slope: float, height: int, best: FollowedStrip | None) -> Sight:
+        """The image shows a horizon, or the edge of clouds or hills.
+
+        It is the horizon if the best track's edges meet there.
+        """
+        above, below = SEARCH.horizon_reach
+        ranges = [SearchRange(slope, row - above, row + below), *cls.unknown(height).ranges]
+        meeting = None
+        if best is not None:
+            off = abs(best.shape.vanishing_point[1] - row)
+            if off < DETECTOR.max_off_horizon:
+                meeting = row, SEARCH.image_horizon_sigma
+        return cls(row, ranges, meeting)
+
+
+TrackT = TypeVar('TrackT', bound=FollowedStrip)
+
+
+class StripTracker(Generic[TrackT]):
+    """Several strips followed at a time: a runway, a road or a pipeline.
+
+    Attributes:
+        tracks: those that are followed.
+        best: the one that is shown.
+        below_horizon: whether the target is looked for below the horizon alone.
+    """
+
+    below_horizon = True
+
+    def __init__(self, max_tracks: int, switch_margin: float) -> None:
+        """How many are followed, and by what log odds another must be better than that shown."""
+        self.tracks: list[TrackT] = []
+        self.best: TrackT | None = None
+        self._max_tracks, self._switch_margin = max_tracks, switch_margin
+        self._level: Derotation | None = None
+        self._registration = Registration()
+        self._frame = 0
+
+    @property
+    def unchanged(self) -> int:
+        """Frames before the newest that were the same."""
+        return self._registration.unchanged
+
+    def _turn(self, level: Derotation) -> None:
+        """Go over to the next frame's derotation."""
+        if self._level is not None:
+            for track in self.tracks:
+                track.turn(self._level, level)
+        self._level = level
+
+    def _admit(self, track: TrackT) -> bool:
+        """Follow another one, for which the worst may have to go; whether there is room."""
+        if len(self.tracks) >= self._max_tracks:
+            worst = min((t for t in self.tracks if t is not self.best), key=lambda t: t.rank)
+            if worst.rank > track.rank:
+                return False
+            self.tracks.remove(worst)
+        self.tracks.append(track)
+        return True
+
+    def _merge(self) -> None:
+        """Of tracks that have become the same one keep the one shown, or the better."""
+        kept: list[TrackT] = []
+        for track in sorted(self.tracks, key=lambda t: (t is not self.best, -t.rank)):
+            if not any(other.covers(track.strip()) for other in kept):
+                kept.append(track)
+        self.tracks = kept
+
+    def _choose(self) -> None:
+        """Show another track if it is clearly better."""
+        if self.best not in self.tracks:
+            self.best = None
+        for track in self.tracks:
+            better = self.best is None or track.rank > self.best.standing + self._switch_margin
+            if better and track.showable:
+                self.best = track
+
+
+class RunwayTracker(StripTracker[RunwayTrack]):
+    """Finds and follows the runway on the levelled working images of one size."""
+
+    def __init__(self) -> None:
+        super().__init__(TRACKER.max_tracks, TRACKER.switch_margin)
+        self._attitude = False
+        self._scene: Scene | None = None
+        self._overlaid = Overlaid()
+        self._job = self._rounds = 0
+
+    def step(self, frame: LevelledFrame, pixels: NDArray[Any], sight: Sight) -> RunwayTrack | None:
+        """The likeliest track in the next frame, of which ``pixels`` are the working image."""
+        if self._frame % TRACKER.scene_frames == 0:
+            self._scene = None
+        self._registration.take(pixels)
+        self._overlaid.take(self._registration.gray)
+        self._attitude = sight.attitude
+        self._turn(frame.level)
+        working = LevelledImage(pixels, frame.level, self._scene, self._overlaid.mask)
+        view = View(frame, working, sight.meeting, self._registration)
+        for track in self.tracks:
+            best = track is self.best
+            track.step(view, TRACKER.best_period if best else TRACKER.others_period)
+        self.tracks = [
+            track
+            for track in self.tracks
+            if not track.lost
+            and track.log_odds > TRACKER.min_odds
+            and working.share_hidden(track.strip()) < TRACKER.max_hidden
+        ]
+        self._merge()
+        if self._frame % self._search_period() == 0:
+            self._start(self._search(view, sight.ranges), view)
+        self._frame += 1
+        if working.used:
+            self._scene = working.whole_scene
+        self._choose()
+        return self.best
+
+    def _search_period(self) -> int:
+        """Frames from one share of the search to the next."""
+        if self.best is not None and self.best.log_odds > 0:
+            return TRACKER.period_certain
+        first = self._rounds < TRACKER.first_rounds
+        return TRACKER.period_first if first else TRACKER.period_later
+
+    @property
+    def report(self) -> Report | None:
+        """What tells whether the best track is right."""
+        best = self.best
+        if best is None:
+            return None
+        rivals = sum(
+            math.exp(min(track.log_odds - best.log_odds, 5.0))
+            for track in self.tracks
+            if track is not best
+        )
+        return Report(
+            best.log_odds,
+            best.agreement,
+            best.moved,
+            self._attitude,
+            rivals,
+            best.distinct,
+            best.other_edges,
+            best.shoulder_lines,
+        )
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the best track is the runway, and where it is reported."""
+        report = self.report
+        return 0.0 if report is None else confidence_weights().confidence(report)
+
+    def _search(self, view: View, ranges: list[SearchRange]) -> Candidates:
+        """The likeliest range at once; after that the next few rows on one level at one depth."""
+        if self._frame == 0:
+            where = ranges[0]
+            image = view.working.at_slope(where.slope)
+            found = find_candidates(image, where.first, where.last)
+        else:
+            chunks = list(_by_turns([list(_chunks(where)) for where in ranges]))
+            if not chunks:
+                return NO_CANDIDATES
+            self._rounds, number = divmod(self._job, len(chunks))
+            where, level, depth, rows = chunks[number]
+            self._job += 1
+            image = view.working.at_slope(where.slope)
+            strips = np.concatenate([image.search(level, depth, row) for row in rows])
+            found = image.weigh(strips, level, TRACKER.max_weighed)
+        turned = turn_strips(found.strips, image.level, view.working.level)
+        return found._replace(strips=turned)
+
+    def _start(self, found: Candidates, view: View) -> None:
+        """Give the likeliest candidates to the tracks that they belong to, or follow them anew."""
+        if not len(found.strips):
+            return
+        odds = log_odds_of(found.features)
+        fresh: list[RunwayTrack] = []
+        for index in islice(np.argsort(-odds, kind='stable'), TRACKER.max_taken):
+            if odds[index] < max(
+                TRACKER.min_start_odds, float(odds.max()) - TRACKER.max_below_best
+            ):
+                break
+            self._take(found.strips[index], float(odds[index]), fresh)
+        for track in fresh:
+            track.step(view, 1)
+        self.tracks = [track for track in self.tracks if not track.lost]
+
+    def _take(self, strip: NDArray[np.float64], odds: float, fresh: list[RunwayTrack]) -> None:
+        for track in self.tracks:
+            if track.covers(strip):
+                track.add(strip)
+                return
+        track = RunwayTrack(strip, odds)
+        if self._admit(track):
+            fresh.append(track)

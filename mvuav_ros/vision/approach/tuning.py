@@ -1,0 +1,456 @@
+"""The constants of mode approach: unit, meaning, and the footage that they were chosen on.
+
+Lengths are px of the working image, about 320 px wide, unless a comment says something else. The
+tuned half is runs 3 and 5, the cockpit stills of every other video, the country and the forest
+road; run 2, the other stills and the motorway were looked at for figures alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DetectorTuning:
+    """Of the whole frame. Lengths are px of the working image unless said."""
+
+    # frames that are all the same, from which a picture shows nothing: two seconds
+    frozen_frames: int = 50
+    # px between a runway's vanishing point and a seen horizon that are taken for the same
+    max_off_horizon: float = 10.0
+    # shares of the height searched for vanishing points without a horizon
+    whole_range: tuple[float, float] = (0.03, 0.65)
+    # share of the height above the picture up to which they are searched
+    range_above: float = -0.4
+    min_side: int = 48  # px of the frame's shorter side
+
+
+@dataclass(frozen=True)
+class AttitudeTuning:
+    """Of the horizon from attitude."""
+
+    # rad, of the camera's axis; beyond, the horizon is nowhere near the image
+    max_pitch: float = math.radians(80.0)
+    # tangent of half the angle between the horizon's two points that give its slope
+    min_upside_down: float = (
+        0.3  # cosine between image's down and world's up: banked beyond 107 deg
+    )
+    half_base: float = 0.05
+
+
+@dataclass(frozen=True)
+class HorizonTuning:
+    """Of the horizon in the image. Chosen on runs 3 and 5 and the stills of the tuned half."""
+
+    width: int = 80  # px of the small image in which it is looked for
+    height: int = 60  # px, likewise
+    slope_step_deg: float = 1.5  # between slopes that are tried
+    max_roll_deg: float = 66.0  # of the slopes that are tried
+    step_rows: int = 3  # rows above and below, whose difference is a step
+    max_step: float = 24.0  # grey levels; more counts as that
+    min_strength: float = 3.0  # grey levels of the mean step across a horizon
+    max_texture: float = 0.4  # texture above a horizon per step across it
+    sky_rows: int = 12  # rows above it whose texture is measured
+    min_sky_rows: int = 3  # rows of sky that must be in view
+    column_step: int = 4  # px between the columns of the refinement
+    reach: int = 5  # px above and below the expected line
+    min_columns: int = 12  # columns of the refinement
+    # share of columns on the line, with which a followed horizon is kept
+    min_agreement: float = 0.55
+    # grey levels of step per grey level of texture above: haze is smoother than fields
+    texture_cost: float = 1.0
+    max_texture_cost: float = 6.0  # grey levels of texture; more counts as that
+    full_period: int = 10  # frames between two looks for the horizon at any slope
+    row_cost: float = 0.03  # grey levels per row: of steps alike the upper one
+
+
+@dataclass(frozen=True)
+class MotionTuning:
+    """Of what moves between frames, and of what stands still. Run 5 and the tuned roads."""
+
+    reach: int = 6  # px by which a camera may turn between two frames
+    min_side: int = 40  # px of the compared part's sides
+    max_side: int = 96  # px, likewise
+    min_correlation: float = 0.5  # of two parts that show the same
+    cell: int = 8  # px: sides of the cells in which it is remembered what stands still
+    max_corners: int = 150  # corners compared
+    corner_distance: float = 5.0  # px between corners
+    flow_window: tuple[int, int] = (9, 9)  # px around a corner that are compared
+    flow_levels: int = 2  # levels of the pyramid above the finest
+    period: int = 3  # frames from one comparison to the next
+    max_period: int = 12  # frames after which other corners are taken
+    max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
+    # px by which the ground must have moved before standing still tells anything
+    min_moved: float = 1.2
+    min_moving: int = 10  # corners that moved, for a map to be known
+    min_inliers: float = 0.6  # share of them that fit one map
+    max_residual: float = 1.0  # px by which corners may miss the map
+    min_votes: float = 1.8  # votes, one of a comparison, from which a cell is overlaid
+    max_votes: float = 6.0  # votes kept
+    forgotten: float = 0.1  # share of the votes lost in a comparison: one wrong map hides nothing
+
+
+@dataclass(frozen=True)
+class EdgesTuning:
+    """Of edges measured on the frame itself. Run 3 and the simulator's flights."""
+
+    max_rows: int = 40  # rows in which an edge is measured
+    sample: float = 0.5  # px between samples across an edge
+    reach: float = 0.35  # widths searched on both sides of the expected edge
+    min_reach: float = 3.0  # px, likewise
+    max_reach: float = 8.0  # px, likewise
+    # a row supports an edge with a step of this share of the strip's contrast
+    min_step_share: float = 0.25
+    widths_per_step: float = 12.0  # width of the strip over the length of a step
+    usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
+    min_contrast: float = 1.5  # grey levels: less gives no direction
+    # textures by which paint is more evident than steps, before edges are looked for in it
+    min_paint_lead: float = 1.0
+    clear_contrast: float = 12.0  # grey levels that are plain to see
+    # grey levels of the opponent colours between pavement and grass by day
+    colour_contrast: float = 30.0
+    memory: float = 0.2  # share of a new frame in the contrast
+    region: int = 5  # samples across an edge over those of its outside, or its inside
+
+
+@dataclass(frozen=True)
+class LinesTuning:
+    """Of the lines along a runway's sides, in widths of the runway. Runs 3, 5 and variants."""
+
+    memory: float = 0.1  # share of a new frame in how clear a line is on average
+    # between places of one line in two frames, and between like gaps of both sides
+    same: float = 0.1
+    # px by which all lines of a side seem to move together from frame to frame
+    shift_sigma: float = 1.2
+    choice_reach: float = 0.3  # from an expected edge to the lines that are compared
+    # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
+    # in run 5 0.9
+    clear_share: float = 0.85
+    clear_doubt: float = 0.05  # its doubt
+    away_cost: float = 4.0  # log odds lost per width from where the strips' mean has the edge
+    away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
+    # log odds lost by the outer of two clear lines, if the other side has two as far apart
+    shoulder_cost: float = 4.0
+    switch_margin: float = 0.7  # log odds by which another line must be likelier than the one held
+    min_kept: float = 0.05  # average clearness below which a line is given up
+    min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
+    step: float = 0.02  # between samples across an edge
+    reach: float = 0.5  # of the samples on both sides of an expected edge
+    max_away: float = 0.32  # between a line's middle and the expected edge
+    half_widths: tuple[float, float] = (0.06, 0.1)  # of lines
+    rows: int = 24  # sampled between the far and the near end
+    max_turned: float = 0.24  # between a line's places at the far and at the near end
+    # share of a line's clearness lost per width that it moves from end to end
+    turned_cost: float = 1.67
+    max_fine_step: float = 0.6  # px between samples across a line that has been found
+    inside: float = 0.06  # of a line's middle, where its brightest place may be
+    beyond: float = 0.16  # of a line's middle, where its outer side may be
+    apart: float = 0.12  # between lines that are not one
+    noise: float = 0.5  # grey levels of ridges that are taken to be everywhere
+    max_width: float = 90.0  # px of the near end, beyond which threshold markings are told apart
+    min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
+    min_depth: float = 2.0  # grey levels below a line that are dark
+    max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
+    compared_depth: float = 0.7  # share of the near end's depth in which edges are compared
+
+
+@dataclass(frozen=True)
+class ShouldersTuning:
+    """Of paved shoulders; lengths are widths of the runway. Run 3 and its variants alone."""
+
+    rows: int = 32  # sampled
+    # share of the way from the far end: farther away a shoulder is too narrow
+    first_row: float = 0.3
+    step: float = 0.01  # between samples
+    inside: float = 0.02  # sampled inside of the edge
+    beyond: float = 0.3  # sampled outside of the edge
+    window: float = 2.0  # px of the means whose difference is a step: the blur of run 3
+    min_step: float = 0.034  # share of the mean brightness
+    # share of the mean brightness by which it stands out from what is between
+    min_clearness: float = 0.0064
+
+
+@dataclass(frozen=True)
+class SearchTuning:
+    """Of the search for runways."""
+
+    step_reach: int = 2  # px on each side over which a step is averaged; the blur of edges in run 3
+    # px from the middle of a painted line to where it must be darker; lines of 1 to 3 px, in run 3
+    # and in the simulator
+    ridge_reaches: tuple[int, int] = (2, 3)
+    # width and height over which local texture is averaged; far larger than lines, far smaller than
+    # fields
+    texture_window: tuple[int, int] = (61, 15)
+    # grey levels of texture that smooth land has at least: noise and JPEG error of run 3 and stills
+    brightness_floor: float = 2.0
+    colour_floor: float = 2.5  # likewise, of both opponent colours
+    # textures at which a step or a ridge counts most, so that one bright lamp is not a runway
+    most_evidence: float = 4.0
+    # of evidence of brightness, blue against yellow, red against green, and paint
+    weights: tuple[float, float, float, float] = (1.0, 0.8, 0.8, 1.2)
+    row_bias: float = 0.9  # evidence of a row that speaks neither for nor against a strip
+    # px below the vanishing point of near ends that are searched on one level of the pyramid; the
+    # next level has twice these
+    depths: tuple[int, ...] = (10, 14, 20, 28)
+    first_row: float = 0.4  # share of the near end's depth at which the compared part begins
+    samples: int = 8  # rows compared in the search
+    edges_kept: int = 7  # strongest edges through one vanishing point that are paired
+    steepest: float = 1.8  # columns per row of the flattest edge searched
+    narrowest: float = 6.0  # px; a narrower near end tells nothing
+    widest: float = 1.5  # width over camera height of what is searched (a flare is followed only)
+    # the same of a strip whose edges meet above the image; simulated flights that look down
+    widest_above: float = 3.0
+    farthest_aside: float = 1.2  # lateral offset over width
+    candidates: int = 60  # kept on the finest level of the pyramid; half as many on the others
+    attitude_reach: float = 10.0  # px searched about a horizon from attitude, which is good to 6
+    attitude_sigma: float = 6.0  # px, standard deviation of that horizon
+    # px, of a horizon seen in the image about the vanishing point: land is not at infinity
+    image_horizon_sigma: float = 8.0
+    horizon_reach: tuple[float, float] = (20.0, 60.0)  # px above and below a horizon in the image
+    min_score: float = 0.5  # textures per row of a pair of edges
+    max_pairs: int = 4  # strips of one row of vanishing points
+    align_rows: int = 14  # rows compared when edges are moved
+    align_rounds: int = 2  # of moving one edge, then the other
+    align_cost: float = 0.02  # textures lost per px moved
+    around_shifts: int = 5  # places of each edge tried on either side of a strip
+    around_shift: float = 0.11  # widths between them
+    min_around_shift: float = 0.75  # px between them
+    min_around_width: float = 0.45  # widths of the narrowest strip tried around another
+    max_around_width: float = 2.2  # widths of the widest
+    min_slope_gap: float = 0.1  # columns per row between both edges of an aligned strip
+    min_depth: float = 4.0  # px of an aligned strip
+    max_depth: float = 60.0  # px, likewise
+    levels: int = 4  # of the pyramid
+    sky_step: int = 5  # rows above and below, whose difference is the skyline's step
+    sky_smoothing: int = 31  # columns of the skyline's median, odd
+    min_part: int = 12  # px of the sides of the part around strips
+    # px of a level: a near end below that is measured on the next one
+    max_level_depth: float = 28.0
+
+
+@dataclass(frozen=True)
+class AppearanceTuning:
+    """Of a strip's rows and features."""
+
+    rows: int = 44  # below the vanishing point: near ends of up to 28 px and half as much again
+    max_gain: float = 5.0  # textures of a row; more counts as that
+    first_depth: float = 1.5  # px below the vanishing point, from which rows count
+    min_width: float = 2.0  # px of a row that counts
+    slack: float = 1e-09  # of sums of evidence, which are rounded
+    # of the vanishing point, from which on what is above it is in the image
+    min_sky_row: float = -1.0
+
+
+@dataclass(frozen=True)
+class ProbabilityTuning:
+    """Of log odds and confidence."""
+
+    # logarithm of px of the near end: run 5 below its horizon has up to 35 px, simulated
+    # flights that look down 90 and more
+    min_near_by: float = math.log(48.0)
+    max_deviations: float = 4.0  # standard deviations: features beyond say no more
+    steady_odds: float = 2.0  # log odds above which more counts apart
+    min_agreement: float = 0.05  # that counts as none
+    known_frames: float = 50.0  # frames after which a track is known
+
+
+@dataclass(frozen=True)
+class StripTuning:
+    """Of strips and of the Kalman filter on their edges; px of the working image."""
+
+    side_margin: float = 1.2  # widths beside strips that are needed to describe them
+    min_side_margin: float = 36.0  # px, likewise
+    margin_above: float = 18.0  # px above the vanishing point
+    depth_below: float = 2.7  # depths of the near end
+    points: int = 12  # of a mean's edge
+    min_width: float = 5.0  # px of the near end: less cannot be told from specks in clouds
+    # px: of what meets above that row ``min_below_top`` must be in view. Run 2 below its
+    # horizon
+    top_row: float = 6.0
+    min_below_top: float = 8.0  # px; less is a letter at the top. Text on the motorway
+    max_above: float = 1.0  # heights of the image by which the vanishing point may lie above it
+    max_disagreement: float = 2.0  # px between edges measured on the frame and the mean
+    point_sigma: float = 0.7  # px of one edge point
+    correlated_rows: float = 3.0  # neighbouring rows that err alike
+    yaw_sigma: float = 1.2  # px per frame
+    pitch_sigma: float = 0.8  # px per frame
+    slope_sigma: float = 0.006  # columns per row and frame of an edge
+    slope_share_sigma: float = 0.02  # share of the strip's slope per frame
+    end_memory: float = 0.6  # share of the newest frame in where the ends are
+
+
+@dataclass(frozen=True)
+class TrackTuning:
+    """Of one runway that is followed. Chosen on runs 3 and 5 and the simulator's flights."""
+
+    strip_memory: float = 0.08  # share of a new weighing in a strip's log odds
+    gone_odds: float = -8.0  # log odds of a strip that was not there
+    place_memory: float = 0.3  # share of a new measurement in a strip's place within the runway
+    max_strips: int = 10  # kept
+    max_odds_below: float = -9.0  # log odds under the best strip's below which one is given up
+    # log odds by which a new strip must be better than a known one beside it
+    new_strip_margin: float = 1.5
+    same_share: float = 0.06  # widths between edges of strips that are the same
+    same_px: float = 0.6  # px, likewise
+    young_weighings: float = 2.0  # weighings after which a strip counts half
+    # px of width, and by what log odds are divided there, as frames err alike
+    hot: tuple[float, float] = (20.0, 2.5)
+    # likewise: where strips are as near as the tolerance, their middle is right more often
+    cold: tuple[float, float] = (40.0, 1.0)
+    memory: float = 0.06  # share of a weighed frame in what a track remembers
+    young: int = 5  # frames in which a track is weighed every time
+    min_tolerance: float = 3.0  # px by which an edge may be wrong
+    tolerance_share: float = 0.05  # widths, likewise
+    # px of the near end, from which lines are so far apart that edges are the clearest steps
+    wide: float = 18.0
+    min_support: float = 0.25  # of the edges, 0 to 1, from which that holds
+    # share of a frame that shows shoulders, and of one that does not
+    shoulder_memory: tuple[float, float] = (0.3, 0.1)
+    # what of it makes them possible and certain. Run 3
+    shoulder_range: tuple[float, float] = (0.3, 0.6)
+    strips_around: int = 8  # tried around the mean each time
+    miss_memory: float = 0.15  # share of a frame that does not show it in what a track remembers
+    # log odds below which nothing is reported, and lines are not worth their time
+    dim_odds: float = -1.5
+    dim_period: int = 4  # frames from one weighing to the next of a young track that is
+    missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
+    # standard deviation of the near corners, below which edges are measured on the frame
+    # itself
+    clear_px: float = 1.0
+    clear_share: float = 0.03  # widths, likewise
+    # px from which a runway is followed by its edges alone: near the ground all has straight
+    # edges
+    lock_width: float = 30.0
+    lock_age: int = 20  # frames, likewise
+    lock_odds: float = 0.5  # log odds, likewise
+    lock_agreement: float = 0.4  # agreement, likewise
+    lock_support: float = 0.7  # or support of the edges
+    max_unseen: int = 3  # weighings in a row in which those edges may be missing
+    # share of the last frames with clear edges, from which edges are kept where they are gone
+    min_distinct: float = 0.5
+
+
+@dataclass(frozen=True)
+class TrackerTuning:
+    """Of several strips followed at a time, and the search for others."""
+
+    max_tracks: int = 3  # followed at a time
+    chunk: int = 8  # rows of vanishing points searched in one frame
+    period_first: int = 2  # frames from one share of the search to the next without a runway
+    period_later: int = 4  # the same after ``first_rounds``
+    period_certain: int = 24  # the same with a runway
+    first_rounds: int = 1  # through all that is searched
+    max_weighed: int = 14  # of the strips that a share of the search finds
+    best_period: int = 6  # frames from one weighing of the best track to the next
+    others_period: int = 12  # the same of others
+    scene_frames: int = 24  # for which the image as a whole is taken to stay alike
+    max_hidden: float = 0.5  # share of a strip's edges: more is the edge of an overlay
+    min_odds: float = -5.0  # log odds of a track
+    min_start_odds: float = -3.0  # log odds of a candidate
+    switch_margin: float = 0.7  # log odds by which another track must be better than the one shown
+    max_taken: int = 24  # candidates of one search that are followed
+    max_below_best: float = 6.0  # log odds below the best candidate
+
+
+@dataclass(frozen=True)
+class RoadTuning:
+    """Of roads' lanes and pipelines. The country and the forest road."""
+
+    white_percentile: float = 97.0  # of brightness, from which on pixels are taken to be white
+    max_cast: float = 1.3  # factor of one colour in a tint
+    usual_cast: float = 1.12  # blue sky may be the brightest: only what is beyond this is a tint
+    white_step: int = 4  # px between the pixels looked at
+    min_flank: float = 1.5  # px beside an edge that are compared
+    max_flank: float = 24.0  # px, likewise
+    first_depth: float = 2.0  # px below the vanishing point, from which rows count
+    faded: float = 0.4  # share of the typical contrast, below which a row is no longer the strip
+    ceiling: float = 4.0  # floors: the contrast that counts most
+    # widths over the camera's height that are tried
+    ratios: tuple[float, float, float] = (0.1, 0.2, 0.4)
+    samples: int = 6  # rows compared
+    taper: float = 0.45  # depth of a band's first row, in depths of its last
+    narrowest: float = 3.0  # px; a narrower near end tells nothing
+    max_beyond: float = 0.2  # widths outside the image at which a vanishing point is looked for
+    search_share: float = 0.25  # of all places, looked up in one frame
+    max_of_band: int = 3  # strips of a band
+    # share of the image's height below which lines may meet: the camera looks ahead
+    highest: float = 0.3
+    lowest: float = 0.72  # share of the image's height above which they may
+    paint_reach: int = 6  # px: paint is brighter than what is so far to its left and to its right
+    paint_contrast: float = 12.0  # grey levels
+    min_votes: int = 14  # of a line
+    max_lines: int = 24  # that are paired
+    max_lanes: int = 12  # candidates
+    flattest: float = 4.0  # columns per row
+    same_place: float = 6.0  # px on the lowest row between lines that are the same
+    same_slope: float = 0.15  # columns per row, likewise
+    memory: float = 0.15  # share of the newest frame in what a track remembers
+    horizon_sigma: float = 4.0  # px of the vanishing point about the horizon
+    # samples across an edge, to find its line in: JPEG rounds colour coarsely
+    colour_smoothing: int = 13
+    support_range: float = 0.25  # above the target's, at which support is full
+    min_sharp: float = 0.2  # share of that
+    # px from the horizon to where edges meet; beyond, less and less likely
+    max_off_horizon: float = 7.0
+    # share of the image's height at which a strip under the camera ends: of no road
+    high_end: float = 0.6
+    low_end: float = 0.8  # likewise, of any
+    # sum of merit above the target's ``start_score``, with which a track is shown
+    convincing: float = 7.0
+    certain: float = 10.0  # likewise, above which more does not count
+    min_age: int = 8  # frames until then
+    fades: float = 0.8  # factor of the confidence for a frame in which it is not seen
+    width_spread: float = 0.6  # natural logarithm, standard deviation of widths beyond the usual
+    max_tracks: int = 4  # followed at a time
+    switch_margin: float = 0.26  # log odds by which another track must be better than that shown
+    search_period: int = 4  # frames from one search to the next while a track is shown
+    max_wider: float = 2.0  # widths of one strip over another, up to which both may be the same
+    max_started: int = 3  # candidates of a search that are followed
+    grey_land: float = 8.0  # grey levels of colourfulness of land
+    colourful_land: float = 20.0  # likewise, where brightness alone makes no strip
+    texture_reach: int = 15  # px over which land is compared with itself
+    # contrast that speaks neither for nor against, over the land's texture
+    floor_per_texture: float = 2.1
+    min_floor: float = 3.0  # grey levels
+    # texture of colourfulness over that of brightness in fine weather
+    colour_per_brightness: float = 0.36
+    max_colour_gain: float = 3.0  # by which weaker colours are amplified
+    colour_memory: float = 0.1  # share of a new frame in what colours are like
+    min_land: int = 8  # rows
+    rows_above_horizon: int = 24  # that are kept
+    trial_frames: int = 12  # after which a track of less than ``min_merit`` is given up
+    min_merit: float = 0.5  # share of ``start_score``
+
+
+@dataclass(frozen=True)
+class GuidanceTuning:
+    """Of the pose's covariance."""
+
+    # px of the frame by which all points of an edge are wrong alike, at either end of it
+    edge_bias: float = 0.12
+    # px of the frame, on both edges inwards or outwards alike: side stripes, defocus
+    width_bias: float = 0.16
+    min_spread: float = 0.05  # px of the frame
+    near_sigma: float = 1.0  # px of the working image: of the near end's row
+    beginning_sigma: float = 10.0  # m: markings and overruns blur where the pavement begins
+    correlated_rows: float = 3.0  # that err alike
+    slope_sigma: float = math.radians(0.06)  # rad, of the horizon's slope
+    jacobian_step: float = 0.0001  # px, or rad
+
+
+DETECTOR = DetectorTuning()
+ATTITUDE = AttitudeTuning()
+HORIZON = HorizonTuning()
+MOTION = MotionTuning()
+EDGES = EdgesTuning()
+LINES = LinesTuning()
+SHOULDERS = ShouldersTuning()
+SEARCH = SearchTuning()
+APPEARANCE = AppearanceTuning()
+PROBABILITY = ProbabilityTuning()
+STRIP = StripTuning()
+TRACK = TrackTuning()
+TRACKER = TrackerTuning()
+ROAD = RoadTuning()
+GUIDANCE = GuidanceTuning()

@@ -1,0 +1,348 @@
+"""The vehicle's pose and the tree of frames, against the arithmetic of those who take them."""
+
+import math
+from types import SimpleNamespace as Some
+
+import numpy as np
+import pytest
+
+pytest.importorskip('sensor_msgs')
+
+from rosbags.typesys import Stores, get_typestore
+
+from mvuav_ros.messages import transforms
+from mvuav_ros.messages.frame import Frame
+from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
+from mvuav_ros.simulation.runway_flight import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
+from mvuav_ros.simulation.tanker_flight import TankerFlight
+from mvuav_ros.sources.opening import camera_model
+from mvuav_ros.vision.frames import (
+    OPTICAL_FROM_BODY,
+    about_x,
+    about_y,
+    about_z,
+    east_north_up,
+    from_quaternion,
+    from_rpy,
+    north_east_down,
+    quaternion,
+    rpy,
+)
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+TF = '/tf'
+DOWN_20 = (0.0, 20.0, 0.0)
+XYZ = (1.2, -0.3, 0.4)
+WIDTH = 30.0
+CAMERA = 'nose_optical'
+
+
+@pytest.fixture(autouse=True)
+def tf2_msgs(monkeypatch):
+    monkeypatch.setattr(transforms, 'TF_TYPE', TYPES.types['tf2_msgs/msg/TFMessage'])
+
+
+def runway(**values):
+    given = {'mode': 'approach', 'runway_width': WIDTH, **values}
+    return RunwayDetectorProcessor(RunwayDetectorParameters.from_mapping(given))
+
+
+def tanker(**values):
+    return MarkerTrackerProcessor(MarkerTrackerParameters.from_mapping(values))
+
+
+RUNWAY = list(RunwayFlight(RunwaySettings(frames=8, runway_width=WIDTH, camera_pitch_deg=20.0)))
+RUNWAY_CAMERA = camera_model(
+    RunwayFlight(RunwaySettings(frames=1, runway_width=WIDTH, camera_pitch_deg=20.0)).camera
+)
+TANKER_FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=4, seed=3))
+
+
+def fly(processor, frames, camera, frame_id=CAMERA):
+    said = []
+    for frame in frames:
+        outputs = processor.process(Frame(frame.stamp_ns, frame_id, frame.image, camera))
+        said.append({topic: make() for topic, make in outputs if topic in ('vision_pose', TF)})
+    return said
+
+
+def fly_tanker(processor, frame_id=CAMERA):
+    return fly(processor, TANKER_FLIGHT, camera_model(TANKER_FLIGHT.camera), frame_id)
+
+
+def place(data):
+    """4 x 4 and covariance of a PoseWithCovarianceStamped."""
+    pose = TYPES.deserialize_cdr(data, 'geometry_msgs/msg/PoseWithCovarianceStamped').pose
+    p, q = pose.pose.position, pose.pose.orientation
+    return homogeneous(p, q), np.reshape(pose.covariance, (6, 6))
+
+
+def homogeneous(p, q):
+    made = np.eye(4)
+    made[:3, :3] = from_quaternion(q.x, q.y, q.z, q.w)
+    made[:3, 3] = p.x, p.y, p.z
+    return made
+
+
+def tf(data):
+    (each,) = TYPES.deserialize_cdr(data, 'tf2_msgs/msg/TFMessage').transforms
+    there = homogeneous(each.transform.translation, each.transform.rotation)
+    return each.header.frame_id, each.child_frame_id, there
+
+
+class Listener:
+    """Frames as tf2 keeps them: the newest transform says who a frame's one parent is."""
+
+    def __init__(self, *transforms_):
+        self.parents, self.disputed = {}, set()
+        for parent, child, there in transforms_:
+            before = self.parents.get(child)
+            if before is not None and before[0] != parent:
+                self.disputed.add(child)
+            self.parents[child] = parent, there
+
+    def lookup(self, target, source):
+        def up(frame):
+            there, chain = np.eye(4), []
+            while True:
+                chain.append((frame, there))
+                if frame not in self.parents:
+                    return chain
+                frame, step = self.parents[frame]
+                there = step @ there
+
+        of_target = dict(up(target))
+        for frame, there in up(source):
+            if frame in of_target:
+                return np.linalg.inv(of_target[frame]) @ there
+        raise LookupError(f'{target} and {source} are in two trees')
+
+
+def static(parent, child, there):
+    x, y, z, w = quaternion(there[:3, :3])
+    p = there[:3, 3]
+    transform = Some(translation=Some(x=p[0], y=p[1], z=p[2]), rotation=Some(x=x, y=y, z=z, w=w))
+    header = Some(frame_id=parent)
+    return Some(transforms=[Some(header=header, child_frame_id=child, transform=transform)])
+
+
+def mounted(rpy_deg=DOWN_20, xyz=XYZ):
+    """base_link from the camera's optical axes."""
+    made = np.eye(4)
+    made[:3, :3] = from_rpy(*np.radians(rpy_deg)) @ OPTICAL_FROM_BODY.T
+    made[:3, 3] = xyz
+    return made
+
+
+def test_a_camera_20_degrees_down_is_no_pitch_of_the_vehicle():
+    """The simulated vehicle flies level, its camera looks down."""
+    given = {'base_frame': 'base_link', 'camera_mount_rpy_deg': DOWN_20}
+    both = [fly(runway(**more), RUNWAY, RUNWAY_CAMERA) for more in ({}, given)]
+    cameras, vehicles = (
+        [place(each['vision_pose'])[0] for each in said if 'vision_pose' in each] for said in both
+    )
+    assert len(vehicles) == len(cameras) > 3
+    for camera, vehicle in zip(cameras, vehicles, strict=True):
+        assert math.degrees(rpy(camera[:3, :3])[1]) == pytest.approx(20.0, abs=2.5)
+        assert math.degrees(rpy(vehicle[:3, :3])[1]) == pytest.approx(0.0, abs=2.5)
+        np.testing.assert_allclose(vehicle[:3, 3], camera[:3, 3])
+
+
+@pytest.mark.parametrize('source', ['parameters', 'tf_static'])
+def test_the_mount_comes_from_the_parameters_or_from_tf_static(source):
+    given = {'camera_mount_rpy_deg': DOWN_20, 'camera_mount_xyz': XYZ}
+    processor = tanker(base_frame='base_link', **(given if source == 'parameters' else {}))
+    if source == 'tf_static':
+        halfway = mounted(rpy_deg=(0.0, 0.0, 0.0), xyz=(1.0, 0.0, 0.0))
+        processor.static_transforms.add(static('base_link', 'gimbal', halfway))
+        rest = np.linalg.inv(halfway) @ mounted()
+        processor.static_transforms.add(static('gimbal', CAMERA, rest))
+    vehicles, cameras = fly_tanker(processor), fly_tanker(tanker())
+    assert len(vehicles) == 4
+    for vehicle, camera in zip(vehicles, cameras, strict=True):
+        optical_in_body = np.linalg.inv(tf(camera[TF])[2])
+        expected = optical_in_body @ np.linalg.inv(mounted())
+        np.testing.assert_allclose(place(vehicle['vision_pose'])[0], expected, atol=1e-9)
+    assert processor.frames_problem == ''
+
+
+def test_a_mount_that_nobody_told_is_said():
+    processor = tanker(base_frame='base_link')
+    fly_tanker(processor)
+    assert 'base_link is taken for the camera' in processor.frames_problem
+    assert f'does not lead from base_link to {CAMERA}' in processor.frames_problem
+
+
+def test_the_covariance_of_the_vehicle_has_the_cameras_lever():
+    """Against samples, each turned about the target's axes."""
+    chance = np.random.default_rng(1)
+    rotation = about_z(0.4) @ about_y(0.2) @ about_x(-0.1)
+    root = np.diag([0.1, 0.2, 0.5, 0.01, 0.02, 0.03]) @ (np.eye(6) + 0.2)
+    camera = transforms.Placement(rotation, np.array([9.0, 2.0, 3.0]), root @ root.T)
+    mount = transforms.mount_of((5.0, -2.0, 1.0), (3.0, 20.0, -8.0))
+    given = transforms.vehicle_of(camera, mount)
+    samples = []
+    for sample in chance.multivariate_normal(np.zeros(6), camera.covariance, 20_000):
+        turn = np.eye(3) + np.cross(np.eye(3), sample[3:])
+        turned = turn @ rotation @ mount.rotation.T
+        moved = camera.translation + sample[:3] - turned @ mount.translation
+        samples.append([*(moved - given.translation), *sample[3:]])
+    measured = np.cov(np.array(samples).T)
+    scale = np.sqrt(np.outer(np.diag(measured), np.diag(measured)))
+    assert np.abs((measured - given.covariance) / scale).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ('values', 'parent', 'child'),
+    [
+        ({}, CAMERA, 'tanker_747'),
+        ({'publish_tf': True}, CAMERA, 'tanker_747'),
+        ({'camera_frame': 'left', 'body_frame': 'tanker_left'}, 'left', 'tanker_left'),
+        ({'publish_tf': 'body_to_camera'}, 'tanker_747', CAMERA),
+        (
+            {'publish_tf': 'body_to_camera', 'base_frame': 'base_link', 'camera_mount_xyz': XYZ},
+            'tanker_747',
+            'base_link',
+        ),
+    ],
+)
+def test_tf_has_a_direction_and_names(values, parent, child):
+    plain = fly_tanker(tanker())[-1]
+    said = fly_tanker(tanker(**values))[-1]
+    found = tf(said[TF])
+    assert found[:2] == (parent, child)
+    body_in_camera = tf(plain[TF])[2]
+    expected = body_in_camera
+    if 'publish_tf' in values and values['publish_tf'] is not True:
+        expected = np.linalg.inv(body_in_camera)
+    if child == 'base_link':
+        expected = expected @ np.linalg.inv(mounted((0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(found[2], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize('value', [False, 'off'])
+def test_tf_can_be_off(value):
+    assert TF not in fly_tanker(tanker(publish_tf=value))[-1]
+
+
+def test_a_camera_whose_frame_begins_with_a_slash():
+    """ROS 1 drivers' names; tf2 takes no such frame."""
+    assert tf(fly_tanker(tanker(), f'/{CAMERA}')[-1][TF])[0] == CAMERA
+    for parameters in (MarkerTrackerParameters, RunwayDetectorParameters):
+        with pytest.raises(ParameterError, match='base_frame: must not begin with a slash'):
+            parameters(base_frame='/base_link')
+
+
+def test_a_static_transform_of_the_users_is_not_overruled():
+    """robot_localization's recipe: the runway is in the map."""
+    processor = runway()
+    there = static('map', 'runway', np.eye(4))
+    processor.static_transforms.add(there)
+    said = fly(processor, RUNWAY, RUNWAY_CAMERA)
+    assert any('vision_pose' in each for each in said)
+    assert not any(TF in each for each in said)
+    assert processor.frames_problem.startswith('no /tf: runway is a child of map on /tf_static')
+
+
+def test_two_cameras_make_one_tree():
+    """As launch/two_cameras.launch.py names them."""
+    heard, vehicles = [], []
+    for side, y in (('left', 0.25), ('right', -0.25)):
+        frame = f'{side}_camera_optical_frame'
+        mount = mounted((0.0, 0.0, 0.0), (0.5, y, 0.0))
+        given = {'camera_frame': frame, 'body_frame': f'tanker_747_{side}'}
+        processor = tanker(base_frame='base_link', **given)
+        processor.static_transforms.add(static('base_link', frame, mount))
+        said = fly_tanker(processor)
+        heard += [('base_link', frame, mount), *(tf(each[TF]) for each in said)]
+        vehicles.append(place(said[-1]['vision_pose'])[0])
+    listener = Listener(*heard)
+    assert listener.disputed == set()
+    # Both see the same images here, so the bodies are as far apart as the cameras.
+    apart = listener.lookup('tanker_747_left', 'tanker_747_right')
+    assert np.linalg.norm(apart[:3, 3]) == pytest.approx(0.5)
+    for side, vehicle in zip(('left', 'right'), vehicles, strict=True):
+        np.testing.assert_allclose(
+            listener.lookup(f'tanker_747_{side}', 'base_link'), vehicle, atol=1e-9
+        )
+
+
+def quaternion_product(a, b):
+    """Hamilton's, as x, y, z, w."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return np.array(
+        [
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        ]
+    )
+
+
+def test_robot_localization_gets_the_vehicle_in_the_map():
+    """A pose is multiplied with the transform from its frame to the map, and is base_link's."""
+    given = {'base_frame': 'base_link', 'camera_mount_rpy_deg': DOWN_20, 'publish_tf': 'off'}
+    said = fly(runway(**given), RUNWAY, RUNWAY_CAMERA)
+    runway_in_map = np.eye(4)
+    runway_in_map[:3, :3], runway_in_map[:3, 3] = about_z(0.6), (100.0, -40.0, 3.0)
+    listener = Listener(('map', 'runway', runway_in_map))
+    checked = 0
+    for each in said:
+        if 'vision_pose' not in each:
+            continue
+        vehicle = place(each['vision_pose'])[0]
+        measured = listener.lookup('map', 'runway') @ vehicle
+        roll, pitch, yaw = rpy(measured[:3, :3])
+        assert math.degrees(pitch) == pytest.approx(0.0, abs=2.5)
+        assert math.degrees(roll) == pytest.approx(0.0, abs=2.5)
+        assert yaw == pytest.approx(0.6, abs=0.05)
+        assert measured[2, 3] == pytest.approx(3.0 + vehicle[2, 3])
+        checked += 1
+    assert checked > 3
+
+
+HEADINGS = (0.0, 90.0, 215.0)
+
+
+@pytest.mark.parametrize('heading', HEADINGS)
+def test_mavros_and_px4_get_a_level_vehicle_on_the_runways_heading(heading):
+    """MAVROS's vision_pose, re-derived: ENU to NED from the left, FLU to FRD from the right.
+
+    Both as products of quaternions; then the angles that go out as VISION_POSITION_ESTIMATE. PX4's
+    own message must agree with it.
+    """
+    ned_enu = quaternion_product([0, 0, math.sqrt(0.5), math.sqrt(0.5)], [1, 0, 0, 0])
+    frd_flu = [1.0, 0.0, 0.0, 0.0]
+    given = {'base_frame': 'base_link', 'camera_mount_rpy_deg': DOWN_20}
+    said = fly(runway(**given), RUNWAY, RUNWAY_CAMERA)
+    checked = 0
+    for each in said:
+        if 'vision_pose' not in each:
+            continue
+        pose, covariance = place(each['vision_pose'])
+        enu = east_north_up(pose[:3, 3], pose[:3, :3], covariance, heading)
+        x, y, z = enu[0]
+        turned = quaternion_product(quaternion_product(ned_enu, quaternion(enu[1])), frd_flu)
+        roll, pitch, yaw = rpy(from_quaternion(*turned))
+        assert math.degrees(roll) == pytest.approx(0.0, abs=2.5)
+        assert math.degrees(pitch) == pytest.approx(0.0, abs=2.5)
+        apart = math.degrees(yaw) - heading
+        assert (apart + 180) % 360 - 180 == pytest.approx(0.0, abs=2.5)
+        assert z == pytest.approx(pose[2, 3])
+        # Along the runway and to the left of it, by the compass.
+        north, east = math.cos(math.radians(heading)), math.sin(math.radians(heading))
+        assert y * north + x * east == pytest.approx(pose[0, 3])
+        assert y * east - x * north == pytest.approx(pose[1, 3])
+        position, rotation, *variances = north_east_down(*enu)
+        np.testing.assert_allclose(position, (y, x, -z))
+        np.testing.assert_allclose(rotation, from_quaternion(*turned), atol=1e-9)
+        assert variances[0] == pytest.approx(np.diag(enu[2])[[1, 0, 2]])
+        assert np.sum(variances[1]) == pytest.approx(np.trace(covariance[3:, 3:]))
+        checked += 1
+    assert checked > 3

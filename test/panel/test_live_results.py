@@ -1,0 +1,157 @@
+"""A node's newest messages as figures with a state of trust, and as a pose in space."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.points import PointLayout
+from mvuav_ros.messages.runway_messages import LINE
+from mvuav_ros.messages.statuses import encode_integrity
+from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
+from mvuav_ros.vision.integrity import RunwayLevels
+from mvuav_ros.vision.runway.results import LineFlag
+
+APPROACH = {'mode': 'approach', 'runway_width': 30.0}
+TRACK = {'mode': 'track', 'pose': True}
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+AHEAD = (0.5, 0.5, -0.5, 0.5)
+"""w, x, y, z of a body that flies as the camera does, in the camera's optical frame."""
+
+
+def pose_message(place, turn, deviations=(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)):
+    message = PoseWithCovarianceStamped()
+    pose = message.pose.pose
+    pose.position.x, pose.position.y, pose.position.z = place
+    pose.orientation = Quaternion(**dict(zip('wxyz', turn, strict=True)))
+    message.pose.covariance = np.diag(np.square(deviations)).ravel()
+    return message
+
+
+def said(kind, values, place, turn, **more):
+    figures = Figures(kind, lambda: values)
+    figures.take('pose', pose_message(place, turn, **more))
+    said = figures.said()
+    assert json.loads(json.dumps(said, allow_nan=False))
+    return {name: (value, deviation) for name, value, deviation in said['figures']}, said
+
+
+def test_guidance_says_on_which_side_and_how_far_to_trust_it():
+    turn = (math.cos(math.radians(-1.5)), 0.0, 0.0, math.sin(math.radians(-1.5)))
+    figures, whole = said('runway_detector', APPROACH, (-500.0, 5.6, 50.0), turn)
+    assert figures == {
+        'left of centre': ('5.6 m', '± 2 m'),
+        'height': ('50.0 m', '± 3 m'),
+        'heading right': ('3.0°', '± 17°'),
+        'to the near end': ('500.0 m', '± 1 m'),
+    }
+    assert whole['pose'][0] == [-500.0, 5.6, 50.0]
+
+
+def test_the_tanker_is_ahead_and_to_the_right_in_the_axes_of_the_camera():
+    figures, whole = said('marker_tracker', TRACK, (1.5, -2.0, 80.0), AHEAD)
+    assert figures['ahead'] == ('80.0 m', '± 3 m') and figures['right'] == ('1.5 m', '± 1 m')
+    assert figures['above'] == ('2.0 m', '± 2 m') and figures['roll'][0] == '0.0°'
+    place, turn = whole['pose']
+    assert place == [80.0, -1.5, 2.0] and np.allclose(turn, np.eye(3), atol=1e-5)
+
+
+@pytest.mark.parametrize('number', [math.nan, math.inf, 0.0, 1e308])
+def test_what_is_no_pose_is_not_shown_as_one(number):
+    for kind, values in (('marker_tracker', TRACK), ('runway_detector', APPROACH)):
+        turn = (number,) * 4
+        figures, whole = said(kind, values, (number,) * 3, turn, deviations=(number,) * 6)
+        assert whole['pose'] is None and np.isnan(rotation_of(Quaternion())).sum() == 0
+        assert figures.get('heading aside', figures.get('pitch'))[0] == '-'
+
+
+def lines(*rows):
+    """A ~/line_params: rho and confidence, NaN where it is not found, and whether it is held."""
+    table = np.zeros(len(rows), LINE)
+    for row, (rho, confidence, held) in zip(table, rows, strict=True):
+        row['rho'], row['confidence'] = rho, confidence
+        row['flags'] = LineFlag.CORRECTED if held else 0
+    data = PointLayout(LINE).encode(table, cdr_header(0, 'camera'))
+    return deserialize_message(data, PointCloud2)
+
+
+LOST = (math.nan, math.nan, False)
+
+
+@pytest.mark.parametrize(
+    ('rows', 'state', 'words'),
+    [
+        ([(9.0, 0.84, False)] * 2 + [LOST] * 3, DOUBTFUL, 'confidence 84 %, but no pose'),
+        ([(9.0, 0.84, True), (9.0, 0.7, False)], DOUBTFUL, 'confidence 84 %, 1 held'),
+        ([(9.0, 0.84, False), LOST], DOUBTFUL, 'confidence 84 %'),
+        ([LOST] * 5, BAD, 'no runway'),
+    ],
+)
+def test_the_trust_in_a_runway(rows, state, words):
+    figures = Figures('runway_detector', lambda: APPROACH)
+    figures.take('line_params', lines(*rows))
+    assert figures.said()['trust'] == (state, words)
+
+
+def test_a_runway_with_both_edges_and_a_pose_is_good_until_it_is_lost():
+    figures = Figures('runway_detector', lambda: APPROACH)
+    figures.take('pose', pose_message((-500.0, 0.0, 50.0), LEVEL))
+    figures.take('line_params', lines((9.0, 0.9, False), (9.0, 0.9, False), LOST))
+    assert figures.said()['trust'] == (GOOD, 'confidence 90 %')
+    figures.take('line_params', lines(LOST, LOST, LOST))
+    assert figures.said()['trust'][0] == BAD and figures.said()['pose'] is None
+
+
+@pytest.mark.parametrize(
+    ('levels', 'state', 'words'),
+    [
+        (RunwayLevels(2.1, 1.26, 0.01), GOOD, 'confidence 90 %, protection level 2.1 m'),
+        (RunwayLevels(2.1, 4.5, 0.01), DOUBTFUL, 'confidence 90 %, alert: height'),
+        (
+            RunwayLevels(reason='confidence too low'),
+            DOUBTFUL,
+            'confidence 90 %, not available: confidence too low',
+        ),
+    ],
+)
+def test_a_pose_is_trusted_as_its_protection_level_says(levels, state, words):
+    figures = Figures('runway_detector', lambda: APPROACH)
+    figures.take('pose', pose_message((-500.0, 0.0, 50.0), LEVEL))
+    figures.take('line_params', lines((9.0, 0.9, False), (9.0, 0.9, False), LOST))
+    data = encode_integrity(levels, (3.0, 4.0), 0.05, cdr_header(0, 'camera'))
+    figures.take('integrity', deserialize_message(data, DiagnosticArray))
+    assert figures.said()['trust'] == (state, words)
+
+
+def test_the_thesis_scheme_needs_no_protection_level():
+    figures = Figures('runway_detector', lambda: {'mode': 'thesis'})
+    figures.take('line_params', lines((9.0, math.nan, False), (7.0, math.nan, False)))
+    data = encode_integrity(
+        RunwayLevels(reason='only mode approach has levels'), (0.0, 0.0), 0.05, cdr_header(0, '')
+    )
+    figures.take('integrity', deserialize_message(data, DiagnosticArray))
+    assert figures.said()['trust'] == (GOOD, '2 of 2 lines')
+
+
+def test_the_thesis_scheme_has_lines_and_those_held_are_doubted():
+    figures = Figures('runway_detector', lambda: {'mode': 'thesis'})
+    figures.take('line_params', lines((9.0, math.nan, False), (7.0, math.nan, True), LOST))
+    said = figures.said()
+    assert said['trust'] == (DOUBTFUL, '2 of 3 lines, 1 held')
+    assert said['figures'][0] == ('line 1', '0.0°', 'rho 9 px')
+
+
+def test_the_view_in_space_is_the_calibrations():
+    figures = Figures('marker_tracker', lambda: TRACK)
+    assert figures.said()['view'] is None
+    k = [400.0, 0.0, 320.0, 0.0, 400.0, 240.0, 0.0, 0.0, 1.0]
+    figures.take('camera_info', CameraInfo(width=640, height=480, k=k))
+    assert figures.said()['view'] == (0.8, 0.6)
+    figures.take('camera_info', CameraInfo(width=640, height=480, k=[1e-300] * 9))
+    assert figures.said()['view'] == (0.8, 0.6)

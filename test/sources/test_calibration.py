@@ -1,0 +1,66 @@
+"""camera_info_url: what camera_calibration saves, by path, file:// and package://."""
+
+import pytest
+
+from mvuav_ros.sources.calibration import load_calibration
+from mvuav_ros.sources.source import SourceError
+
+# As camera_calibration's save button writes it (ost.yaml).
+SAVED = """image_width: 640
+image_height: 480
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [ 603.52,   0.  , 321.7 ,
+            0.  , 604.17, 238.21,
+            0.  ,   0.  ,   1.  ]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.112, -0.232, 0.001, -0.002, 0.000000]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0.,
+         0., 1., 0.,
+         0., 0., 1.]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [609.1,   0. , 321. ,   0. ,
+           0. , 611.2, 238. ,   0. ,
+           0. ,   0. ,   1. ,   0. ]
+"""
+
+
+@pytest.fixture
+def share(tmp_path, monkeypatch):
+    folder = tmp_path / 'install' / 'nose_camera' / 'share' / 'nose_camera'
+    (folder / 'config').mkdir(parents=True)
+    (folder / 'config' / 'nose 1.yaml').write_text(SAVED)
+    prefixes = f'/nowhere::{tmp_path / "install" / "nose_camera"}'
+    monkeypatch.setenv('AMENT_PREFIX_PATH', prefixes)
+    return folder
+
+
+def test_a_saved_calibration_is_read_by_every_url(share):
+    path = share / 'config' / 'nose 1.yaml'
+    urls = [str(path), path.as_uri(), 'package://nose_camera/config/nose%201.yaml']
+    first, *others = (load_calibration(url) for url in urls)
+    assert (first.width, first.height, first.k[0], first.d[1]) == (640, 480, 603.52, -0.232)
+    assert all(other == first for other in others)
+
+
+@pytest.mark.parametrize(
+    ('url', 'words'),
+    [
+        ('package://tail_camera/config/nose.yaml', 'no package tail_camera'),
+        ('package://nose_camera/config/missing.yaml', 'No such file'),
+        ('https://example.org/nose.yaml', 'only paths, file:// and package://'),
+    ],
+)
+def test_what_cannot_be_read_is_one_line(share, url, words):
+    with pytest.raises(SourceError, match=words):
+        load_calibration(url)

@@ -1,0 +1,200 @@
+"""Video files with their own times, and topics that carry a video's packets."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.coded_videos import (
+    FLIPPED,
+    HALF_TURNED,
+    HEIGHT,
+    MIRRORED,
+    TRANSPOSED,
+    WIDTH,
+    compressed_image,
+    compressed_video,
+    ffmpeg_packet,
+    number_in,
+    packets,
+    turn,
+    write_video,
+)
+from support.recording_samples import START_NS
+
+from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import COMPRESSED_VIDEO, FFMPEG_PACKET
+from mvuav_ros.recordings.summary import summarise
+from mvuav_ros.recordings.writing import RecordingWriter
+from mvuav_ros.sources.bag import BagImages
+from mvuav_ros.sources.files import VideoFile
+from mvuav_ros.sources.opening import open_source
+from mvuav_ros.sources.source import Selection, SourceError
+
+TIMES_MS = [0, 33, 100, 101, 500, 12_947]
+COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+TOPIC = '/camera/video'
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+def test_a_variable_rate_has_its_own_times(tmp_path: Path, suffix: str) -> None:
+    source = VideoFile(write_video(tmp_path / f'a{suffix}', TIMES_MS))
+    frames = list(source.frames())
+    assert [frame.stamp_ns for frame in frames] == [time * 1_000_000 for time in TIMES_MS]
+    assert source.account.errors == []
+    assert [number_in(frame.image.pixels) for frame in frames] == list(range(6))
+
+
+@pytest.mark.parametrize('suffix', ['.mkv', '.avi'])
+def test_a_video_cut_off_says_so(tmp_path: Path, suffix: str) -> None:
+    whole = write_video(tmp_path / f'a{suffix}', range(0, 2000, 50))
+    cut = tmp_path / f'cut{suffix}'
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 5])
+    source = VideoFile(cut)
+    frames = list(source.frames())
+    assert 5 < len(frames) < 40
+    assert 'the video ended' in source.account.errors[0]
+
+
+def test_a_given_rate_replaces_the_times(tmp_path: Path) -> None:
+    source = VideoFile(write_video(tmp_path / 'a.mp4', TIMES_MS), 10.0)
+    assert [frame.stamp_ns for frame in source.frames()] == [n * 10**8 for n in range(6)]
+
+
+def test_a_steady_rate_is_freed_of_the_files_rounding(tmp_path: Path) -> None:
+    times = [round(number * 1000 / 30) for number in range(31)]
+    source = VideoFile(write_video(tmp_path / 'a.mkv', times))
+    stamps = [frame.stamp_ns for frame in source.frames()]
+    assert stamps == pytest.approx([number * 1e9 / 30 for number in range(31)], abs=1e6)
+    assert len(set(stamps)) == 31
+
+
+def test_a_camera_that_was_turned(tmp_path: Path) -> None:
+    path = write_video(tmp_path / 'a.mp4', [0, 50, 100])
+    (plain, *_) = VideoFile(path).frames()
+    turn(path)
+    (turned, *_) = VideoFile(path).frames()
+    assert (turned.image.width, turned.image.height) == (HEIGHT, WIDTH)
+    # The matrix turns the picture by a quarter clockwise: left becomes top.
+    np.testing.assert_array_equal(turned.image.pixels, np.rot90(plain.image.pixels, -1))
+
+
+def test_a_video_under_another_name(tmp_path: Path) -> None:
+    made = write_video(tmp_path / 'a.mp4', TIMES_MS)
+    for name in ('video', 'video.dat', 'video.bag'):
+        made = made.rename(tmp_path / name)
+        assert len(list(open_source(str(made)).frames())) == 6
+
+
+def test_a_codec_that_ffmpeg_does_not_know(tmp_path: Path) -> None:
+    path = write_video(tmp_path / 'a.mp4', TIMES_MS)
+    content = path.read_bytes()
+    assert content.count(b'mp4v') == 1
+    path.write_bytes(content.replace(b'mp4v', b'zzzz').replace(b'esds', b'free'))
+    with pytest.raises(SourceError, match='not a video that FFmpeg can read'):
+        open_source(str(path))
+
+
+def bag_of(path: Path, kind: str, messages: list[bytes]) -> Path:
+    with RecordingWriter(path) as writer:
+        for number, data in enumerate(messages):
+            writer.write(TOPIC, kind, START_NS + number, data)
+    return path
+
+
+def stamp_of(number: int) -> int:
+    return START_NS + number * 50_000_000
+
+
+@pytest.mark.parametrize(
+    ('codec', 'make', 'kind', 'name'),
+    [
+        ('libx264', compressed_image, COMPRESSED_IMAGE, 'h264'),
+        ('libx265', compressed_image, COMPRESSED_IMAGE, 'h265'),
+        ('libx264', ffmpeg_packet, FFMPEG_PACKET, 'libx264'),
+        ('libx265', ffmpeg_packet, FFMPEG_PACKET, 'hevc;yuv420p;bgr8;bgr8'),
+        ('libx264', compressed_video, COMPRESSED_VIDEO, 'h264'),
+    ],
+)
+def test_topics_of_video_packets(tmp_path: Path, codec: str, make, kind: str, name: str) -> None:
+    messages = [make(data, name, stamp_of(n)) for n, data in enumerate(packets(codec, 12))]
+    path = bag_of(tmp_path / 'a.mcap', kind, messages)
+    frames = list(BagImages(path).frames())
+    assert [frame.stamp_ns for frame in frames] == [stamp_of(number) for number in range(12)]
+    assert all(isinstance(frame, Frame) and frame.frame_id == 'camera' for frame in frames)
+    assert [number_in(frame.image.pixels) for frame in frames] == list(range(12))
+    (topic,) = summarise(path).topics
+    assert topic.images is not None and topic.images.malformed == 0
+    ffmpegs_name = 'hevc' if '265' in codec else 'h264'
+    assert topic.images.formats == [f'{WIDTH}x{HEIGHT} {ffmpegs_name} video']
+    third = list(BagImages(path).items(Selection(every=3)))
+    assert [number_in(frame.image.pixels) for frame in third] == [0, 3, 6, 9]
+
+
+def test_frames_in_the_order_of_showing(tmp_path: Path) -> None:
+    """With B-frames, packets come in another order; each frame has the stamp of its packet."""
+    coded = packets('mpeg4', 9, b_frames=2)
+    messages = [compressed_video(data, 'mpeg4', stamp_of(n)) for n, data in enumerate(coded)]
+    path = bag_of(tmp_path / 'a.mcap', COMPRESSED_VIDEO, messages)
+    frames = list(BagImages(path).frames())
+    assert len(frames) == len(coded)
+
+
+def test_packets_that_cannot_be_decoded(tmp_path: Path) -> None:
+    coded = packets('libx264', 12)
+    messages = [compressed_video(data, 'h264', stamp_of(n)) for n, data in enumerate(coded)]
+    late = bag_of(tmp_path / 'late.mcap', COMPRESSED_VIDEO, messages[2:])
+    frames = list(BagImages(late).frames())
+    bad = [frame for frame in frames if isinstance(frame, BadFrame)]
+    assert len(frames) == 10
+    assert 1 <= len(bad) <= 3 and 'the frames before it' in bad[0].reason
+    (topic,) = summarise(late).topics
+    assert topic.images is not None
+    assert topic.images.malformed == len(bad)
+    assert topic.images.first_problem == bad[0].reason
+    assert topic.images.formats == [f'{WIDTH}x{HEIGHT} h264 video']
+    for data, reason in ((b'\0\0\0\1garbage', 'does not decode'), (b'', 'is empty')):
+        messages = [compressed_video(data, 'h264', stamp_of(n)) for n in range(3)]
+        none = bag_of(tmp_path / f'{len(data)}.mcap', COMPRESSED_VIDEO, messages)
+        frames = list(BagImages(none).frames())
+        assert all(isinstance(frame, BadFrame) and reason in frame.reason for frame in frames)
+        (topic,) = summarise(none).topics
+        assert topic.images is not None and topic.images.formats == []
+        assert topic.images.malformed == len(frames) == 3 and reason in topic.images.first_problem
+    messages = [compressed_video(b'\0\0\0\1garbage', 'theora', stamp_of(0))]
+    other = bag_of(tmp_path / 'other.mcap', COMPRESSED_VIDEO, messages)
+    (frame,) = BagImages(other).frames()
+    assert "format 'theora' is not known" in frame.reason
+    (topic,) = summarise(other).topics
+    assert topic.images is not None and "'theora' is not known" in topic.images.first_problem
+
+
+@pytest.mark.parametrize(
+    ('matrix', 'shown'),
+    [
+        (MIRRORED, lambda pixels: pixels[:, ::-1]),
+        (FLIPPED, lambda pixels: pixels[::-1]),
+        (HALF_TURNED, lambda pixels: pixels[::-1, ::-1]),
+        (TRANSPOSED, lambda pixels: pixels.swapaxes(0, 1)),
+    ],
+    ids=['mirrored', 'flipped', 'half turned', 'transposed'],
+)
+def test_a_video_stands_as_its_matrix_says(
+    tmp_path: Path, matrix: bytes, shown: Callable[[Any], Any]
+) -> None:
+    path = write_video(tmp_path / 'a.mp4', [0, 33])
+    plain = [frame.image.pixels for frame in VideoFile(path).frames()]
+    turn(path, matrix)
+    for frame, before in zip(VideoFile(path).frames(), plain, strict=True):
+        assert np.array_equal(frame.image.pixels, shown(before))
+
+
+@pytest.mark.parametrize('name', [b'2024-05-01T12:30:05.mp4', b'na\xefve.mp4', b'http:a.mp4'])
+def test_a_video_of_any_name(tmp_path: Path, name: bytes) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b'/' + name))
+    write_video(tmp_path / 'plain.mp4', [0, 33]).rename(path)
+    assert len(list(open_source(str(path)).frames())) == 2

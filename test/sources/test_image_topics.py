@@ -1,0 +1,126 @@
+"""Image messages are decoded, judged, and their topic chosen."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.recording_samples import (
+    IMAGE,
+    START_NS,
+    STORE,
+    TOPIC,
+    Sample,
+    cdr,
+    image,
+    image_samples,
+    string_sample,
+    write_mcap,
+)
+
+from mvuav_ros.messages.definitions import decode_message
+from mvuav_ros.messages.image_files import compressed_size
+from mvuav_ros.messages.images import COMPRESSED_IMAGE, is_image_type
+from mvuav_ros.messages.sensors import CAMERA_INFO
+from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.sources.bag import choose_image_topic
+
+
+def compressed(number: int, extension: str = '.jpg') -> bytes:
+    pixels = np.full((48, 64), number, np.uint8)
+    types = STORE.types
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'camera')
+    data = cv2.imencode(extension, pixels)[1].ravel()
+    kind = {'.jpg': 'jpeg', '.png': 'png'}.get(extension, extension[1:])
+    return cdr(types[COMPRESSED_IMAGE](header, kind, data))
+
+
+@pytest.mark.parametrize('little_endian', [True, False])
+@pytest.mark.parametrize('type_name', [IMAGE, 'sensor_msgs/Image'])
+def test_image_is_decoded_without_copying_pixels(little_endian: bool, type_name: str) -> None:
+    original = image(3)
+    data = cdr(original, little_endian=little_endian)
+    decoded = decode_message(type_name, data)
+    assert decoded.data.dtype == np.uint8
+    assert np.array_equal(decoded.data, original.data)
+    for name in ('header', 'height', 'width', 'encoding', 'is_bigendian', 'step'):
+        assert getattr(decoded, name) == getattr(original, name)
+    if little_endian:
+        pixels = decode_message(type_name, data).data
+        assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
+
+
+def test_compressed_image_and_camera_info() -> None:
+    assert decode_message(COMPRESSED_IMAGE, compressed(7)).format == 'jpeg'
+    types = STORE.types
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](1, 2), 'camera')
+    region = types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    matrix = np.arange(9, dtype=np.float64)
+    info = types[CAMERA_INFO](
+        header, 480, 640, 'plumb_bob', np.zeros(5), matrix, matrix, np.zeros(12), 0, 0, region
+    )
+    decoded = decode_message(CAMERA_INFO, cdr(info))
+    assert (decoded.width, decoded.height) == (640, 480)
+    assert np.array_equal(decoded.k, matrix)
+
+
+def test_malformed_messages_raise_one_error() -> None:
+    choose = random.Random(6)
+    data = cdr(image(1, 8, 4))
+    malformed = 0
+    for _ in range(3000):
+        damaged = bytearray(
+            data[: choose.randrange(len(data) + 1)] if choose.random() < 0.5 else data
+        )
+        for _ in range(choose.randrange(4)):
+            if damaged:
+                damaged[choose.randrange(len(damaged))] = choose.randrange(256)
+        try:
+            decode_message(choose.choice([IMAGE, COMPRESSED_IMAGE, CAMERA_INFO]), bytes(damaged))
+        except MalformedMessageError:
+            malformed += 1
+    assert 1000 < malformed < 3000
+    with pytest.raises(MalformedMessageError, match='not known'):
+        decode_message('no_such/msg/Type', data)
+
+
+@pytest.mark.parametrize('extension', ['.jpg', '.png', '.webp', '.tiff'])
+def test_compressed_size(extension: str) -> None:
+    assert compressed_size(decode_message(COMPRESSED_IMAGE, compressed(1, extension)).data) == (
+        64,
+        48,
+    )
+    assert compressed_size(np.arange(200, dtype=np.uint8)) is None
+
+
+def test_only_image_types_are_images() -> None:
+    assert is_image_type('sensor_msgs/Image')
+    assert is_image_type(COMPRESSED_IMAGE)
+    assert not is_image_type('stereo_msgs/msg/DisparityImage')
+    assert not is_image_type(CAMERA_INFO)
+
+
+def test_choice_of_topic(tmp_path: Path) -> None:
+    one = write_mcap(tmp_path / 'one.mcap', [*image_samples(2), string_sample(3)])
+    with open_recording(one) as recording:
+        assert choose_image_topic(recording).name == TOPIC
+        assert choose_image_topic(recording, TOPIC[1:]).name == TOPIC
+        with pytest.raises(RecordingError, match=f'choose one of: {TOPIC}'):
+            choose_image_topic(recording, '/note')
+    packed = Sample('/camera/compressed', COMPRESSED_IMAGE, START_NS, compressed(1))
+    two = write_mcap(tmp_path / 'two.mcap', [*image_samples(2), packed])
+    with open_recording(two) as recording:
+        with pytest.raises(RecordingError) as refusal:
+            choose_image_topic(recording)
+        assert f'{TOPIC} (Image, 2 messages), /camera/compressed (C' in str(refusal.value)
+        assert choose_image_topic(recording, '/camera/compressed').type == COMPRESSED_IMAGE
+    samples = [string_sample(1), *image_samples(1)]
+    none = write_mcap(tmp_path / 'none.mcap', samples, encodings={TOPIC: 'protobuf'})
+    with open_recording(none) as recording, pytest.raises(RecordingError) as refusal:
+        choose_image_topic(recording)
+    assert f'holds /note; skipped, as not CDR: {TOPIC} (protobuf)' in str(refusal.value)

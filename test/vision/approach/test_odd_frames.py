@@ -1,0 +1,147 @@
+"""What is no view of a runway is not reported with confidence, and the status says why."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from support.drawn_ground import drawn_strip
+
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
+from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.approach.ground_motion import Overlaid
+from mvuav_ros.vision.camera import CameraModel
+
+RUNWAY = {'height': 60, 'width': 30, 'speed': 2, 'ends': (400, 1500)}
+GRASS = {**RUNWAY, 'ends': (1e8, 1e9)}
+HORIZON_ROW = 100
+FRAMES = 40
+CONFIDENT = 0.5
+
+
+def from_the_air(frames=FRAMES, **scene):
+    return [drawn_strip(index, **(scene or RUNWAY)) for index in range(frames)]
+
+
+@pytest.fixture(scope='module')
+def flight():
+    return from_the_air()
+
+
+def results(images, attitude=None):
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    detector.set_camera(CameraModel(320, 240, (300, 0, 160, 0, 300, 120, 0, 0, 1)))
+    for index, image in enumerate(images):
+        yield detector.process(image, index, attitude), detector.attitude_problem
+
+
+def confident(images, attitude=None):
+    """How many frames are reported with confidence, and the last one's status and problem."""
+    found = list(results(images, attitude))
+    count = sum(result.confidence >= CONFIDENT for result, _ in found)
+    return count, found[-1][0].status, found[-1][1]
+
+
+def test_the_drawn_runway_is_reported(flight):
+    """Otherwise none of the other tests here says anything."""
+    assert confident(flight)[0] == FRAMES
+
+
+@pytest.mark.parametrize(
+    ('height', 'width', 'aside'),
+    [(1.0, 8, 0), (1.5, 10, 0), (2.0, 15, 0), (2.0, 8, 1.5), (1.2, 15, 3), (2.0, 12, -4)],
+)
+def test_a_road_seen_from_a_car_is_no_runway(height, width, aside):
+    road = from_the_air(height=height, width=width, aside=aside)
+    assert confident(road)[0] == 0
+
+
+@pytest.mark.parametrize('level', [0, 255])
+def test_a_black_or_white_picture(level):
+    count, status, _ = confident([np.full((240, 320, 3), level, np.uint8)] * 3)
+    assert count == 0
+    assert 'has not changed' in status
+
+
+def test_noise_hides_a_runway(flight):
+    rng = np.random.default_rng(0)
+    noisy = [np.clip(image + rng.normal(0, 60, image.shape), 0, 255) for image in flight]
+    count, status, _ = confident([image.astype(np.uint8) for image in noisy])
+    assert count == 0
+    assert status.startswith('no runway')
+
+
+def test_a_torn_picture_is_reported_where_the_runway_is(flight):
+    """The rows below somewhere come from the frame before, moved sideways."""
+    torn = [flight[0]]
+    for index in range(1, FRAMES):
+        image, cut = flight[index].copy(), 100 + index * 37 % 100
+        image[cut:] = np.roll(flight[index - 1][cut:], index * 53 % 200 + 20, axis=1)
+        torn.append(image)
+    for (result, _), (true, _) in zip(results(torn), results(flight), strict=True):
+        if result.confidence >= CONFIDENT and result.corners is not None:
+            assert result.vanishing_point == pytest.approx(true.vanishing_point, abs=12)
+
+
+def test_a_frozen_picture_is_doubted_after_two_seconds(flight):
+    found = [result for result, _ in results(flight[:10] + [flight[9]] * 60)]
+    assert found[30].confidence >= CONFIDENT
+    assert found[-1].confidence == 0
+    assert 'has not changed' in found[-1].status
+
+
+@pytest.mark.parametrize(
+    'attitude',
+    [
+        pytest.param(Attitude.from_roll_pitch(math.pi, 0.0), id='rolled'),
+        pytest.param(Attitude.from_roll_pitch(0.0, math.pi), id='pitched'),
+    ],
+)
+def test_an_attitude_that_is_wrong_by_180_degrees_is_no_attitude(flight, attitude):
+    count, status, problem = confident(flight, attitude)
+    assert count == 0
+    assert 'upside down' in status
+    assert 'camera_mount_rpy_deg' in problem
+
+
+def test_a_right_attitude_is_one(flight):
+    right = Attitude.from_roll_pitch(0.0, math.atan((HORIZON_ROW - 120) / 300) * -1)
+    assert confident(flight, right)[0] == FRAMES
+
+
+def test_nothing_above_the_horizon_is_reported(flight):
+    """A runway in the sky: the view upside down, with the horizon as attitude would give it."""
+    sky = [np.ascontiguousarray(image[::-1]) for image in flight]
+    assert confident(sky, HorizonLine(239.0 - HORIZON_ROW, 0.0))[0] == 0
+
+
+def test_a_track_above_the_horizon_is_vetoed(flight):
+    """Even one that was reported before the horizon was known."""
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach', min_confidence=0.0))
+    for index, image in enumerate(flight):
+        before = detector.process(image, index)
+    assert before.corners is not None
+    lowest = max(y for _, y in before.corners)
+    after = detector.process(flight[-1], FRAMES, HorizonLine(lowest + 6.0, 0.0))
+    assert after.corners is None
+    assert after.confidence == 0
+    assert 'above the horizon' in after.status
+
+
+def painted(index, ground):
+    """The first frame's runway, pasted where it was onto ground that moves."""
+    mask = np.zeros((240, 320), np.uint8)
+    cv2.fillConvexPoly(mask, np.array([(156, 103), (164, 103), (182, 160), (138, 160)]), 1)
+    return np.where(mask[:, :, None] > 0, drawn_strip(0, **RUNWAY), ground[index])
+
+
+def test_a_strip_painted_on_the_picture_is_no_runway(monkeypatch):
+    """It stands still while the ground moves."""
+    ground = from_the_air(80, **{**GRASS, 'height': 20})
+    images = [painted(index, ground) for index in range(80)]
+    last = [result.confidence for result, _ in results(images)][50:]
+    assert max(last) < CONFIDENT
+    monkeypatch.setattr(Overlaid, 'take', lambda *_: None)
+    believed = [result.confidence for result, _ in results(images)][50:]
+    assert max(believed) > max(last)

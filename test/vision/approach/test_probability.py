@@ -1,0 +1,42 @@
+"""The confidence of a report."""
+
+from mvuav_ros.vision.approach.probability import Report, confidence_weights
+
+DOUBTFUL = Report(log_odds=1.0, agreement=0.5, moved=0, attitude=False, rivals=0.5, distinct=0.0)
+
+
+def confidence(**change):
+    return confidence_weights().confidence(DOUBTFUL._replace(**change))
+
+
+def test_what_speaks_for_a_runway_raises_it():
+    plain = confidence()
+    assert 0.0 < plain < 1.0
+    assert confidence(log_odds=3.0) > confidence(log_odds=2.0) > plain
+    assert confidence(agreement=1.0) > plain
+    assert confidence(attitude=True) > plain
+    assert confidence(moved=60) > confidence(moved=20) > plain
+    assert confidence(shoulder_lines=1.0) > plain
+
+
+def test_lines_seen_in_many_frames_tell_where_the_edges_are_though_strips_disagree():
+    followed = {'log_odds': 9.0, 'moved': 60, 'distinct': 1.0}
+    assert confidence(**followed, agreement=0.1) == confidence(**followed, agreement=0.9)
+    still = followed | {'moved': 0}
+    assert confidence(**still, agreement=0.1) < confidence(**still, agreement=0.9)
+
+
+def test_what_speaks_against_it_lowers_it():
+    assert confidence(rivals=5.0) < confidence()
+    assert confidence(log_odds=-3.0) < 0.05
+    assert confidence(agreement=0.0) < confidence()
+
+
+def test_two_places_for_an_edge_leave_half_of_it():
+    sure = {'log_odds': 9.0, 'agreement': 1.0, 'moved': 60, 'distinct': 1.0}
+    assert confidence(**sure) > 0.9
+    assert confidence(**sure, other_edges=1.0) == confidence(**sure) / 2 < 0.5
+
+
+def test_extremes_are_probabilities_still():
+    assert 0.0 <= confidence(log_odds=-1e9, rivals=1e9) < confidence(log_odds=1e9) <= 1.0

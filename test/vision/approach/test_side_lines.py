@@ -1,0 +1,75 @@
+"""Edges from the lines along a runway's sides, against what was drawn."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.side_lines import LineChoice, edges_by_lines
+
+LEVEL = Derotation(320, 240, 1, 0.0)
+X, Y, SLOPE, SPAN = 160.0, 60.0, 0.3, (10.0, 40.0)
+LAND, PAVEMENT, RUBBER, LINE = 110, 112, 70, 170
+
+
+def runway(*lines, rubber=RUBBER, fine=8):
+    """Pavement hardly brighter than land, rubber in its middle, and lines along both sides.
+
+    Args:
+        lines: (inner, outer) side of a line, in half widths of the runway.
+        rubber: grey level of the runway's middle.
+        fine: by which everything is drawn larger.
+    """
+    rows = (np.arange(240 * fine)[:, None] + 0.5) / fine - 0.5
+    columns = (np.arange(320 * fine) + 0.5) / fine - 0.5
+    depth = rows - Y
+    aside = np.abs(columns - X) / np.maximum(SLOPE * depth, 1e-3)
+    image = np.full(aside.shape, LAND, np.float32)
+    within = (depth > SPAN[0]) & (depth < SPAN[1])
+    image[within & (aside < 1.0)] = PAVEMENT
+    image[within & (aside < 0.45)] = rubber
+    for inner, outer in lines:
+        image[within & (aside > inner) & (aside < outer)] = LINE
+    return cv2.resize(image, (320, 240), interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def offsets(image, expected=1.0, slope=SLOPE):
+    """How far outside the true edges the points lie on average, px; None without points."""
+    strip = np.array([X, Y, -slope * expected, slope * expected, *SPAN])
+    found = edges_by_lines(LevelledFrame(image, LEVEL), strip, LineChoice().choose)
+    if found is None:
+        return None
+    left, right = found
+    return (
+        float((X - SLOPE * (left.rows - Y) - left.columns).mean()),
+        float((right.columns - X - SLOPE * (right.rows - Y)).mean()),
+    )
+
+
+@pytest.mark.parametrize('expected', [0.75, 0.9, 1.0, 1.15])
+def test_the_edge_is_where_the_line_ends_wherever_it_was_expected(expected):
+    assert offsets(runway((0.7, 1.0)), expected) == pytest.approx((0, 0), abs=0.5)
+
+
+@pytest.mark.parametrize('expected', [1.0, 1.15])
+def test_of_two_lines_the_outer_one_is_the_shoulders(expected):
+    image = runway((0.8, 1.0), (1.3, 1.5))
+    assert offsets(image, expected) == pytest.approx((0, 0), abs=0.6)
+
+
+def test_grey_and_colour_and_16_bits_are_the_same():
+    gray = runway((0.7, 1.0))
+    colour = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
+    assert offsets(colour) == pytest.approx(offsets(gray), abs=0.1)
+    assert offsets(gray.astype(np.uint16) * 256) == pytest.approx(offsets(gray), abs=0.1)
+
+
+def test_without_lines_there_is_no_answer():
+    assert offsets(runway(rubber=PAVEMENT)) is None
+    noise = np.random.default_rng(1).integers(90, 130, (240, 320)).astype(np.uint8)
+    assert offsets(noise) is None
+
+
+def test_a_wide_runway_is_measured_by_its_pavement():
+    assert offsets(runway((0.7, 1.0)), slope=1.2) is None

@@ -1,0 +1,63 @@
+"""One track, on a drawn runway whose edges its colour shows."""
+
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.candidates import LevelledImage
+from mvuav_ros.vision.approach.edges import LevelledFrame
+from mvuav_ros.vision.approach.ground_motion import Registration
+from mvuav_ros.vision.approach.track import Hypotheses, RunwayTrack, View, Weighed
+
+LEVEL = Derotation(320, 240, 1, 0.0)
+STRIP = np.array([160.0, 60.0, -0.25, 0.25, 20.0, 60.0])
+NEAR_ROW = STRIP[1] + STRIP[5]
+GRASS, PAVEMENT = (45, 110, 75), (90, 92, 94)
+SCATTERED = np.array(
+    [
+        [157.0, 20.0, -0.16, -0.04, 60.0, 100.0],
+        [163.0, -30.0, 0.03, 0.10, 110.0, 150.0],
+        [150.0, 70.0, -0.40, -0.15, 10.0, 50.0],
+        [158.0, 50.0, -0.18, -0.08, 30.0, 70.0],
+    ]
+)
+"""Strips that have one edge or none in common with the runway, and other vanishing points."""
+
+
+def view():
+    rows, columns = np.mgrid[:240, :320]
+    depth = rows - STRIP[1]
+    within = (depth > STRIP[4]) & (depth < STRIP[5])
+    within &= np.abs(columns - STRIP[0]) < STRIP[3] * depth
+    noise = np.random.default_rng(1).normal(0, 2, (240, 320, 1))
+    drawn = np.where(within[:, :, None], PAVEMENT, GRASS) + noise
+    image = np.clip(np.rint(drawn), 0, 255).astype(np.uint8)
+    registration = Registration()
+    registration.take(image)
+    frame = LevelledFrame(image, LEVEL)
+    return View(frame, LevelledImage(image, LEVEL), (STRIP[1], 2.0), registration)
+
+
+def near_edges(track):
+    x, y, left, right = track.strip()[:4]
+    return [x + slope * (NEAR_ROW - y) for slope in (left, right)]
+
+
+def test_colour_holds_the_edges_where_the_strips_scatter(monkeypatch):
+    """Their mean is none of them; the edges were followed by colour, which still shows them."""
+    seen = view()
+    track = RunwayTrack(STRIP, 1.0)
+    for _ in range(8):
+        track.step(seen, 1)
+    assert near_edges(track) == pytest.approx([145, 175], abs=1.0)
+    assert track.distinct > 0.9
+
+    def scattered(*_):
+        return Weighed(SCATTERED, np.full(len(SCATTERED), 1 / len(SCATTERED)))
+
+    monkeypatch.setattr(Hypotheses, 'weigh', scattered)
+    monkeypatch.setattr(Hypotheses, 'settle', lambda *_: None)
+    for _ in range(3):
+        track.step(seen, 1)
+    assert near_edges(track) == pytest.approx([145, 175], abs=1.0)
+    assert track.shape.vanishing_point == pytest.approx(STRIP[:2], abs=3.0)
