@@ -139,11 +139,6 @@ class ViewFilter:
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
-    def _known(self) -> list[int]:
-        """Parameters that a calibration tells."""
-        return [FOCAL, BARREL] if self._is_calibrated else []
-
-    @property
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
         return ViewState(self.belief.mean[:COUNT], self.belief.covariance[:COUNT, :COUNT])
@@ -162,7 +157,7 @@ class ViewFilter:
     @property
     def unknowns(self) -> int:
         """Parameters that the lights alone tell."""
-        return COUNT - len(self._known)
+        return COUNT - 2 if self._is_calibrated else COUNT
 
     def deviation_of(self, parameter: int) -> float:
         """How uncertain a parameter is (1 sigma)."""
@@ -216,7 +211,8 @@ class ViewFilter:
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
         growth = np.full(_STATES, math.sqrt(factor))
-        growth[self._known] = 1.0
+        if self._is_calibrated:
+            growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
         mean, covariance = self.belief
         self.belief = Belief(mean, growth[:, None] * covariance * growth)
 
@@ -227,7 +223,7 @@ class ViewFilter:
             self._learn_motion(correction)
         self.belief = correction.after
         # Four markers before a lens that is not known fit any rig.
-        fewest = _MIN_EXACT if self._known else max(len(self.shape.points), _MIN_EXACT)
+        fewest = _MIN_EXACT if self._is_calibrated else max(len(self.shape.points), _MIN_EXACT)
         if len(correction.found) >= fewest:
             self._learn_rig_error(correction)
 
@@ -270,7 +266,9 @@ def _predicted(belief: Belief, elapsed: float, walk: Array, unrest: Array) -> Be
     flat[COUNT : COUNT * step : step] += across
     flat[COUNT * _STATES :: step] += across
     flat[COUNT * step :: step] += stationary * unrest
-    return Belief(transition.dot(belief.mean), covariance)
+    mean = transition.dot(belief.mean)
+    mean[:COUNT] = possible(mean[:COUNT])
+    return Belief(mean, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,6 +280,7 @@ class Correction:
         found: the lights' places by marker, px without distortion.
         change: (16,), of the state.
         towards: (16, 2 k), covariance of the state with the places.
+        slopes: (8, 2 k), of the places by the parameters.
         weight: (2 k, 2 k), inverse covariance of the innovations, px^-2.
         weighed: (2 k,), the innovations times that.
         variances: k, px², at which the markers take part.
@@ -292,6 +291,7 @@ class Correction:
     found: Mapping[int, Point]
     change: Array
     towards: Array
+    slopes: Array
     weight: Array
     weighed: Array
     variances: Sequence[float]
@@ -340,12 +340,16 @@ class Correction:
             expected = shape.linearize_one(parameters)[0]
             weighed = (places - (expected if columns is None else expected[columns])) / noise
         change[:COUNT] = parameters - prior
-        return cls(before, found, change, towards, weight, weighed, variances, own)
+        return cls(before, found, change, towards, slopes, weight, weighed, variances, own)
 
     @cached_property
     def after(self) -> Belief:
-        """The state with what has been seen."""
-        covariance = self.before.covariance - self.towards.dot(self.weight).dot(self.towards.T)
+        """The state with what has been seen, in Joseph's form: no variance gets negative."""
+        gain = self.towards.dot(self.weight)
+        left = _UNITY.copy()
+        left[:, :COUNT] -= gain.dot(self.slopes.T)
+        covariance = left.dot(self.before.covariance).dot(left.T)
+        covariance += (gain * np.repeat(self.variances, 2)).dot(gain.T)
         return Belief(self.before.mean + self.change, 0.5 * (covariance + covariance.T))
 
     @cached_property

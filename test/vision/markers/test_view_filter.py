@@ -96,3 +96,17 @@ def test_what_is_known_does_not_become_less_certain():
     assert sizes[FOCAL] == 1.0
     np.testing.assert_allclose(sizes[:FOCAL], 10.0)
     assert np.linalg.eigvalsh(views.belief.covariance).min() > 0.0
+
+
+def test_no_variance_gets_negative():
+    """Again and again a view of which nearly nothing is known any more is told exactly."""
+    views = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
+    seen = dict(enumerate(SHAPE.project(VIEW).tolist()))
+    for frame in range(1, 60):
+        views.predict(frame / 30)
+        for _ in range(frame % 4):
+            views.upset(1e3)
+        views.commit(views.correct({m: seen[m] for m in list(seen)[: 2 + frame % 4]}))
+        sizes = np.sqrt(np.diag(views.belief.covariance))
+        assert (sizes > 0.0).all()
+        assert np.linalg.eigvalsh(views.belief.covariance / np.outer(sizes, sizes))[0] > -1e-9
