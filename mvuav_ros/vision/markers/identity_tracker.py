@@ -273,10 +273,21 @@ class IdentityTracker:
             return str(error)
         fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
         fewest = min(fewest, self._count)
+        other = search.views.shape.offsets is not None and not search.found
         nameless = search.name(lights, self._clutter, fewest, self._recovery)
-        self._challenge(search, lights, nameless)
+        if other and len(search.found) < self._count <= len(lights):
+            self._name_afresh(search, lights)
+        else:
+            self._challenge(search, lights, nameless)
         in_image.update(lights.measured)
         return ''
+
+    def _name_afresh(self, search: Search, lights: Lights) -> None:
+        """Name a body that is not quite its rig as at the start: its old view tells too little."""
+        search.found.clear()
+        named = initialize(self._shape, lights, self._rig.names)
+        if named.view is not None and named.certain:
+            self._replace(search, named)
 
     def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
         """Name the body afresh where lights have no name and markers no light for long."""

@@ -315,3 +315,22 @@ def test_no_name_for_long_means_a_start_from_nothing():
     assert [m.state for m in result.markers] == [LOST] * 5
     result = pipeline.process(Image(draw(tanker_at()), 'mono8'), 16_000_000_000)
     assert result.roll == pytest.approx(0.0, abs=0.01)
+
+
+def test_names_are_told_with_their_probability():
+    """Sure after a second of five lights; a marker that is back is less so than one that stayed."""
+    tracker = MarkerTracker()
+    hidden = range(40, 50)
+    for frame in range(51):
+        lights = tanker_at(320 + frame, 240)
+        if frame in hidden:
+            lights = np.delete(lights, 2, axis=0)
+        image = Image(draw(lights), 'mono8')
+        result = tracker.process(image, round(1e9 * frame / FPS))
+        sure = [marker.confidence for marker in result.markers]
+        named = [marker.state is DETECTED for marker in result.markers]
+        assert [math.isfinite(each) for each in sure] == named
+        if frame in (39, 49):
+            assert min(each for each in sure if each == each) > 0.99
+    assert all(named)
+    assert 0.9 < sure[2] < min(sure[:2])

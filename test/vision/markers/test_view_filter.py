@@ -110,3 +110,13 @@ def test_no_variance_gets_negative():
         sizes = np.sqrt(np.diag(views.belief.covariance))
         assert (sizes > 0.0).all()
         assert np.linalg.eigvalsh(views.belief.covariance / np.outer(sizes, sizes))[0] > -1e-9
+
+
+def test_a_place_speaks_for_a_name_or_against_it():
+    found = places([0, 1, 2, 3, 4])
+    right = corrected(found).log_odds(6.0, COUNT - 2)
+    assert min(right.values()) > 0.0
+    found[2] = (found[2][0] + 5.0, found[2][1] + 5.0)
+    assert corrected(found).log_odds(6.0, COUNT - 2)[2] < -5.0
+    three = corrected(places([0, 2, 4])).log_odds(6.0, COUNT - 2)
+    assert set(three.values()) == {0.0}, 'three lights fit any view'
