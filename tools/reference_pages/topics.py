@@ -184,5 +184,5 @@ def _fields(topic: str, dtype: np.dtype[np.void]) -> str:
         rows.append(f'| `{name}` | {kind} | {offset} | {FIELDS[name]} |')
     rows += ['', f'A row is {dtype.itemsize} bytes. Read fields by name: new ones go behind.']
     if topic == '~/markers':
-        rows[-1] = rows[-1].replace('bytes.', 'bytes with `id`, 34 without.')
+        rows[-1] = rows[-1].replace('bytes.', 'bytes; without `id` 38, with `confidence` at 34.')
     return '\n'.join(rows) + '\n'
