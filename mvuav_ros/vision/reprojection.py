@@ -15,9 +15,9 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Array = NDArray[np.float64]
 
-FEWEST = 3  # Markers for a pose: with three there may be four solutions, all of which fit
+MIN_MARKERS = 3  # Markers for a pose: with three there may be four solutions, all of which fit
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
-_MOST_STEPS = 20
+_MAX_STEPS = 20
 _FIRST_DAMPING = 1e-3  # part of the normal matrix's diagonal
 _SMALL_STEP = 2e-6  # of the pose, after which the next step is lost in rounding
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
@@ -65,7 +65,7 @@ class Reprojection:
         seen, jacobian = self._camera.project_with_jacobian(self._points, at[:3], at[3:])
         residual, damping = (self.image - seen).ravel(), _FIRST_DAMPING
         squares = float(residual.dot(residual))
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             normal = jacobian.T.dot(jacobian)
             normal.reshape(-1)[::7] *= 1.0 + damping
             regular, step = cv2.solve(
@@ -120,7 +120,7 @@ class Reprojection:
     def closed_forms(self) -> list[tuple[Array, Array]]:
         """Rotation vectors and translations by OpenCV's solvers, all that there are of three."""
         methods = [cv2.SOLVEPNP_SQPNP]
-        if len(self._points) == FEWEST:
+        if len(self._points) == MIN_MARKERS:
             methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P, cv2.SOLVEPNP_SQPNP]
         found: list[tuple[Array, Array]] = []
         for method in methods:

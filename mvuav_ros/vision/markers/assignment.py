@@ -21,7 +21,7 @@ from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
 NOTHING = GATE + DOUBT  # What it costs to leave a marker without a light
-MOST_WAYS = 1000
+MAX_WAYS = 1000
 
 
 class Expectation(NamedTuple):
@@ -55,8 +55,8 @@ def assign(
             costs[marker] = near
     if not costs:
         return {}
-    ways = list(islice(_ways(list(costs.items())), MOST_WAYS + 1))
-    if len(ways) > MOST_WAYS:
+    ways = list(islice(_ways(list(costs.items())), MAX_WAYS + 1))
+    if len(ways) > MAX_WAYS:
         return {}
     least = min(cost for cost, _ in ways)
     probable = [way for cost, way in ways if cost < least + DOUBT]
@@ -84,16 +84,16 @@ def _ways(
                 yield cost + own, {marker: number, **way}
 
 
-MOST_COST = 24.0
+MAX_COST = 24.0
 """Squared residuals and distance from the prior over their variances, of a way that may be."""
-MOST_REFITTED = 24
-MOST_EXTENDED = 3
+MAX_REFITTED = 24
+MAX_EXTENDED = 3
 """Lights without a name that are weighed together."""
-MOST_PERMUTED = 7  # Markers of a rig, and lights, up to which all threes are tried
-MOST_OF_THREE = 24
-MOST_BENT = 0.15
+MAX_PERMUTED = 7  # Markers of a rig, and lights, up to which all threes are tried
+MAX_OF_THREE = 24
+MAX_BENT = 0.15
 """By how much three markers may look distorted, in units of their size (1 sigma)."""
-MOST_PAIRS = 300
+MAX_PAIRS = 300
 
 
 def reacquire(
@@ -112,7 +112,7 @@ def reacquire(
     if len(spots) < fewest:
         return {}
     # Of four lights and more some three nearly always look like three of the markers.
-    fewest = max(fewest, min(FAULTS.fewest_agreeing, len(spots), len(views.shape.points)))
+    fewest = max(fewest, min(FAULTS.min_agreeing, len(spots), len(views.shape.points)))
     ways = _similar_ways(views, spots, fits, fewest)
     ways = list(
         {_completed(views, way, view, spots, fits) for way, view in _refitted(views, ways, spots)}
@@ -138,7 +138,7 @@ def extend(
     known = tuple(zip(found, range(len(found)), strict=True))
     places, deviations = views.places(views.look(places_of(found)))
     near: dict[int, list[int]] = {}
-    for number, spot in enumerate(spots[:MOST_EXTENDED], len(found)):
+    for number, spot in enumerate(spots[:MAX_EXTENDED], len(found)):
         apart = np.hypot(spot.x - places[:, 0], spot.y - places[:, 1])
         inside = apart < 4.0 * np.hypot(deviations, views.deviation)
         near[number] = [m for m in np.flatnonzero(inside).tolist() if m not in found]
@@ -164,7 +164,7 @@ class RecoveryTuning:
 
     # Lights that must fit at once: a single one that does not go with the others may as well be
     # another light.
-    fewest_new: int = 2
+    min_new: int = 2
     # Frames in a row that must name the lights alike, where they are as few as can tell.
     confirmed: int = 2
     same: float = 40.0  # px, within which a marker may move between two frames
@@ -191,16 +191,16 @@ class Recovery:
 
         Where any are named, the views have become as uncertain as that takes.
         """
-        fewest = max(-(-FAULTS.fewest_free // 2), len(found) + RECOVERY.fewest_new)
-        if len(found) + min(len(spots), MOST_EXTENDED) < fewest:
+        fewest = max(-(-FAULTS.min_free // 2), len(found) + RECOVERY.min_new)
+        if len(found) + min(len(spots), MAX_EXTENDED) < fewest:
             self._agreed = 0
             return dict(found)
         before = views.belief
-        views.upset(FAULTS.free)
+        views.inflate(FAULTS.free)
         named = extend(views, found, spots, fits)
         view = views.look(places_of(named))
-        most_cost = FAULTS.fitting_few if len(named) <= fewest else FAULTS.fitting
-        if len(named) < fewest or view.cost > most_cost:
+        max_cost = FAULTS.fitting_few if len(named) <= fewest else FAULTS.fitting
+        if len(named) < fewest or view.cost > max_cost:
             self._agreed = 0
         elif self._believes(named, fewest):
             return named
@@ -224,7 +224,7 @@ def _agreed(
     weighed = [
         (view.cost + NOTHING * (everything - len(way)), dict(way))
         for way, view in _refitted(views, ways, spots)
-        if view.cost <= MOST_COST
+        if view.cost <= MAX_COST
     ]
     if not weighed:
         return None
@@ -245,7 +245,7 @@ def _refitted(
     """Ways of naming lights, each with the view that follows."""
     fitted: list[tuple[Way, ViewState]] = []
     for number in sorted({len(way) for way in ways}):
-        same = [way for way in ways if len(way) == number][:MOST_REFITTED]
+        same = [way for way in ways if len(way) == number][:MAX_REFITTED]
         seen = np.array([[marker for marker, _ in way] for way in same], np.intp)
         places = np.array([[(spots[i].x, spots[i].y) for _, i in way] for way in same])
         fits = views.fit(seen, places)
@@ -282,7 +282,7 @@ def _similar_ways(
     seen = np.array([complex(spot.x, spot.y) for spot in spots])
     if len(seen) < 2:
         return []
-    if len(seen) >= 3 and 3 <= len(flat) <= MOST_PERMUTED:
+    if len(seen) >= 3 and 3 <= len(flat) <= MAX_PERMUTED:
         ways = _ways_of_three(flat, seen, np.sqrt(np.diag(prior.covariance)))
         if fewest > 2 or ways:
             return [w for w in ways if all(fits(marker, spots[light]) for marker, light in w)]
@@ -299,7 +299,7 @@ def _similar_ways(
     possible &= np.abs(moved) < math.hypot(allowed[X], allowed[Y]) + reach
     pair, seen_pair = np.nonzero(possible)
     tried: dict[Way, float] = {}
-    for t, s in zip(turn[pair, seen_pair][:MOST_PAIRS], shift[pair, seen_pair], strict=False):
+    for t, s in zip(turn[pair, seen_pair][:MAX_PAIRS], shift[pair, seen_pair], strict=False):
         way = _nearest(t * flat + s, seen, reach, spots, fits)
         if len(way) >= fewest:
             tried[way] = -len(way)
@@ -310,15 +310,15 @@ def _ways_of_three(
     flat: NDArray[np.complex128], seen: NDArray[np.complex128], deviations: Array
 ) -> list[Way]:
     """All likely ways of naming three lights, by the turn, growth and distortion that they take."""
-    ways, chosen = _threes(len(flat), min(len(seen), MOST_PERMUTED))
+    ways, chosen = _threes(len(flat), min(len(seen), MAX_PERMUTED))
     markers = flat[ways] - flat[ways].mean(axis=1, keepdims=True)
     lights = seen[chosen] - seen[chosen].mean(axis=1, keepdims=True)
     turn = (markers.conj() * lights).sum(axis=1) / (np.abs(markers) ** 2).sum(axis=1)
     bent = np.abs(lights - turn[:, None] * markers) ** 2
     bent = bent.sum(axis=1) / (np.abs(turn[:, None] * markers) ** 2).sum(axis=1)
     cost = (np.log(np.maximum(np.abs(turn), 1e-9)) / (deviations[SCALE] + 0.1)) ** 2
-    cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MOST_BENT**2
-    best = [int(index) for index in np.argsort(cost)[:MOST_OF_THREE] if cost[index] < GATE]
+    cost += (np.angle(turn) / (deviations[ROLL] + 0.1)) ** 2 + bent / MAX_BENT**2
+    best = [int(index) for index in np.argsort(cost)[:MAX_OF_THREE] if cost[index] < GATE]
     return [
         tuple(sorted(zip(ways[index].tolist(), chosen[index].tolist(), strict=True)))
         for index in best

@@ -25,7 +25,7 @@ BACKGROUND_SHARE = 0.35
 """Part of the background's pull that is taken out. An edge pixel shows about half of the
 background behind it (0.5) where that reaches up to the light, as the wing does on the reference
 frames; nothing where the lens's glare evens it out."""
-LARGEST_PULL = 0.12
+MAX_PULL = 0.12
 """px; a stronger one is another light in the ring, not background."""
 _RING = (2.5, 4.5)
 """The background is looked at this far outside of the light's edge, px."""
@@ -166,7 +166,7 @@ class CentroidMeter:
         dx, dy = cut(x0, x1, y0, y1).ravel().astype(np.float32).dot(moment).tolist()
         factor *= area / mass
         dx, dy = factor * dx, factor * dy
-        if dx * dx + dy * dy < LARGEST_PULL * LARGEST_PULL:
+        if dx * dx + dy * dy < MAX_PULL * MAX_PULL:
             self.pull = (dx, dy)
         return self.pull
 
@@ -318,5 +318,5 @@ def _pulls(gray: Pixels, measured: Array, mass: Array) -> Array:
         ]
         pull = around.reshape(len(chosen), len(moment)).astype(np.float32) @ moment
         pulls[chosen] = factor * (area / np.where(mass > 0, mass, 1.0))[chosen, None] * pull
-    pulls[np.hypot(*pulls.T) >= LARGEST_PULL] = 0.0
+    pulls[np.hypot(*pulls.T) >= MAX_PULL] = 0.0
     return pulls

@@ -24,21 +24,21 @@ class FaultTuning:
     # Squared distance over variance from which on a marker contradicts the others.
     gate: float = 16.0
     doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
-    fewest_firm: int = 3  # markers, without which none can be doubted
+    min_firm: int = 3  # markers, without which none can be doubted
     # px (1 sigma), of a marker's place by the others, up to which they would contradict another
     # light there.
     protected: float = 4.0
     # The same where too few are in sight to tell each other's places later.
     protected_by_few: float = 1.3
     # Markers not out of sight before, by which alone others' places are told.
-    fewest_telling: int = 2
-    fewest_agreeing: int = 4  # markers that tell each other's places
+    min_telling: int = 2
+    min_agreeing: int = 4  # markers that tell each other's places
     # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
     beside: float = 6.0
-    upset: float = 4.0  # by which all variances grow where what is seen makes no sense
+    inflate: float = 4.0  # by which all variances grow where what is seen makes no sense
     # By which they grow to find out whether it is only the motion that was not foreseen.
     free: float = 1e3
-    fewest_free: int = 8  # coordinates for that
+    min_free: int = 8  # coordinates for that
     # Squared residuals over their variances up to which markers then fit the rig, which are more
     # than can fit any other.
     fitting: float = 12.0
@@ -72,26 +72,26 @@ class FaultDetector:
         self.views = views  # how the rig is seen
         # Markers that were out of sight or not alone shortly before, whose lights may be others;
         # where enough others are not, they hardly take part.
-        self.contested: set[int] = set()
+        self.untrusted: set[int] = set()
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._corrected: tuple[Belief, object, Correction] | None = None
 
     def _correct(self, found: Mapping[int, Point]) -> Correction:
-        belief, key = self.views.belief, (self.contested, list(found.items()))
+        belief, key = self.views.belief, (self.untrusted, list(found.items()))
         last = self._corrected
         if last is not None and last[0] is belief and last[1] == key:
             return last[2]
-        contested = self.contested.intersection(found)
-        if len(found) - len(contested) < TUNING.fewest_firm:
-            contested.clear()
-        correction = self.views.correct(found, contested)
+        untrusted = self.untrusted.intersection(found)
+        if len(found) - len(untrusted) < TUNING.min_firm:
+            untrusted.clear()
+        correction = self.views.correct(found, untrusted)
         self._corrected = belief, key, correction
         return correction
 
-    def surprise_of(self, found: Mapping[int, Point]) -> dict[int, float]:
+    def nis_of(self, found: Mapping[int, Point]) -> dict[int, float]:
         """For each named light how far it lies from where the others put it (see `Correction`)."""
-        return dict(zip(found, self._correct(found).surprise, strict=True))
+        return dict(zip(found, self._correct(found).nis, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree.
@@ -103,7 +103,7 @@ class FaultDetector:
             return Consensus(self.views.view, ())
         correction = self._correct(found)
         markers = tuple(found)
-        if max(correction.surprise) <= TUNING.gate:
+        if max(correction.nis) <= TUNING.gate:
             return Consensus(correction, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
@@ -125,8 +125,8 @@ class FaultDetector:
         jumped = [self.jumps.get(marker, 0.0) for marker in markers]
         fitting = [
             (cost + sum(jumped[i] for i in rest), rest)
-            for cost, rest, surprise in zip(fits.cost, rests, fits.surprise, strict=True)
-            if surprise.max() <= TUNING.gate
+            for cost, rest, nis in zip(fits.cost, rests, fits.nis, strict=True)
+            if nis.max() <= TUNING.gate
         ]
         if not fitting:
             return None
@@ -145,34 +145,34 @@ class FaultDetector:
     def _greedy(self, found: Mapping[int, Point]) -> Consensus:
         rest = dict(found)
         view = self.views.look(rest)
-        while len(rest) > 2 and view.surprise.max() > TUNING.gate:
-            del rest[list(rest)[int(view.surprise.argmax())]]
+        while len(rest) > 2 and view.nis.max() > TUNING.gate:
+            del rest[list(rest)[int(view.nis.argmax())]]
             view = self.views.look(rest)
-        if view.surprise.max() > TUNING.gate or 2 * len(rest) <= len(found):
+        if view.nis.max() > TUNING.gate or 2 * len(rest) <= len(found):
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
     def unverified(
-        self, found: Mapping[int, Point], returned: Collection[int], contested: Collection[int] = ()
+        self, found: Mapping[int, Point], returned: Collection[int], untrusted: Collection[int] = ()
     ) -> set[int]:
         """Which of the markers found lie where the others do not tell their places.
 
         Asked are those that were out of sight shortly before, and where few are in sight also those
         that were not alone.
         """
-        few = len(found) < TUNING.fewest_agreeing
-        doubtful = {m for m in found if m in returned or (few and m in contested)}
+        few = len(found) < TUNING.min_agreeing
+        doubtful = {m for m in found if m in returned or (few and m in untrusted)}
         if not doubtful:
             return set()
-        if few and len(found) - len(doubtful) < TUNING.fewest_telling:
+        if few and len(found) - len(doubtful) < TUNING.min_telling:
             return doubtful
-        told = self._correct(found).told_by_others()
+        told = self._correct(found).deviations_by_others()
         limit = TUNING.protected_by_few if few else TUNING.protected
         return {marker for marker in doubtful if told[marker] > limit}
 
-    def upset(self) -> None:
+    def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""
-        self.views.upset(TUNING.upset)
+        self.views.inflate(TUNING.inflate)
 
     def commit(self, found: Mapping[int, Point]) -> dict[int, float]:
         """Take a frame's named lights, which agree; what each place says for its name.

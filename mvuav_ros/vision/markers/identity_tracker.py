@@ -202,7 +202,7 @@ class IdentityTracker:
         found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
         memory.watch(seen)
         faults.jumps = memory.jumps.evidence
-        faults.contested = memory.contested
+        faults.untrusted = memory.untrusted
         named = places_of(found)
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
@@ -214,8 +214,8 @@ class IdentityTracker:
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
         in_image = dict(zip(found.values(), seen.values(), strict=True))
-        doubted = memory.contest(seen)
-        faults.contested = memory.contested
+        doubted = memory.distrust(seen)
+        faults.untrusted = memory.untrusted
         motion = memory.motion(self._lens)
         search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
         around = memory.told if consensus.kept else ()
@@ -223,7 +223,7 @@ class IdentityTracker:
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
-        memory.acquit(doubted, search.alone)
+        memory.trust_again(doubted, search.alone)
         return self._conclude(frame, search, in_image, windows, status)
 
     def _conclude(
@@ -238,10 +238,10 @@ class IdentityTracker:
         assert self._body is not None
         memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
-        few = len(search.reacquired) < FAULTS.fewest_agreeing and self._clutter.is_about
+        few = len(search.reacquired) < FAULTS.min_agreeing and self._clutter.is_about
         trusted = set() if few else search.reacquired
         unverified = search.faults.unverified(
-            places_of(search.found), memory.returned - trusted, memory.contested - trusted
+            places_of(search.found), memory.returned - trusted, memory.untrusted - trusted
         )
         expected, odds = search.finish()
         expected = self._in_image(expected)
@@ -295,7 +295,7 @@ class IdentityTracker:
         unexplained &= search.is_contradicted
         self._unexplained = self._unexplained + 1 if unexplained else 0
         if self._unexplained > PATIENCE:
-            search.faults.upset()
+            search.faults.inflate()
         in_doubt = min(len(search.missing), nameless) >= 2
         self._doubts = self._doubts + 1 if in_doubt else 0
         if self._doubts <= PATIENCE and search.found:

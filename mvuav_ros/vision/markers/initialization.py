@@ -42,12 +42,12 @@ BARREL_DEVIATION = 0.1  # 1 sigma, of what a lens that is not calibrated does at
 MODEL_ERROR = 0.004  # By how much a body may differ from its rig, in units of its size (1 sigma)
 DOUBT = 6.0  # Two ways of naming the lights whose costs differ by less than this are both possible
 MAX_CANDIDATES = 12
-_USUAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
+_TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
 _ROUGH = 0.02  # The same, 1 sigma, where three lights tell the view
-_MOST_TILTED = 1.2  # rad, from straight behind
+_MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
 _TRIED_AMONG_MANY = 10
@@ -118,7 +118,7 @@ def _fit(shape: WeakPerspective, measured: Array, starts: Array) -> Fits:
     expected[[X, Y]] = shape.centre
     # NumPy's own median imports its masked arrays, which takes as long as many frames.
     expected[SCALE] = median_high(starts[:, SCALE].tolist())
-    expected[FOCAL] = math.log(shape.lens.focal or _USUAL_FOCAL * shape.lens.half_diagonal)
+    expected[FOCAL] = math.log(shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal)
     deviations = np.empty(COUNT)
     deviations[[ROLL, SCALE, X, Y]] = free
     deviations[[PITCH, YAW]] = TILT
@@ -141,7 +141,7 @@ def _rough_guesses(
     if len(places) < len(shape.points):
         return []
     views = _rough_views(shape, places)
-    views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MOST_TILTED]
+    views = views[np.hypot(views[:, PITCH], views[:, YAW]) < _MAX_TILTED]
     seen = shape.project(views)
     apart = np.abs((seen[..., 0] + 1j * seen[..., 1])[..., None] - places)
     beside = apart.min(axis=2) / np.exp(views[:, SCALE])[:, None]
@@ -159,7 +159,7 @@ def _rough_guesses(
 
 def _rough_views(shape: WeakPerspective, places: Complex) -> Array:
     """Views (v, 8) in which three of the markers are any three of the spots, or two any two."""
-    focal = shape.lens.focal or _USUAL_FOCAL * shape.lens.half_diagonal
+    focal = shape.lens.focal or _TYPICAL_FOCAL * shape.lens.half_diagonal
     if shape.triangle is not None:
         orders = np.array(list(permutations(range(len(places)), 3)))
         return views_of_three(shape, shape.triangle, places[orders], focal)
@@ -174,7 +174,7 @@ def _rough_views(shape: WeakPerspective, places: Complex) -> Array:
     return views
 
 
-MOST_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
+MAX_RATIO = 8.0  # Areas of a body's largest and smallest marker, one over the other
 CLEAR_MISFIT = (1.0, 0.008)
 """px, and units of the body's size: what a body among other lights may differ by."""
 LONE_MISFIT = 0.06
@@ -183,7 +183,7 @@ not calibrated."""
 STRICT_MISFIT = (0.25, 0.001)
 """The same, of one that is what its rig says; another must show the same misfit for some time."""
 OTHER_BODY_MISFIT = 0.15  # The same for five lights that the thesis's assumption alone must name
-LONGEST_REST = 15  # Frames between two attempts to name lights that could not be named, at most
+MAX_REST = 15  # Frames between two attempts to name lights that could not be named, at most
 CONFIRMED = 3  # Frames in which a body must be named alike where one frame does not make it certain
 CONFIRMED_ODD = 10
 """The same where one of the lights may well be another one, which by then has gone elsewhere."""
@@ -246,7 +246,7 @@ def initialize(
 
 def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
     areas = [spots[index].area for index in guess.chosen]
-    return max(areas) <= MOST_RATIO * min(areas)
+    return max(areas) <= MAX_RATIO * min(areas)
 
 
 def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named | None:
@@ -257,7 +257,7 @@ def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named 
     areas = [spot.area for spot in chosen]
     left, right = chosen[0], chosen[-1]
     span = math.hypot(right.x - left.x, right.y - left.y)
-    if span == 0.0 or max(areas) > MOST_RATIO * min(areas):
+    if span == 0.0 or max(areas) > MAX_RATIO * min(areas):
         return None
     roll = math.atan2(right.y - left.y, right.x - left.x)
     scale = math.log(0.56 * span)
@@ -295,8 +295,8 @@ class Attempts:
     def fail(self) -> None:
         """No way of naming the lights stood out."""
         self.agreed, self.last = 0, ()
-        self._rest = min(self._failures, LONGEST_REST)
-        self._failures = 2 * self._failures + 1 if self._failures < LONGEST_REST else LONGEST_REST
+        self._rest = min(self._failures, MAX_REST)
+        self._failures = 2 * self._failures + 1 if self._failures < MAX_REST else MAX_REST
 
     def confirmed(self, named: Named) -> bool:
         """Whether enough frames in a row have named the body alike."""

@@ -72,8 +72,8 @@ class Lens:
 MAX_BLOBS = 400
 LONGEST = 3.0
 """Sides of the box around a piece that may still be a light, one over the other."""
-MOST_LABELLED = 0.4  # Part of the rows with bright pixels from which on all are labelled at once
-LEAST_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
+MAX_LABELLED = 0.4  # Part of the rows with bright pixels from which on all are labelled at once
+MIN_FILLED = 0.4  # Part of its box that a light fills; a disc fills 0.79
 
 
 class Blob(NamedTuple):
@@ -206,7 +206,7 @@ def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     ends = np.flatnonzero(np.diff(pairs) > 1)
     first = pairs[np.concatenate(([0], ends + 1))] if len(pairs) else pairs
     last = pairs[np.concatenate((ends, [-1]))] if len(pairs) else pairs
-    if len(pairs) > MOST_LABELLED * len(mask) / 2:
+    if len(pairs) > MAX_LABELLED * len(mask) / 2:
         return _label_all(mask)
     numbers = np.zeros(mask.shape, np.int32)
     found = [np.zeros((1, 5), np.int32)]
@@ -243,13 +243,13 @@ def may_be_light(box: Blob) -> bool:
     width, height = box.x1 - box.x0 + 1, box.y1 - box.y0 + 1
     if max(width, height) > LONGEST * min(width, height) and box.area > 4:
         return False
-    return box.area >= LEAST_FILLED * width * height
+    return box.area >= MIN_FILLED * width * height
 
 
 ROUND = 1.4  # Spread of a spot that may be a light
-LEAST_SHARE = 0.2
+MIN_SHARE = 0.2
 """Of the n-th largest spot's area: what is smaller is no marker of a body with n of them."""
-MOST_MEASURED = 24
+MAX_MEASURED = 24
 
 
 class Frame:
@@ -294,7 +294,7 @@ class Lights:
         """
         blobs = Blobs(frame.image.gray(), frame.parameters)
         boxes = [box for box in blobs.boxes if may_be_light(box)]
-        if len(boxes) > MOST_MEASURED:
+        if len(boxes) > MAX_MEASURED:
             boxes = _most_useful(boxes, around)
         measured = [blobs.measure(box, frame.cut, frame.meter) for box in boxes]
         self.spots = straightened(lens, measured)  # their places in px without distortion
@@ -320,17 +320,17 @@ class Lights:
         spots = [spot for spot in self.spots if spot.spread <= ROUND]
         if len(spots) < count:
             return spots
-        least = LEAST_SHARE * spots[count - 1].area
+        least = MIN_SHARE * spots[count - 1].area
         return [spot for spot in spots if spot.area >= least]
 
 
 def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
     if not len(around):
-        return sorted(boxes, key=lambda box: -box.area)[:MOST_MEASURED]
+        return sorted(boxes, key=lambda box: -box.area)[:MAX_MEASURED]
     middles = np.array([(box.x0 + box.x1, box.y0 + box.y1) for box in boxes]) / 2
     apart = middles[:, None] - np.reshape(around, (-1, 2))
     nearest = np.abs(apart).max(axis=2).min(axis=1)
-    return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MOST_MEASURED]]
+    return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MAX_MEASURED]]
 
 
 def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:

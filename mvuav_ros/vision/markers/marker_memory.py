@@ -18,8 +18,8 @@ from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.results import FAR_OFF, NO_WINDOW, Window
 from mvuav_ros.vision.markers.rig_view import Array
 
-USUAL_AREA = (0.6, 1.6)
-USUAL_SPREAD = 1.06
+TYPICAL_AREA = (0.6, 1.6)
+TYPICAL_SPREAD = 1.06
 """Area and spread over the light's usual ones within which nothing has happened to it."""
 LIKELY_AREA = (0.3, 3.2)
 LIKELY_SPREAD = 1.3
@@ -53,8 +53,8 @@ class AppearanceModel:
         """Whether nothing has happened to the light."""
         usual = self.area
         return (
-            USUAL_AREA[0] * usual <= area <= USUAL_AREA[1] * usual + 4
-            and spread <= USUAL_SPREAD * self.spread + 1.0 / area
+            TYPICAL_AREA[0] * usual <= area <= TYPICAL_AREA[1] * usual + 4
+            and spread <= TYPICAL_SPREAD * self.spread + 1.0 / area
         )
 
     def is_likely(self, spot: Detection) -> bool:
@@ -208,7 +208,7 @@ class KnownMarker:
     last_seen: float = -math.inf  # s
     unseen: int = 0  # frames since then
     returning: int = RETURNING  # frames until its motion is known again
-    contested: int = 0  # frames in which its light may be another one
+    untrusted: int = 0  # frames in which its light may be another one
     returned: int = 0  # frames in which it may be another one that shines in its place
     odds: float = CONFIDENCE.first  # of its name, their logarithm
 
@@ -249,9 +249,9 @@ class MarkerMemory:
         return max(marker.last_seen for marker in self.markers)
 
     @property
-    def contested(self) -> set[int]:
+    def untrusted(self) -> set[int]:
         """Markers whose lights may be others."""
-        return {index for index, marker in enumerate(self.markers) if marker.contested}
+        return {index for index, marker in enumerate(self.markers) if marker.untrusted}
 
     @property
     def returned(self) -> set[int]:
@@ -311,32 +311,32 @@ class MarkerMemory:
         }
         jumped = self.jumps.update(away)
         if jumped is not None:
-            self.markers[jumped].contested = PROBATION
+            self.markers[jumped].untrusted = PROBATION
 
-    def contest(self, seen: Mapping[int, Detection]) -> dict[int, int]:
+    def distrust(self, seen: Mapping[int, Detection]) -> dict[int, int]:
         """Doubt those expected and not seen; for how many frames each was doubted before."""
         before: dict[int, int] = {}
         for index, known in enumerate(self.markers):
             if not (index in seen or (known.returning and not known.unseen)):
-                before[index] = known.contested
-                known.contested = PROBATION
+                before[index] = known.untrusted
+                known.untrusted = PROBATION
         return before
 
-    def acquit(self, doubted: Mapping[int, int], alone: Collection[int]) -> None:
-        """Doubt those no more than before (see `contest`) that were alone after all."""
+    def trust_again(self, doubted: Mapping[int, int], alone: Collection[int]) -> None:
+        """Doubt those no more than before (see `distrust`) that were alone after all."""
         for index in doubted.keys() & set(alone):
-            self.markers[index].contested = doubted[index]
+            self.markers[index].untrusted = doubted[index]
 
     def trust(self, markers: Collection[int]) -> None:
         """Doubt these no longer, which were found again together."""
         for index in markers:
-            self.markers[index].contested = self.markers[index].returned = 0
+            self.markers[index].untrusted = self.markers[index].returned = 0
 
     def start_afresh(self) -> None:
         """All markers have got other names: their motions are not known, and none is in doubt."""
         for index, marker in enumerate(self.markers):
             marker.returning = RETURNING
-            marker.contested = marker.returned = 0
+            marker.untrusted = marker.returned = 0
             marker.odds = CONFIDENCE.first
             self.predictor.forget(index)
 
@@ -367,7 +367,7 @@ class MarkerMemory:
             marker.look.learn(spot)
             marker.last_seen = time
             if index not in unverified:
-                marker.contested = max(marker.contested - 1, 0)
+                marker.untrusted = max(marker.untrusted - 1, 0)
                 marker.returned = max(marker.returned - 1, 0)
             marker.returning = max(marker.returning - 1, 0)
             if marker.unseen:

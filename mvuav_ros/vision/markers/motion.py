@@ -31,7 +31,7 @@ class RecordTuning:
 
     # px, assumed of a prediction before anything is known of the motion.
     first_deviation: float = 3.0
-    least_deviation: float = 0.3  # px, of a prediction
+    min_deviation: float = 0.3  # px, of a prediction
     level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
 
 
@@ -95,11 +95,11 @@ class TrackRecord:
         foretold for the next frame only.
         """
         frames = 1 + self.unseen + skipped
-        least = np.where(frames > 1, level, RECORD.least_deviation**2)
+        least = np.where(frames > 1, level, RECORD.min_deviation**2)
         # No velocity or a poor one: the step from frame to frame may be anything usual.
         least[self.seen < 3] = RECORD.first_deviation**2
         variance = 0.5 * (self.variance[::2] + self.variance[1::2])
-        variance = np.maximum(variance, np.maximum(least, RECORD.least_deviation**2))
+        variance = np.maximum(variance, np.maximum(least, RECORD.min_deviation**2))
         return np.asarray(np.sqrt(variance) * frames**1.5)
 
 
@@ -326,7 +326,7 @@ class MotionPredictor:
         """Step over the frames that never came in a time, s; the time that is left."""
         steps = self._count_steps(elapsed)
         assert self._step is not None
-        self._skipped = min(steps - 1, KALMAN.longest_gap)
+        self._skipped = min(steps - 1, KALMAN.max_gap)
         for _ in range(self._skipped):
             elapsed -= self._step
             self._predictions.skip(self._step)

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
 IMPOSSIBLE = 1e6  # The cost of a pair that cannot be, and a distance beyond all others (px)
-MOST_CHOICES = 8  # Detections, the nearest, that a known light is held against
+MAX_CHOICES = 8  # Detections, the nearest, that a known light is held against
 _JUMPS_TRIED = 5
 
 
@@ -33,12 +33,12 @@ def nearest_other(places: Array) -> Array:
 
 
 def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Integers]:
-    """The detections (m, 2) near each known light (n, 2), px, at most `MOST_CHOICES`.
+    """The detections (m, 2) near each known light (n, 2), px, at most `MAX_CHOICES`.
 
     Returns:
         (n, k) their distances (px, infinite beyond the widest) and (n, k) their numbers.
     """
-    count = np.arange(1, min(MOST_CHOICES, len(seen)) + 1)
+    count = np.arange(1, min(MAX_CHOICES, len(seen)) + 1)
     apart, number = cKDTree(seen).query(predicted, k=count, distance_upper_bound=widest)
     return apart, np.minimum(number, len(seen) - 1)
 
@@ -150,8 +150,8 @@ class MultiObjectTuning:
     confirmed: int = 3  # sightings from which a light is more than a speck
     # Specks out of sight that are kept; with all of the following, so that noise in every frame
     # costs little more than in one.
-    most_tentative: int = 50
-    most_voters: int = 40  # lights that are asked whether all have jumped
+    max_tentative: int = 50
+    max_voters: int = 40  # lights that are asked whether all have jumped
     most: int = 400  # lights that are kept
 
 
@@ -223,7 +223,7 @@ class MultiObjectTracker:
         """The lights that can tell a jump of all: well known, and seen in the last frame."""
         known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
         voters = np.flatnonzero(known)
-        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.most_voters]]
+        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.max_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
@@ -236,13 +236,13 @@ class MultiObjectTracker:
         change = found[given[visible], 2] - self._areas[visible]
         self._areas[visible] += (1 - TUNING.size_memory) * change
 
-    def _forget(self, earliest: float, given: Integers, most_hidden: int) -> Integers:
+    def _forget(self, earliest: float, given: Integers, max_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
         hidden = given < 0
         kept = ~hidden | (self._last_seen >= earliest)
         tentative = self._sightings < TUNING.confirmed
-        _thin_out(kept, hidden & tentative, self._sightings, TUNING.most_tentative)
-        _thin_out(kept, hidden, self._sightings, most_hidden)
+        _thin_out(kept, hidden & tentative, self._sightings, TUNING.max_tentative)
+        _thin_out(kept, hidden, self._sightings, max_hidden)
         if not kept.all():
             self._motion.keep(kept)
             self._ids, self._areas = self._ids[kept], self._areas[kept]
@@ -285,8 +285,8 @@ def _thin_out(kept: Mask, group: Mask, sightings: Integers, most: int) -> None:
     """Keep at most so many of a group of lights, those that were seen most often."""
     members = np.flatnonzero(kept & group)
     if len(members) > most:
-        least_known = np.argsort(sightings[members], kind='stable')
-        kept[members[least_known[: len(members) - max(most, 0)]]] = False
+        min_known = np.argsort(sightings[members], kind='stable')
+        kept[members[min_known[: len(members) - max(most, 0)]]] = False
 
 
 _STATES = {int(state): state for state in MarkerState}

@@ -120,7 +120,7 @@ class KalmanTuning:
     # Process noise over measurement noise: the acceleration's change within a frame over the
     # measurement's standard deviation. The level of both follows from the innovations.
     maneuver: float = 1.0
-    longest_gap: int = 10  # frames without a measurement, after which the gain grows no more
+    max_gap: int = 10  # frames without a measurement, after which the gain grows no more
     # Part of the acceleration kept for each frame unseen: it cannot be trusted for long.
     acceleration_fading: float = 0.7
     velocity_fading: float = 0.95  # the same of the velocity, which can be trusted somewhat longer
@@ -201,7 +201,7 @@ def _gain_tables() -> tuple[Array, Array]:
         covariance = transition @ covariance @ transition.T + noise
         starting.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
         covariance = np.asarray(covariance - starting[-1] @ covariance[:1])
-    for _ in range(KALMAN.longest_gap + 1):
+    for _ in range(KALMAN.max_gap + 1):
         covariance = transition @ covariance @ transition.T + noise
         after.append(covariance[:, :1] / (covariance[0, 0] + 1.0))
     return np.array(starting[:31]), np.array(after)

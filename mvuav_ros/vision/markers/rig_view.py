@@ -27,7 +27,7 @@ KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
 _NEAREST = 0.05
 """Least distance of a marker over the rig's: what would come to lie behind the camera."""
-_LEAST_AREA = 1e-3
+_MIN_AREA = 1e-3
 """Twice that of a triangle in which three markers are not on one line, in squared units."""
 _EXPONENTS: Complex = np.zeros((COUNT, 6), np.complex128)
 """Of a view: i times yaw + pitch, yaw - pitch, yaw, and pitch; log of the scale plus i times the
@@ -94,10 +94,10 @@ class WeakPerspective:
             return abs(((b - a).conjugate() * (c - a)).imag)
 
         largest = max(combinations(range(len(flat)), 3), key=area, default=None)
-        return None if largest is None or area(largest) < _LEAST_AREA else largest
+        return None if largest is None or area(largest) < _MIN_AREA else largest
 
     @cached_property
-    def most_nearness(self) -> float:
+    def max_nearness(self) -> float:
         """Units per distance: with more, markers would come to lie behind the camera."""
         return float(0.85 / max(0.35, -self.points[:, 2].min()))
 
@@ -142,8 +142,8 @@ class WeakPerspective:
         turned = seen[:, : 6 * n].view(np.complex128).reshape(-1, 3, n)
         qz, across = seen[:, 6 * n : 7 * n], seen[:, 7 * n :].reshape(-1, 2, n)
         near = powers[:, 5:].real
-        free = near < self.most_nearness
-        near = np.minimum(near, self.most_nearness)
+        free = near < self.max_nearness
+        near = np.minimum(near, self.max_nearness)
         larger = 1.0 / np.maximum(1.0 + near * qz, _NEAREST)
         turned = turned * (powers[:, 4:5] * larger)[:, None]
         origin = views[:, X : Y + 1].view(np.complex128) - self._middle
@@ -175,8 +175,8 @@ class WeakPerspective:
         """
         roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
         size = math.exp(scale)
-        near = min(math.exp(scale - focal), self.most_nearness)
-        free = near < self.most_nearness
+        near = min(math.exp(scale - focal), self.max_nearness)
+        free = near < self.max_nearness
         (cx, cy), length, bend = self._centre, size / near, 0.0
         per_barrel = (length / self.lens.half_diagonal) ** 2
         if self.lens.focal is None:
@@ -271,7 +271,7 @@ class ViewState:
         covariance: (8, 8).
         misfit: root mean square of the residuals of the markers it was fitted to, px.
         cost: squared residuals and squared distance from the prior, both over their variances.
-        surprise: (k,), for each of those markers how far it lies from where all others put it:
+        nis: (k,), for each of those markers how far it lies from where all others put it:
             squared distance over variance.
     """
 
@@ -279,7 +279,7 @@ class ViewState:
     covariance: Array
     misfit: float = 0.0
     cost: float = 0.0
-    surprise: Array = field(default_factory=lambda: np.zeros(0))
+    nis: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def scale(self) -> float:
@@ -307,7 +307,7 @@ _SHARED: Array = np.zeros(COUNT)
 _SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
 SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
-_LONGEST_STEP = 0.5  # rad, and logarithms
+_MAX_STEP = 0.5  # rad, and logarithms
 _SINGULAR = 1e-16  # Determinant of what other markers tell of a place over what all tell, at least
 
 
@@ -329,7 +329,7 @@ class Fits:
     misfit: Array  # (m,), px, root mean square of the markers' distances
     # (m, k), for each marker how far it lies from where all others put it: squared distance over
     # variance.
-    surprise: Array
+    nis: Array
 
     def view(self, index: int = 0) -> ViewState:
         """One of the views."""
@@ -338,7 +338,7 @@ class Fits:
             self.covariance[index],
             float(self.misfit[index]),
             float(self.cost[index]),
-            self.surprise[index],
+            self.nis[index],
         )
 
 
@@ -379,8 +379,8 @@ def fit(
     share = precision * (jacobian @ covariance[:, None] @ jacobian.transpose(0, 1, 3, 2))
     deviator = -0.5 * (share[..., 0, 0] - share[..., 1, 1]) - 1j * share[..., 0, 1]
     left = 1.0 - 0.5 * (share[..., 0, 0] + share[..., 1, 1]), deviator
-    surprise = surprise_of(residual, left, seen.deviation**2, seen.deviation**2)
-    return Fits(parameters, covariance, cost, np.sqrt(squares / max(k, 1)), surprise)
+    nis = nis_of(residual, left, seen.deviation**2, seen.deviation**2)
+    return Fits(parameters, covariance, cost, np.sqrt(squares / max(k, 1)), nis)
 
 
 def columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -393,9 +393,9 @@ def limited(step: Array) -> tuple[Array, float]:
     """Gauss-Newton steps (m, 8) no longer than they may be, and how long the longest was."""
     longest = np.abs(step * _SHARED)
     largest = float(longest.max())
-    if largest > _LONGEST_STEP:
+    if largest > _MAX_STEP:
         longest = longest.max(axis=1)
-        step = step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-9))[:, None]
+        step = step * np.minimum(1.0, _MAX_STEP / np.maximum(longest, 1e-9))[:, None]
     return step, largest
 
 
@@ -425,7 +425,7 @@ def _residual(
     return places - expected, np.take_along_axis(slopes, columns[:, None], axis=2)
 
 
-def surprise_of(
+def nis_of(
     residual: Array, left: tuple[Array, Complex], variance: Array | float, own: float
 ) -> Array:
     """How far markers lie from where all the others put them: squared distance over variance.

@@ -144,7 +144,7 @@ GATE_OF_FEW = 6.0
 """Squared distance over variance at which a light is too far where later frames could not tell."""
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
-MOST_RETURNED = 10  # Lights among which a body that was out of sight is looked for
+MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
 
 
 class Search:
@@ -320,7 +320,7 @@ class Search:
     def _find_again(self, fewest: int) -> None:
         """Name a body of which at most one marker is where it was expected."""
         spots = [*self.found.values(), *self._free]
-        new = [spot for spot in spots if not self._clutter.include(spot)][:MOST_RETURNED]
+        new = [spot for spot in spots if not self._clutter.include(spot)][:MAX_RETURNED]
         fewest = max(fewest, 3) if self.found else fewest
         ways = reacquire(self.views, new, self._is_likely, fewest)
         self.is_contradicted = ways is None
@@ -334,11 +334,11 @@ class Search:
         """Take back names that the others contradict, those given in this frame first."""
         newcomers = [marker for marker in self.found if marker not in self._known]
         while newcomers and len(self._known) >= 2:
-            surprise = self.faults.surprise_of(places_of(self.found))
-            few = len(self.found) < FAULTS.fewest_agreeing < len(self._looks)
-            if max(surprise.values()) <= (GATE_OF_FEW if few else GATE):
+            nis = self.faults.nis_of(places_of(self.found))
+            few = len(self.found) < FAULTS.min_agreeing < len(self._looks)
+            if max(nis.values()) <= (GATE_OF_FEW if few else GATE):
                 break
-            worst = max(newcomers, key=lambda marker: surprise[marker])
+            worst = max(newcomers, key=lambda marker: nis[marker])
             newcomers.remove(worst)
             self._distrusted.add(worst)
             del self.found[worst]
@@ -349,7 +349,7 @@ class Search:
         self.suspects = set(consensus.suspects)
         self._view = consensus.view
         if self.suspects and not consensus.kept:
-            self.faults.upset()
+            self.faults.inflate()
 
     def _forget_lone(self) -> None:
         """Take back a frame's one name if it is new and its place was hardly known."""

@@ -48,13 +48,13 @@ class ViewTuning:
     """
 
     # Random walk of the parameters, per square root of a second.
-    jitter: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
+    walk_noise: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
     # The same of their rates: how quickly a motion changes.
-    unrest: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
+    rate_noise: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
     noise: float = 0.15  # px (1 sigma), of a light's place
     # Of a marker's place on the rig, in units of its size (1 sigma), at first.
     rig_error: float = 0.004
-    least_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
+    min_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
     other_rig_error: float = 0.02  # the same for a body that is not what its rig says
     # Per frame, of a rig error that turns out less, or more.
     learning: float = 0.25
@@ -73,7 +73,7 @@ class ViewTuning:
     min_motion: float = 0.02
     max_motion: float = 4.0
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
-    doubted_least: float = 2.0  # px, of that at least
+    min_doubted: float = 2.0  # px, of that at least
     rates_last: float = 1.0  # s, after which a motion has changed
 
 
@@ -81,10 +81,10 @@ TUNING = ViewTuning()
 _STATES = 2 * COUNT
 _UNITY: Array = np.eye(_STATES)
 _MAX_ITERATIONS = 6
-_UNREST: Array = np.square(TUNING.unrest)
-_STATIONARY: Array = 0.5 * TUNING.rates_last * _UNREST  # Of the rates in the long run
+_RATE_NOISE: Array = np.square(TUNING.rate_noise)
+_STATIONARY: Array = 0.5 * TUNING.rates_last * _RATE_NOISE  # Of the rates in the long run
 _LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
-_WALK: Array = np.square(TUNING.jitter)
+_WALK_NOISE: Array = np.square(TUNING.walk_noise)
 _ALIKE = np.eye(COUNT)
 for _pair in ((X, Y), (PITCH, YAW)):
     _ALIKE[np.ix_(_pair, _pair)] = 0.5
@@ -106,7 +106,7 @@ class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
     How far each marker lies from where all the others put it follows in closed form from the
-    innovations and their covariance (see `Correction.surprise`).
+    innovations and their covariance (see `Correction.nis`).
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class ViewFilter:
         covariance[:COUNT, :COUNT] = view.covariance
         self.belief = Belief(np.concatenate((view.parameters, np.zeros(COUNT))), covariance)
         relative = view.misfit / view.scale
-        self._rig_errors = (TUNING.least_rig_error, max(TUNING.rig_error, 1.5 * relative))
+        self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
             # As the view changes, so does what lies beside the rig.
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
@@ -152,7 +152,7 @@ class ViewFilter:
     @property
     def doubted_deviation(self) -> float:
         """The same of a marker that is doubted."""
-        return max(TUNING.doubted * self.deviation, TUNING.doubted_least)
+        return max(TUNING.doubted * self.deviation, TUNING.min_doubted)
 
     @property
     def unknowns(self) -> int:
@@ -165,10 +165,10 @@ class ViewFilter:
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
-        walk, unrest = self._motion * _WALK, self._motion * _UNREST
+        walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
         if self._is_calibrated:
             walk[FOCAL:] = 0.0
-        self.belief = _predicted(self.belief, time - self.time, walk, unrest)
+        self.belief = _predicted(self.belief, time - self.time, walk, rate_noise)
         self.time = time
         if self._seen < _MIN_HOLDING:
             usual = np.clip(self._liveliest, TUNING.min_unseen, TUNING.max_unseen)
@@ -194,19 +194,19 @@ class ViewFilter:
         prior = mean[None, :COUNT], covariance[None, :COUNT, :COUNT]
         return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
 
-    def correct(self, found: Mapping[int, Point], contested: Collection[int] = ()) -> Correction:
+    def correct(self, found: Mapping[int, Point], untrusted: Collection[int] = ()) -> Correction:
         """What the named lights, px without distortion, make of the view.
 
         The contested ones are all but ignored.
         """
         own = self.deviation**2
         variances = [own] * len(found)
-        if contested:
+        if untrusted:
             doubted = self.doubted_deviation**2
-            variances = [doubted if marker in contested else own for marker in found]
+            variances = [doubted if marker in untrusted else own for marker in found]
         return Correction.of(self.shape, self.belief, found, variances, own)
 
-    def upset(self, factor: float) -> None:
+    def inflate(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
             return
@@ -248,7 +248,7 @@ class ViewFilter:
         self.rig_error += rate * (shown - self.rig_error)
 
 
-def _predicted(belief: Belief, elapsed: float, walk: Array, unrest: Array) -> Belief:
+def _predicted(belief: Belief, elapsed: float, walk: Array, rate_noise: Array) -> Belief:
     """The same so many s later: rates that fade, driven by white noise (variances per s, (8,))."""
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
@@ -261,11 +261,11 @@ def _predicted(belief: Belief, elapsed: float, walk: Array, unrest: Array) -> Be
     flat[COUNT * step :: step] = fade
     covariance = transition @ belief.covariance @ transition.T
     flat = covariance.ravel()
-    across = (0.5 * reach * reach) * unrest
-    flat[: COUNT * step : step] += elapsed * walk + (elapsed**3 / 3) * unrest
+    across = (0.5 * reach * reach) * rate_noise
+    flat[: COUNT * step : step] += elapsed * walk + (elapsed**3 / 3) * rate_noise
     flat[COUNT : COUNT * step : step] += across
     flat[COUNT * _STATES :: step] += across
-    flat[COUNT * step :: step] += stationary * unrest
+    flat[COUNT * step :: step] += stationary * rate_noise
     mean = transition.dot(belief.mean)
     mean[:COUNT] = possible(mean[:COUNT])
     return Belief(mean, covariance)
@@ -387,11 +387,11 @@ class Correction:
         return [_weighed_distance(*other, self.own) for other in self._others]
 
     @cached_property
-    def surprise(self) -> list[float]:
+    def nis(self) -> list[float]:
         """For each marker how far it lies from where all others put it (chi², two degrees)."""
         return [square for square, _ in self._distances]
 
-    def told_by_others(self) -> dict[int, float]:
+    def deviations_by_others(self) -> dict[int, float]:
         """How exactly all others tell each marker's place (1 sigma, px): the larger axis."""
         told = {}
         for marker, (_, _, xx, xy, yy) in zip(self.found, self._others, strict=True):
@@ -425,7 +425,7 @@ class Correction:
             mean[:COUNT],
             covariance[:COUNT, :COUNT],
             self.misfit,
-            surprise=np.array(self.surprise),
+            nis=np.array(self.nis),
         )
 
 

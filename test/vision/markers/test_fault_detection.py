@@ -76,7 +76,7 @@ def test_nothing_is_ever_too_uncertain_to_be_computed():
     detector, frames = follow(20)
     for frame in range(400):
         detector.views.predict((frames + frame) / 30)
-        detector.upset()
+        detector.inflate()
         found = {0: (100.0, 100.0), 4: (300.0, 120.0)}
         detector.weigh(found)
     assert np.isfinite(detector.views.look(found).parameters).all()

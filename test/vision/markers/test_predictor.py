@@ -147,9 +147,9 @@ def test_the_deviation_follows_the_motion():
     quiet, shaken = MotionPredictor(1), MotionPredictor(1)
     rng = np.random.default_rng(1)
     for index in range(100):
-        for lights, jitter in ((quiet, 0.01), (shaken, 1.0)):
+        for lights, walk_noise in ((quiet, 0.01), (shaken, 1.0)):
             lights.predict(index / 30)
-            lights.update((100.0 + index + rng.normal(0, jitter, 2)).tolist())
+            lights.update((100.0 + index + rng.normal(0, walk_noise, 2)).tolist())
     assert quiet.deviations()[0] < 0.5
     assert 0.8 < shaken.deviations()[0] < 3.0
     before = shaken.deviations()[0]

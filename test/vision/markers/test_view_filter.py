@@ -56,7 +56,7 @@ def test_a_correction_finds_what_a_fit_from_its_prior_finds(markers):
     np.testing.assert_allclose(view.parameters, fitted.parameters[0], rtol=1e-6)
     scale = np.sqrt(np.outer(*2 * [np.diag(fitted.covariance[0])]))
     np.testing.assert_allclose(view.covariance / scale, fitted.covariance[0] / scale, atol=1e-6)
-    np.testing.assert_allclose(view.surprise, fitted.surprise[0], rtol=1e-4)
+    np.testing.assert_allclose(view.nis, fitted.nis[0], rtol=1e-4)
     np.testing.assert_allclose(view.misfit, fitted.misfit[0], rtol=1e-5)
 
 
@@ -83,15 +83,15 @@ def test_a_marker_is_held_against_the_others_and_not_against_itself(ignored):
     spread = slopes[2] @ others.covariance[:COUNT, :COUNT] @ slopes[2].T
     away = found[2] - expected[2]
     square = away @ np.linalg.solve(spread + NOISE**2 * np.eye(2), away)
-    np.testing.assert_allclose(correction.surprise[2], square, rtol=0.02)
+    np.testing.assert_allclose(correction.nis[2], square, rtol=0.02)
     told = math.sqrt(np.linalg.eigvalsh(spread)[-1])
-    np.testing.assert_allclose(correction.told_by_others()[2], told, rtol=0.02)
+    np.testing.assert_allclose(correction.deviations_by_others()[2], told, rtol=0.02)
 
 
 def test_what_is_known_does_not_become_less_certain():
     views = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
     before = views.belief.covariance
-    views.upset(100.0)
+    views.inflate(100.0)
     sizes = np.sqrt(np.diag(views.belief.covariance) / np.diag(before))
     assert sizes[FOCAL] == 1.0
     np.testing.assert_allclose(sizes[:FOCAL], 10.0)
@@ -105,7 +105,7 @@ def test_no_variance_gets_negative():
     for frame in range(1, 60):
         views.predict(frame / 30)
         for _ in range(frame % 4):
-            views.upset(1e3)
+            views.inflate(1e3)
         views.commit(views.correct({m: seen[m] for m in list(seen)[: 2 + frame % 4]}))
         sizes = np.sqrt(np.diag(views.belief.covariance))
         assert (sizes > 0.0).all()

@@ -57,5 +57,5 @@ def test_the_fit_finds_the_view_and_the_light_that_does_not_fit(shape):
     np.testing.assert_allclose(right.parameters[0, :4], VIEW[:4], atol=0.2)
     places[2] += (12.0, 5.0)
     wrong = fit(shape, prior, NamedPlaces(np.arange(5)[None], places[None], np.array(0.2)))
-    assert wrong.surprise[0].argmax() == 2
-    assert wrong.surprise[0].max() > 100 > right.surprise[0].max()
+    assert wrong.nis[0].argmax() == 2
+    assert wrong.nis[0].max() > 100 > right.nis[0].max()
