@@ -5,7 +5,6 @@ import sys
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import qos_profile_sensor_data as sensor_data
 
 count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
@@ -22,14 +21,18 @@ def show_pose(message: PoseWithCovarianceStamped) -> None:
     print(f'distance {math.hypot(place.x, place.y, place.z):.1f} m', flush=True)
 
 
-rclpy.init()
-node = rclpy.create_node('print_live_results')
-node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, sensor_data)
-node.create_subscription(PoseWithCovarianceStamped, '/marker_tracker/pose', show_pose, sensor_data)
 try:
+    rclpy.init()
+    node = rclpy.create_node('print_live_results')
+    node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, sensor_data)
+    pose = '/marker_tracker/pose'
+    node.create_subscription(PoseWithCovarianceStamped, pose, show_pose, sensor_data)
     for _ in range(count):
         rclpy.spin_once(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass  # Ctrl-C, or kill
-finally:
-    rclpy.try_shutdown()
+except KeyboardInterrupt:
+    pass
+except Exception:
+    # After Ctrl-C or kill rclpy's calls fail, each in its own way.
+    if rclpy.ok():
+        raise
+rclpy.try_shutdown()

@@ -24,16 +24,16 @@ from mvuav_thesis.plan import Plan
 from mvuav_thesis.pose_runs import FlownPoses, PoseTask
 
 EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
-"""m; the pose is told between each two."""
+"""m; the pose is known between each two."""
 _LOW, _HIGH = special.chdtri(6, (0.975, 0.025))
 """95 % of errors squared over their covariance, of 6 degrees of freedom, lie between."""
 RETURN_LIMIT = 6
 """Frames, as long as some other marker is in sight."""
 NAMED_LIMIT = 0.98
 LONGEST_THEFT = 10
-"""Frames for which another light may keep a name after it can be told apart."""
-MOST_MOVED, MOST_TURNED = 0.05, 5.0
-"""Of the distance, and degrees: of a pose that is told."""
+"""Frames for which another light may keep a name after it can be distinguished."""
+MAX_MOVED, MAX_TURNED = 0.05, 5.0
+"""Of the distance, and degrees: of a pose that is published."""
 _NOT_IN_THESIS = 'left to others'
 
 
@@ -124,9 +124,9 @@ def integrity_claims(flights: Sequence[IntegrityFlight]) -> list[Claim]:
         ),
         Claim(
             'Poses that are told, on the same flights',
-            f'{_NOT_IN_THESIS}; limit {100 * MOST_MOVED:g} % and {MOST_TURNED:g}° (ours)',
+            f'{_NOT_IN_THESIS}; limit {100 * MAX_MOVED:g} % and {MAX_TURNED:g}° (ours)',
             f'at most {100 * moved:.2f} % and {turned:.2f}° off',
-            moved <= MOST_MOVED and turned <= MOST_TURNED,
+            moved <= MAX_MOVED and turned <= MAX_TURNED,
         ),
     ]
 
@@ -222,7 +222,7 @@ def integrity_table(flights: Sequence[IntegrityFlight]) -> Table:
 
 
 def pose_table(flown: Sequence[FlownPoses]) -> Table:
-    """Errors of the pose against distance, and whether the covariance tells them."""
+    """Errors of the pose against distance, and whether the covariance covers them."""
     distance, moved, turned, squares = (
         np.concatenate([getattr(poses, name) for poses in flown])
         for name in ('distance', 'moved', 'turned', 'squares')

@@ -119,7 +119,7 @@ class ComparedCell:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement, the thesis's number for it and ours; ``holds`` is None if it cannot be told."""
+    """A statement, the thesis's number for it and ours; ``holds`` is None if it cannot be known."""
 
     statement: str
     thesis: str

@@ -20,7 +20,7 @@ from mvuav_ros.vision.rig import TANKER_747
 from mvuav_thesis.pose_runs import pose_error
 
 TOLD_APART = 4.0
-"""px from a marker's true place at which another light can be told apart."""
+"""px from a marker's true place at which another light can be distinguished."""
 THEFTS = LightScene(thefts=3)
 STORM = LightScene(roll=1.0, tilt=0.1, shake=1.0, losses=7, dark=0.8, glares=3, dropped=0.1)
 SCENES: Mapping[str, tuple[LightScene, int]] = {
@@ -60,7 +60,7 @@ class IntegrityFlight:
         missed: of these, without a name.
         waits: lengths, frames, of the times in which three or more whole markers were in sight
             and not all had names, after all had had them once.
-        poses: (n, 3), errors of the poses told: of the position as a share of the distance, of
+        poses: (n, 3), errors of the poses published: of the position as a share of the distance, of
             the attitude in degrees, and of both squared over their covariance.
     """
 
@@ -77,12 +77,12 @@ class IntegrityFlight:
 
     @property
     def moved(self) -> Array:
-        """Errors of the poses told, share of the distance."""
+        """Errors of the poses published, share of the distance."""
         return np.reshape(self.poses, (-1, 3))[:, 0]
 
     @property
     def turned(self) -> Array:
-        """Errors of the attitudes told, degrees."""
+        """Errors of the attitudes published, degrees."""
         return np.reshape(self.poses, (-1, 3))[:, 1]
 
     @property

@@ -21,8 +21,8 @@ from mvuav_thesis.statistics_of_flights import Interval, pooled_rms
 THESIS = "the thesis's program"
 """Appendix A; beside it the tracker as shipped."""
 MEASUREMENTS_PER_SECOND = 1.0
-USUAL_NOISE = TankerSettings().noise
-NOISES = (0.75, USUAL_NOISE, 3.0)
+TYPICAL_NOISE = TankerSettings().noise
+NOISES = (0.75, TYPICAL_NOISE, 3.0)
 """Standard deviation of a pixel, grey levels."""
 _DIGITS = 4
 _PROGRAMS = {THESIS: tracker(mode='detect'), SHIPPED: MarkerTrackerParameters()}
@@ -69,7 +69,7 @@ def cells_of(flown: Sequence[FlownMarkers]) -> list[RollCell]:
 
 
 def _those(
-    flown: Sequence[FlownMarkers], roll: float, shake: int, noise: float = USUAL_NOISE
+    flown: Sequence[FlownMarkers], roll: float, shake: int, noise: float = TYPICAL_NOISE
 ) -> list[FlownMarkers]:
     key = (roll, shake, noise)
     return [f for f in flown if (f.settings.roll_deg, f.settings.shake, f.settings.noise) == key]
@@ -88,7 +88,7 @@ def roll_tasks(plan: Plan) -> list[MarkerTask]:
 
 def noise_tasks(plan: Plan) -> list[MarkerTask]:
     """Flights without motion before cameras of other noise than the simulator's usual one."""
-    others = (noise for noise in NOISES if noise != USUAL_NOISE)
+    others = (noise for noise in NOISES if noise != TYPICAL_NOISE)
     return [task for noise in others for task in _tasks(plan, (0,), noise_repeats(plan), noise)]
 
 
@@ -98,7 +98,7 @@ def noise_repeats(plan: Plan) -> int:
 
 
 def _tasks(
-    plan: Plan, shakes: Sequence[int], repeats: int, noise: float = USUAL_NOISE
+    plan: Plan, shakes: Sequence[int], repeats: int, noise: float = TYPICAL_NOISE
 ) -> list[MarkerTask]:
     return [
         MarkerTask(
@@ -190,7 +190,7 @@ def _first_growth(cells: Sequence[RollCell], name: str) -> str:
 
 
 def noise_table(plan: Plan, flown: Sequence[FlownMarkers]) -> Table:
-    """Table 5.5's first row against the noise of the camera, which the thesis does not tell."""
+    """Table 5.5's first row against the noise of the camera, which the thesis does not give."""
     printed = _printed(known.CONDITIONS[0])
     rows: list[tuple[Cell, ...]] = []
     below = []

@@ -47,7 +47,7 @@ class RunwayRun(LineErrors):
 
     Attributes:
         right: by frame, whether both edges were found where they are, each in its own row of the
-            result (mode approach tells them apart); None where an edge was not on the frame.
+            result (mode approach distinguishes them); None where an edge was not on the frame.
         wrong: by frame, whether a row said that it holds an edge and held none.
         images: those asked for.
         summary: the detector's own statistics.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 COPIED = ('mvuav_ros', 'test', 'config', 'bags', 'pyproject.toml')
-MOST_LISTED = 4
+MAX_LISTED = 4
 
 
 class Mutation(NamedTuple):
@@ -104,7 +104,7 @@ MUTATIONS = (
 
 
 def caught_by(mutation: Mutation) -> list[str]:
-    """The tests that fail with the mutation, `MOST_LISTED` at most.
+    """The tests that fail with the mutation, `MAX_LISTED` at most.
 
     Raises:
         SystemExit: the right line is not in the file exactly once.
@@ -122,7 +122,7 @@ def caught_by(mutation: Mutation) -> list[str]:
             raise SystemExit(f'{mutation.name}: not one such line in {mutation.file}')
         path.write_text(text.replace(mutation.right, mutation.wrong))
         command = [sys.executable, '-m', 'pytest', '-q', '-rf', '-p', 'no:cacheprovider']
-        command += ['-m', '', f'--maxfail={MOST_LISTED}', *mutation.tests]
+        command += ['-m', '', f'--maxfail={MAX_LISTED}', *mutation.tests]
         run = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     lines = run.stdout.splitlines()
     return [line.split()[1] for line in lines if line.startswith(('FAILED', 'ERROR'))]

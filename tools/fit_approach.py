@@ -31,8 +31,8 @@ from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, re
 from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.vision.approach.appearance import FEATURES, LEAST_SKY
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.candidates import Candidates, LevelledImage, find_candidates
 from mvuav_ros.vision.approach.evidence import shrink_levels
+from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 QUANTILES = (0.1, 0.35, 0.65, 0.9)

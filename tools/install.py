@@ -49,13 +49,15 @@ def main() -> None:
     if not python.exists():
         _run(f'building {folder.name}', [sys.executable, '-m', 'venv', str(folder)])
     # A module that was moved or deleted would be installed from here for ever.
-    for package in (ROOT, ROOT / 'mvuav_thesis'):
-        shutil.rmtree(package / 'build' / 'lib', ignore_errors=True)
+    shutil.rmtree(ROOT / 'build' / 'lib', ignore_errors=True)
     if wanted.endswith('.txt'):
         what = ['--requirement', str(ROOT / wanted)]
     else:
         what = ['--constraint', str(CONSTRAINTS), f'{ROOT}[{wanted}]', f'{ROOT}/mvuav_thesis']
-    if not install(python, f'installing {wanted} into {folder.name}', what):
+    done = install(python, f'installing {wanted} into {folder.name}', what)
+    # Within the package, where linters and tests would find it.
+    shutil.rmtree(ROOT / 'mvuav_thesis' / 'build', ignore_errors=True)
+    if not done:
         sys.exit(1)
 
 

@@ -24,7 +24,8 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / '.venv' / 'bin'
 PYTHONS = ('3.11', '3.12', '3.13')
-WITH_GRAPH = ('nodes', 'cli/demo', 'panel')
+TUTORIALS = 'docs/test_tutorials.py'
+WITH_GRAPH = ('nodes', 'cli/demo', 'panel', TUTORIALS)
 LIBRARY = ('vision', 'parameters', 'messages', 'processing', 'simulation', 'package')
 DOCTESTS = ['mvuav_ros/__init__.py', 'mvuav_ros/vision', 'mvuav_ros/parameters']
 QUICK = [
@@ -107,6 +108,11 @@ def nodes() -> list[list[str]]:
     return [pytest('-n', '2', '--dist', 'loadfile', '-m', 'not long', 'test/nodes')]
 
 
+def tutorials() -> list[list[str]]:
+    """The quick start and the tutorials, as printed; a page begins many commands and waits much."""
+    return [pytest('-n', '2', '--dist', 'worksteal', f'test/{TUTORIALS}')]
+
+
 def demo_and_panel() -> list[list[str]]:
     """What has a browser or a whole demo in it."""
     return [pytest('-m', 'not long', 'test/cli/demo', 'test/panel')]
@@ -175,6 +181,7 @@ def stages(which: str) -> list[list[list[Part]]]:
             [Part('library', library), examples],
             [Part('commands', commands)],
             [Part('live nodes', nodes)],
+            [Part('tutorials', tutorials)],
             [style, Part('demo and panel', demo_and_panel)],
         ]
     ]

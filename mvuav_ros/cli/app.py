@@ -22,13 +22,12 @@ import typer
 
 import mvuav_ros
 from mvuav_ros.cli.options import AsJson, MaxSize, Strict
-from mvuav_ros.cli.terminal import say, tell_account
+from mvuav_ros.cli.terminal import report_account, say
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account, collecting
+from mvuav_ros.recordings.account import Account, RecordingError, collecting
 from mvuav_ros.recordings.limits import allowing
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.sources.source import SourceError
 
 _INPUTS = frozenset({'source', 'sources'})
@@ -39,20 +38,20 @@ _ADDED = {
     'as_json': (AsJson, False),
 }
 """What every such command takes, with the defaults."""
-COMMANDS = (
-    'replay',
-    'info',
-    'repair',
-    'export',
-    'bench',
-    'demo',
-    'sweep',
-    'simulate',
-    'evaluate',
-    'calibrate',
-    'rig',
-)
-"""Each a module of `mvuav_ros.cli.commands` with a function or a group of that name."""
+COMMANDS = {
+    'replay': 'replay',
+    'info': 'recording_tools',
+    'repair': 'recording_tools',
+    'export': 'recording_tools',
+    'bench': 'bench',
+    'demo': 'demo',
+    'sweep': 'sweep',
+    'simulate': 'simulate',
+    'evaluate': 'evaluate',
+    'calibrate': 'calibrate',
+    'rig': 'calibrate',
+}
+"""The module of `mvuav_ros.cli.commands` that has a function or a group of that name."""
 
 
 def spell_unions_out(app: typer.Typer) -> None:
@@ -113,7 +112,7 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
                 result, ending = _result(work, given)
             for account in accounts:
                 if not account.is_reported and (ending is None or isinstance(ending, typer.Exit)):
-                    tell_account(account)
+                    report_account(account)
         if as_json:
             _print_json(result, accounts)
         if ending is not None:
@@ -161,7 +160,7 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
     )
     app.callback()(_options)
     for name in names:
-        command = getattr(import_module(f'mvuav_ros.cli.commands.{name}'), name)
+        command = getattr(import_module(f'mvuav_ros.cli.commands.{COMMANDS[name]}'), name)
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:

@@ -63,13 +63,13 @@ def say(*lines: object, err: bool = False) -> None:
         typer.echo(visible(line), err=err)
 
 
-def tell_account(account: Account) -> None:
+def report_account(account: Account) -> None:
     """A line for each thing that is wrong with an input or worth a note, and what it cost."""
     account.is_reported = True
-    tell_damage([*account.errors, *([account.balance] if account.is_lossy else [])])
+    report_damage([*account.errors, *([account.balance] if account.is_lossy else [])])
     say(*(f'note: {warning}' for warning in account.warnings), err=True)
 
 
-def tell_damage(errors: Iterable[str]) -> None:
+def report_damage(errors: Iterable[str]) -> None:
     """A line for each."""
     say(*(f'damage: {error}' for error in errors), err=True)

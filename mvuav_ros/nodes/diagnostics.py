@@ -1,4 +1,4 @@
-"""What nodes tell ``/diagnostics``: counts, times, and sentences that name a remedy."""
+"""What nodes publish on ``/diagnostics``: counts, times, and sentences that name a remedy."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FrameTimes(NamedTuple):
     """Where the time of one processed frame went, s.
 
     Attributes:
-        transport: from the publisher to us; NaN if the middleware does not tell.
+        transport: from the publisher to us; NaN if the middleware does not say.
         decode: bytes to image.
         process: image to messages.
         publish: messages to the middleware.
@@ -136,7 +136,7 @@ _OTHER_REMEDY = (
 )
 _SEGMENT_REMEDY = f'start it with FASTRTPS_DEFAULT_PROFILES_FILE={PROFILE}, or {_OTHER_REMEDY}'
 SLOW_REMEDY = 'lower the frame rate or the image size'
-_MOST_NAMED = 3
+_MAX_NAMED = 3
 _STAMPS = 32
 _GAP = 1.6
 """Times the usual spacing of stamps, from which on a frame is missing in between."""
@@ -235,7 +235,7 @@ def _instead(topic: str, others: Sequence[tuple[str, str]]) -> str:
     if (coded, 'CompressedImage') in others:
         return f'; there is {coded}: set image_transport to compressed'
     raw = [name for name, kind in others if kind == 'Image']
-    return f'; there is {", ".join(raw[:_MOST_NAMED])}: remap image_raw' if raw else ''
+    return f'; there is {", ".join(raw[:_MAX_NAMED])}: remap image_raw' if raw else ''
 
 
 def every_second(node: Node, action: Callable[[], None]) -> None:

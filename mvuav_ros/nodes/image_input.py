@@ -170,7 +170,7 @@ class InputState(NamedTuple):
 
 
 class Backlog:
-    """Tells a hiccup, after which every image is still answered, from being too slow."""
+    """Distinguishes a hiccup, after which every image is still answered, from being too slow."""
 
     def __init__(self) -> None:
         self._previous = 0
@@ -296,7 +296,7 @@ LONGEST_HOLD = 0.1
 """Seconds that an image waits for its CameraInfo or attitude, where somebody publishes one."""
 
 
-class Companion:
+class SynchronizedTopic:
     """A topic that images may wait for; used in the images' thread alone."""
 
     def __init__(
@@ -351,7 +351,7 @@ _REMEDY_OF_TYPE = (
 )
 _HELD_WAIT_NS = 5_000_000
 _PAUSE_AFTER_ERROR = 0.1
-_MOST_AT_ONCE = 5
+_MAX_AT_ONCE = 5
 
 
 class ImageInput:
@@ -366,7 +366,7 @@ class ImageInput:
     are skipped and counted, once it is clear that a backlog does not get smaller by itself.
 
     Attributes:
-        companions: what images may wait for.
+        synchronized: what images may wait for.
         gains_by_reliability: whether images got lost that all publishers would send again.
     """
 
@@ -375,13 +375,13 @@ class ImageInput:
         node: Node,
         topic: ImageTopic,
         on_image: Callable[[ReceivedImage], None],
-        companions: Sequence[Companion],
+        synchronized: Sequence[SynchronizedTopic],
     ) -> None:
-        """Subscribe; images may wait for their companions, which are closed with this."""
+        """Subscribe; images may wait for their synchronized, which are closed with this."""
         self._events = InputEvents()
         self._node = node
         self._on_image = on_image
-        self.companions = companions
+        self.synchronized = synchronized
         self._passes_skipped = topic.may_be_video
         self._topic = topic
         self._lost_before = 0
@@ -394,7 +394,7 @@ class ImageInput:
     def _subscribe(self, reliable: bool = False) -> None:
         kind, name = self._topic.kind, self._topic.name
         self._subscription = subscribe(self._node, kind, name, raw=True, reliable=reliable)
-        self._subscriptions = [self._subscription, *(c.subscription for c in self.companions)]
+        self._subscriptions = [self._subscription, *(c.subscription for c in self.synchronized)]
         self._lost = status_of(self._subscription, 'MESSAGE_LOST')
         self._incompatible = status_of(self._subscription, 'REQUESTED_INCOMPATIBLE_QOS')
         self._last_sequence = 0
@@ -504,17 +504,17 @@ class ImageInput:
                 for subscription in self._subscriptions:
                     wait_set.add_subscription(subscription.handle)
                 wait_set.add_guard_condition(self._wake.handle)
-                holds = any(companion.holds for companion in self.companions)
+                holds = any(topic.holds for topic in self.synchronized)
                 wait_set.wait(_HELD_WAIT_NS if holds else _LONGEST_WAIT_NS)
                 if not self._node.context.ok():
                     return
                 ready = wait_set.get_ready_entities('subscription')
                 is_there = self._subscription.handle.pointer in ready
-                for companion in self.companions:
-                    companion.take(ready)
+                for topic in self.synchronized:
+                    topic.take(ready)
                 images: Iterable[ReceivedImage] = self._take_images() if is_there else []
-                for companion in self.companions:
-                    images = companion.completed(images)
+                for topic in self.synchronized:
+                    images = topic.completed(images)
                 for image in images:
                     self._on_image(image)
 
@@ -522,7 +522,7 @@ class ImageInput:
         images = []
         take, kind = self._subscription.handle.take_message, self._subscription.msg_type
         # Bounded, as a publisher could be as fast as we are.
-        for _ in range(self._subscription.qos_profile.depth or _MOST_AT_ONCE):
+        for _ in range(self._subscription.qos_profile.depth or _MAX_AT_ONCE):
             taken = take(kind, True)
             if taken is None:
                 break

@@ -59,7 +59,7 @@ class ManagedNode(LifecycleNode):
         """``unconfigured``, ``inactive``, ``active``, ``finalized`` or a transition."""
         return str(self._state_machine.current_state[1])
 
-    def tell_parameters(self) -> None:
+    def report_parameters(self) -> None:
         """Log what was given at the start and has no effect."""
         unused = unused_overrides(self, self.siblings) + parameter_files(self, sys.argv)[1]
         problem = f'parameters without effect: {", ".join(unused)}' if unused else ''
@@ -99,7 +99,7 @@ class ManagedNode(LifecycleNode):
         """See `begin`."""
         done = self._attempt('activate', self.begin, undo=self.end)
         if not self._starting:
-            self.tell_parameters()
+            self.report_parameters()
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

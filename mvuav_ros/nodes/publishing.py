@@ -202,7 +202,7 @@ def _jpeg(image: Image, header: bytes, quality: int) -> bytes:
     return serialize_compressed_image('jpeg', data.tobytes(), header)
 
 
-_MOST_REMEMBERED = 64
+_MAX_REMEMBERED = 64
 _TYPES = {
     'raw': IMAGE,
     'compressed': COMPRESSED_IMAGE,
@@ -239,7 +239,7 @@ class FrameDecoder:
 
     def _of_video(self, packet: CodedImage, received: ReceivedImage) -> Iterator[Frame | BadFrame]:
         self._received[packet.stamp_ns] = received
-        while len(self._received) > _MOST_REMEMBERED:
+        while len(self._received) > _MAX_REMEMBERED:
             del self._received[next(iter(self._received))]
         for frame in self._video.frames(packet, not received.is_skipped):
             known = self._received.pop(frame.stamp_ns, None)

@@ -79,7 +79,7 @@ def _has_room(needed: int) -> bool:
 _LOG_INTERVAL = 5.0
 _PAUSE_AFTER_ERROR = 0.02
 _LONGEST_CLEANUP = 8.0
-"""Seconds; a camera that never answers must not keep a process that was told to end."""
+"""Seconds; a camera that never answers must not keep a process that was asked to end."""
 _USERS_MISTAKES = (
     ParameterError,
     SourceError,
@@ -135,7 +135,7 @@ def run_nodes(
             node.autostart()
         for node in nodes:
             node.siblings = nodes
-            node.tell_parameters()
+            node.report_parameters()
         freeze_garbage()
         install_signal_handlers()
         if not stop.made:

@@ -24,10 +24,10 @@ from mvuav_ros.nodes.diagnostics import (
     status,
 )
 from mvuav_ros.nodes.image_input import (
-    Companion,
     ImageInput,
     InputState,
     IntraProcessInput,
+    SynchronizedTopic,
     image_topic,
 )
 from mvuav_ros.nodes.live_parameters import LiveParameters, parameter_files
@@ -119,7 +119,7 @@ class VisionNode(ManagedNode):
         self._static: Any = None
         self._answerer = FrameAnswerer(self, processor)
         self._status = DetectorStatus(self._answerer, processor)
-        self._told_silence = False
+        self._reported_silence = False
         self._live = LiveParameters(self, processor.parameters_type, self._apply)
         publish_status(self, self._report)
         every_second(self, self._publish_periodic)
@@ -140,7 +140,7 @@ class VisionNode(ManagedNode):
         """Subscribe; images before this moment are not answered."""
         assert self._results is not None
         self._status = DetectorStatus(self._answerer, self._processor)
-        self._told_silence = False
+        self._reported_silence = False
         images, answer = self.resolve_topic_name('image_raw'), self._answerer.answer
         transport = 'raw' if self._handed_over else self.get_parameter('image_transport').value
         self._answerer.restart(self._results, transport, images)
@@ -149,7 +149,7 @@ class VisionNode(ManagedNode):
         else:
             topic = image_topic(transport, images)
             # Before the images, so that a source that sees that one subscription has seen these.
-            self._input = ImageInput(self, topic, answer, self._companions(images))
+            self._input = ImageInput(self, topic, answer, self._synchronized_topics(images))
         self._input.start()
         self._announce(self._input.topic)
 
@@ -178,7 +178,7 @@ class VisionNode(ManagedNode):
         """Whether frames given to `take` are answered."""
         return self._input is not None
 
-    def _companions(self, images: str) -> list[Companion]:
+    def _synchronized_topics(self, images: str) -> list[SynchronizedTopic]:
         processor, made = self._processor, []
         if processor.uses_camera_info:
             # In the namespace of the images, as camera drivers and image_transport do, unless it
@@ -186,9 +186,11 @@ class VisionNode(ManagedNode):
             topic = self.resolve_topic_name('camera_info')
             if topic == self.resolve_topic_name('camera_info', only_expand=True):
                 topic = images.rsplit('/', 1)[0] + '/camera_info'
-            made.append(Companion(self, CameraInfo, topic, lambda: processor.awaits_camera_info))
+            made.append(
+                SynchronizedTopic(self, CameraInfo, topic, lambda: processor.awaits_camera_info)
+            )
         if processor.uses_attitude:
-            made.append(Companion(self, Imu, 'imu', lambda: processor.awaits_attitude))
+            made.append(SynchronizedTopic(self, Imu, 'imu', lambda: processor.awaits_attitude))
         return made
 
     def _follow_static_transforms(self) -> Any:
@@ -251,7 +253,7 @@ class VisionNode(ManagedNode):
             said = self._status.report(name, images, self._notes())
         if said.level == DiagnosticStatus.OK and self.overrides_problem:
             said.level = DiagnosticStatus.WARN
-        self._tell_silence(images)
+        self._report_silence(images)
         return said
 
     def _notes(self) -> list[str]:
@@ -271,8 +273,8 @@ class VisionNode(ManagedNode):
     @property
     def _camera_infos(self) -> Any:
         """The subscription to camera_info, if there is one."""
-        companions = self._input.companions if isinstance(self._input, ImageInput) else ()
-        found = [each.subscription for each in companions if each.kind is CameraInfo]
+        synchronized = self._input.synchronized if isinstance(self._input, ImageInput) else ()
+        found = [each.subscription for each in synchronized if each.kind is CameraInfo]
         return found[0] if found else None
 
     def _publish_periodic(self) -> None:
@@ -282,9 +284,9 @@ class VisionNode(ManagedNode):
                 outputs = self._processor.periodic(header)
             self._results.publish_periodic(outputs)
 
-    def _tell_silence(self, images: InputState) -> None:
+    def _report_silence(self, images: InputState) -> None:
         """Warn once when no images have come for a while."""
         quiet = self._answerer.enabled and self._answerer.statistics.quiet_for >= WINDOW
-        if quiet and not self._told_silence:
+        if quiet and not self._reported_silence:
             self.get_logger().warning(f'no images for {WINDOW:.0f} s: {explain_no_images(images)}')
-        self._told_silence = quiet
+        self._reported_silence = quiet

@@ -24,7 +24,7 @@ from mvuav_ros.vision.camera_calibration import (
 from mvuav_ros.vision.image import ImageError
 from mvuav_ros.vision.point_operations import Pixels
 
-MOST_SEARCHES = 200
+MAX_SEARCHES = 200
 """Images of a recording in which the board is searched: of each stretch of time the sharpest."""
 APART = 0.03
 """Part of the image's diagonal by which the outer corners of two views differ that count as two."""
@@ -127,7 +127,7 @@ def _sharpest(
             best = value, (frame.stamp_ns - first_ns) * 1e-9, gray
         # Of a length that nobody knows the first stretches are short and later ones longer.
         known = source.count
-        if inside >= (-(-known // MOST_SEARCHES) if known else 2 ** (search.searched // 60)):
+        if inside >= (-(-known // MAX_SEARCHES) if known else 2 ** (search.searched // 60)):
             yield best[1:]
             best, inside = None, 0
     if best is not None:

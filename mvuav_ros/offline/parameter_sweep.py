@@ -16,7 +16,7 @@ from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of, name_and_unit
 from mvuav_ros.offline.node_parameters import PROCESSING_NODES
 from mvuav_ros.offline.processes import Done, each
-from mvuav_ros.offline.replay.cluster import connect
+from mvuav_ros.offline.replay.batch import connect
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
 from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.parameters.parameter_file import NODE_PARAMETERS, parse_assignment
@@ -169,10 +169,10 @@ def in_order(results: Iterable[RunResult]) -> list[RunResult]:
 
 
 _MARKS = 'osD^vP*X'
-_MOST_TICKS = 24
-_MOST_COLUMNS = 6
+_MAX_TICKS = 24
+_MAX_COLUMNS = 6
 """Of a table, so that it fits a printed page."""
-_MOST_LEVEL = 12
+_MAX_LEVEL = 12
 """Labels that fit side by side; more stand upright."""
 
 
@@ -218,7 +218,7 @@ def sweep_report(
 
 
 def _run_columns(axes: Sequence[Axis]) -> tuple[Column, ...]:
-    """What tells runs apart."""
+    """What distinguishes runs."""
     return (Column('run'), Column('input'), *(Column(axis.title) for axis in axes))
 
 
@@ -237,7 +237,7 @@ def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
     groups = _groups(results)
     parts: list[list[str]] = [[]]
     for group, names in groups.items():
-        if parts[-1] and sum(len(groups[g]) for g in parts[-1]) + len(names) > _MOST_COLUMNS:
+        if parts[-1] and sum(len(groups[g]) for g in parts[-1]) + len(names) > _MAX_COLUMNS:
             parts.append([])
         parts[-1].append(group)
     tables = []
@@ -330,7 +330,7 @@ def _grouped(
                 panel.grid(axis='x', visible=False)
                 label(panel, name_and_unit(name)[0], '', _unit([name]))
             panels[-1].set_xticks(
-                range(len(cells)), titles, rotation=0 if len(cells) <= _MOST_LEVEL else 90
+                range(len(cells)), titles, rotation=0 if len(cells) <= _MAX_LEVEL else 90
             )
             panels[-1].set_xlabel(', '.join(axis.title for axis in axes) or 'parameters')
             legend_below(canvas.figure, panels[0], columns=1)
@@ -340,7 +340,7 @@ def _grouped(
 
 def _ticks(results: Sequence[RunResult], axes: Sequence[Axis]) -> list[str]:
     """Run numbers with the value below, where that fits."""
-    if len(axes) != 1 or len(results) > _MOST_TICKS:
+    if len(axes) != 1 or len(results) > _MAX_TICKS:
         return []
     return [f'{r.run.number}:\n{_cell(r.run.values[0])}' for r in results]
 

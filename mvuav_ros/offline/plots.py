@@ -16,14 +16,14 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.tables import ResultRows
 
 Array = NDArray[np.float64]
 
 OVERVIEW = 'overview.png'
-_MOST_POINTS = 3000
+_MAX_POINTS = 3000
 """Along the time axis: a page has fewer px."""
 _SIGMAS = 2.0
 """Standard deviations of the bounds that are drawn, 95 %."""
@@ -43,7 +43,7 @@ class Curves:
 
     def __init__(self, count: int, messages: int) -> None:
         """Begin so many curves for about so many messages."""
-        self._at_once = max(1, math.ceil(messages / _MOST_POINTS))
+        self._at_once = max(1, math.ceil(messages / _MAX_POINTS))
         self._pending: list[Sequence[float]] = []
         self._groups: list[Array] = []
         self._count = count
@@ -156,7 +156,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             messages = sizes[topic]
             if messages is None:
                 messages = sum(1 for _ in recording.messages({topic}))
-            part.at_once = max(1, math.ceil(messages / _MOST_POINTS))
+            part.at_once = max(1, math.ceil(messages / _MAX_POINTS))
             for other in (kind, *others):
                 if f'{node}/{other}' in rows.kinds:
                     wanted[f'{node}/{other}'] = part, other

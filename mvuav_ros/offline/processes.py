@@ -31,7 +31,7 @@ ResultT = TypeVar('ResultT')
 
 Report = Callable[[Any], None]
 Work = Callable[[Any, Report, Stop], Any]
-"""Takes a task, a function that tells the parent how far it is, and when to end."""
+"""Takes a task, a function that reports to the parent how far it is, and when to end."""
 Method = Literal['fork', 'spawn']
 """Forking is quick, but right only where the parent has no threads of its own or OpenCV's."""
 
@@ -97,7 +97,7 @@ class Worker:
         return int(self._connection.fileno())
 
     def send(self, number: int, task: Any) -> None:
-        """Give it a task; what has died meanwhile is told by `receive`."""
+        """Give it a task; what has died meanwhile is reported by `receive`."""
         try:
             self._connection.send((number, task))
         except OSError:
@@ -155,7 +155,7 @@ def run_in_processes(
         closing_time: that tasks under way have to end, s.
 
     Yields:
-        What the tasks tell, and each one's end, in the order in which they come.
+        What the tasks report, and each one's end, in the order in which they come.
     """
     waiting = deque(enumerate(tasks))
     threads = max(1, (os.cpu_count() or 1) // at_once)
@@ -330,7 +330,7 @@ def all_of(
 
 
 def _plain(
-    function: Callable[[TaskT], ResultT], task: TaskT, _told: Report, _stop: Stop
+    function: Callable[[TaskT], ResultT], task: TaskT, _report: Report, _stop: Stop
 ) -> ResultT:
-    """Work that neither tells anything nor looks at the stop."""
+    """Work that neither reports anything nor looks at the stop."""
     return function(task)

@@ -27,7 +27,7 @@ from mvuav_ros.vision.rig_calibration import (
     calibrate_rig,
 )
 
-_MOST_PASSES = 4
+_MAX_PASSES = 4
 _MORE = 1.01  # Times the lights that are named: a pass that names no more is the last one
 _DRAWN = 4000  # Residuals
 
@@ -75,7 +75,7 @@ def calibrate_from(
 
     Raises:
         SourceError: the flight has no images, or no calibration of theirs.
-        RigCalibrationError: the flight does not tell the rig.
+        RigCalibrationError: the flight does not determine the rig.
     """
     if source.live:
         raise SourceError(f'{source.name}: record the flight first; it is read several times')
@@ -93,7 +93,7 @@ def calibrate_from(
             )
         between = rough.names.index(distance[0]), rough.names.index(distance[1]), distance[2]
     rig, before, best = rough, 0.0, None
-    for number in range(1, _MOST_PASSES + 1):
+    for number in range(1, _MAX_PASSES + 1):
         frames, used, sightings = name_lights(source, rig, camera, parameters, advance)
         if best is not None and len(sightings.frames) <= _MORE * before:
             break

@@ -32,7 +32,7 @@ def test_an_interrupt_that_became_another_error_is_one_line(name, status):
 
 
 def test_a_replay_that_fails_prints_no_success(capsys):
-    from mvuav_ros.cli.commands.replay_reports import _report
+    from mvuav_ros.cli.commands.replay import _report
     from mvuav_ros.offline.replay.job import ReplayOutcome
 
     _report(ReplayOutcome('a.mcap', 's3://nobody/a.mcap', 5, 5, failure='there is no bucket'))

@@ -2,6 +2,7 @@
 
 import math
 import os
+import signal
 import subprocess
 import sys
 
@@ -81,6 +82,27 @@ def test_print_live_results():
                 publisher.publish(message)
                 graph.spin(0.1)
             assert listener.stdout.read() == 'roll 12.0 deg\n' * 3
+    finally:
+        graph.close()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_print_live_results_ends_without_a_traceback(number):
+    graph = Graph()
+    try:
+        publisher = graph.probe.create_publisher(Vector3Stamped, '/marker_tracker/rpy', 10)
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain_id)}
+        with subprocess.Popen(
+            [sys.executable, 'examples/print_live_results.py'],
+            cwd=ROOT,
+            env=environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as listener:
+            graph.until(lambda: publisher.get_subscription_count() > 0, 'the listener')
+            listener.send_signal(number)
+            assert listener.communicate(timeout=120)[1] == ''
+            assert listener.returncode == 0
     finally:
         graph.close()
 

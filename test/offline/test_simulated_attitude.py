@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mvuav_ros.offline.simulate import simulated_messages
+from mvuav_ros.offline.simulated_messages import simulated_messages
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.recordings.writing import RecordingWriter

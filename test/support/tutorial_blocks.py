@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import tempfile
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,17 +99,25 @@ class TutorialRun:
         return self._session.paste(block)
 
     def _bash(self, block: Block) -> str:
-        done = subprocess.run(
-            ['bash', '-euo', 'pipefail', '-c', block.text],
-            cwd=self.folder,
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=LONGEST_BLOCK,
-        )
-        assert done.returncode == 0, f'line {block.line}:\n{block.text}\n{done.stdout}'
-        return done.stdout
+        # What a block leaves running in the background would keep a pipe open.
+        with tempfile.TemporaryFile('w+') as printed:
+            process = subprocess.Popen(
+                ['bash', '-euo', 'pipefail', '-c', block.text],
+                cwd=self.folder,
+                env=self.environment,
+                stdout=printed,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            try:
+                status = process.wait(LONGEST_BLOCK)
+            finally:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            printed.seek(0)
+            text = printed.read()
+        assert status == 0, f'line {block.line}:\n{block.text}\n{text}'
+        return text
 
 
 class PythonSession:

@@ -49,6 +49,20 @@ def test_what_the_machine_lacks_is_said(runner):
     assert outcome.skipped == 1 and 'no such Python' in outcome.note
 
 
+def test_the_tutorials_are_in_the_gate_and_run_once(runner):
+    commands = [
+        ' '.join(command)
+        for lanes in runner.stages('test')
+        for lane in lanes
+        for part in lane
+        for command in part.commands()
+    ]
+    ran = [c for c in commands if 'test/docs/test_tutorials.py' in c.split()]
+    assert len(ran) == 1 and 'long' not in ran[0]
+    left_out = [c for c in commands if '--ignore=test/docs/test_tutorials.py' in c]
+    assert len(left_out) == 1
+
+
 def test_one_line_and_one_status(runner, capsys):
     good, bad = runner.Outcome('a', 5, 0, 1, 2.0), runner.Outcome('b', 3, 2, 0, 1.0)
     assert runner.summarize([good]) == 0

@@ -78,7 +78,7 @@ def _thresholds(path: Path) -> None:
         images.append(mask[_CROP])
         area = int(np.count_nonzero(mask)) / max(count, 1)
         titles.append(f'threshold {value}: {word}, {count} blobs of {area:.0f} px')
-    save(image_row(images, titles, columns=2, width=9.5), path)
+    save(image_row(images, titles), path)
 
 
 def _radii(path: Path) -> None:

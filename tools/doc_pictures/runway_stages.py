@@ -94,7 +94,7 @@ def approach_pipeline(path: Path) -> None:
         '2  evidence: brighter (white) or darker\n(black) to the right',
         '3  horizon, vanishing point and\nthe likeliest pair of edges',
     ]
-    save(image_row(images, titles, columns=2, width=9.5), path)
+    save(image_row(images, titles), path)
 
 
 def _near_runway(image: np.ndarray) -> np.ndarray:

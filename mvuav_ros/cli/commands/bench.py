@@ -10,11 +10,14 @@ import typer
 from rich.table import Table
 
 from mvuav_ros.cli.bench.case import Measurement, measure
-from mvuav_ros.cli.bench.frame_rates import approach_cases, simulation_cases
 from mvuav_ros.cli.bench.live import LiveResult, live_cases, measure_live
-from mvuav_ros.cli.bench.markers import marker_cases
-from mvuav_ros.cli.bench.replay import replay_cases
-from mvuav_ros.cli.bench.runway import runway_cases
+from mvuav_ros.cli.bench.replay_cases import replay_cases
+from mvuav_ros.cli.bench.vision_cases import (
+    approach_cases,
+    marker_cases,
+    runway_cases,
+    simulation_cases,
+)
 from mvuav_ros.cli.options import Json
 from mvuav_ros.cli.terminal import frame_progress, table_console
 

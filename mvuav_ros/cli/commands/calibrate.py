@@ -1,7 +1,8 @@
-"""``mvuav calibrate``: a camera's calibration from a recording of a board."""
+"""``mvuav calibrate`` and ``mvuav rig``: a camera from views of a board, lights from a flight."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -9,7 +10,15 @@ from typing import Annotated
 
 import typer
 
-from mvuav_ros.cli.options import Force, ImageTopic, refuse_to_overwrite, takes
+from mvuav_ros.cli.options import (
+    CameraInfo,
+    Force,
+    ImageTopic,
+    Param,
+    ParamsFile,
+    refuse_to_overwrite,
+    takes,
+)
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 
@@ -120,3 +129,180 @@ def calibrate(options: CalibrateOptions) -> None:
     )
     say(options.output)
     say(report / 'index.html')
+
+
+rig = typer.Typer(help='Examine and calibrate marker rigs.', no_args_is_help=True)
+_REACHES = (2.0, 5.0, 10.0, 20.0)
+"""Distances that are looked at if none is given, in units of the rig's size."""
+_LISTED = 6
+
+
+@rig.callback()
+def _rig() -> None:
+    pass
+
+
+@rig.command()
+def check(
+    file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
+    distance: Annotated[
+        list[float] | None,
+        typer.Option(help='Distance from the camera, m; may be repeated.', show_default=False),
+    ] = None,
+    width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
+    fov: Annotated[
+        float, typer.Option(help='Horizontal field of view, degrees.', min=1.0, max=150.0)
+    ] = 60.0,
+    noise: Annotated[
+        float, typer.Option(help="Noise of a marker's position, px (1 sigma).", min=0.0)
+    ] = 0.1,
+) -> None:
+    """Check a rig for ambiguities, and predict the errors of its pose.
+
+    The exit status is 1 if marker_tracker refuses the rig unless allow_ambiguous is set.
+    """
+    from mvuav_ros.vision.camera import CameraModel
+    from mvuav_ros.vision.rig import RigError, load_rig
+    from mvuav_ros.vision.rig_examination import (
+        confusions,
+        examine,
+        is_flat,
+        is_straight,
+        pose_error,
+    )
+
+    try:
+        body = load_rig(file)
+    except RigError as error:
+        raise ParameterError('rig', str(error)) from error
+    size = float(max(math.dist(a, b) for _, a in body.markers for _, b in body.markers))
+    words = f'{body.name}: {len(body.names)} markers, {size:g} m across'
+    if len(body.names) >= 3 and is_flat(body):
+        words += ', all in one plane: the tilt is ambiguous'
+    say(words)
+    doubts = examine(body)
+    for doubt in doubts:
+        say(f'refused: {doubt}')
+    if len(body.names) >= 3 and not is_straight(body):
+        focal = 0.5 * width / math.tan(math.radians(0.5 * fov))
+        height = round(0.75 * width)
+        middle = 0.5 * (width - 1), 0.5 * (height - 1)
+        k = (focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0)
+        camera = CameraModel(width, height, k)
+        distances = distance or [size * reach for reach in _REACHES]
+        say('')
+        say(f'pose from straight behind, {width} px, {fov:g} deg, {noise:g} px of noise')
+        say('distance m   size px  along m  across m  roll deg  pitch, yaw deg')
+        for value in distances:
+            e = pose_error(body, camera, value, noise)
+            say(
+                f'{e.distance:10.4g} {e.span:9.1f} {e.along:8.3g} {e.across:9.3g} '
+                f'{e.roll:9.3g} {e.tilt:15.3g}'
+            )
+        say('')
+        say(f'exchanged names with the smallest residuals, at {distances[0]:.4g} m')
+        for found in confusions(body, camera, distances[0])[:_LISTED]:
+            names = ', '.join(' -> '.join(cycle) for cycle in found.names)
+            say(
+                f'{found.residual:8.2f} px rms  {names} '
+                f'(pitch {found.pitch_deg:g}, yaw {found.yaw_deg:g} deg)'
+            )
+    if doubts:
+        raise typer.Exit(1)
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """The options of ``mvuav rig calibrate``."""
+
+    source: Annotated[str, typer.Argument(help='A recorded flight: bag, video or images.')]
+    rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')]
+    camera_info: CameraInfo = None
+    distance: Annotated[
+        str | None,
+        typer.Option(
+            help='A measured distance of two lights, m; without, the scale is that of the rough '
+            'rig.',
+            metavar='left:right=0.82',
+        ),
+    ] = None
+    output: Annotated[Path, typer.Option('--output', '-o', help='Rig file.')] = Path('rig.yaml')
+    report: Annotated[
+        Path | None,
+        typer.Option(help='Folder for the report; _report beside the file if not given.'),
+    ] = None
+    topic: ImageTopic = None
+    params_file: ParamsFile = None
+    param: Param = None
+    force: Force = False
+
+
+@rig.command('calibrate')
+@takes(RigOptions)
+def calibrate_rig(options: RigOptions) -> None:
+    """Find out from a flight where the lights of a rig really are.
+
+    The body has to turn before the camera, by 20 degrees and more about two axes. marker_tracker
+    names the lights by the rough rig; then their positions are adjusted to all images. Nothing is
+    written if the flight does not determine them.
+    """
+    from mvuav_ros.offline import rig_calibration as work
+    from mvuav_ros.offline.node_parameters import resolve_parameters
+    from mvuav_ros.offline.report import write_report
+    from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+    from mvuav_ros.recordings.remote import write_whole
+    from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.opening import open_source
+    from mvuav_ros.sources.source import SourceError
+    from mvuav_ros.vision.rig import RigError, load_rig, rig_text
+    from mvuav_ros.vision.rig_calibration import RigCalibrationError
+
+    try:
+        rough = load_rig(options.rig)
+    except RigError as error:
+        raise ParameterError('--rig', str(error)) from error
+    try:
+        distance = work.parse_distance(options.distance) if options.distance else None
+    except ValueError as error:
+        raise ParameterError('--distance', str(error)) from error
+    given = resolve_parameters(['marker_tracker'], options.params_file, options.param or [])
+    parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
+    report = options.report or options.output.with_name(f'{options.output.stem}_report')
+    refuse_to_overwrite(options.output, options.force)
+    camera = load_calibration(options.camera_info) if options.camera_info else None
+    source = open_source(options.source, topic=options.topic)
+    try:
+        with frame_progress() as progress:
+            task = progress.add_task('frames', total=source.count)
+            made = work.calibrate_from(
+                source,
+                rough,
+                camera,
+                parameters,
+                distance,
+                lambda frames: progress.update(task, completed=frames),
+            )
+    except RigCalibrationError as error:
+        raise SourceError(f'{source.name}: {error}') from error
+    finally:
+        source.close()
+    found = made.found
+    write_report(work.report_of(source.name, made), report)
+    write_whole(options.output, rig_text(made.rig, found.deviations))
+    say(
+        f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
+        f'sightings fit, noise {found.noise:.2f} px',
+        'light: position m, standard deviation mm, moved mm',
+    )
+    for name, place, deviation, before in zip(
+        rough.names, found.positions, found.deviations, rough.positions, strict=True
+    ):
+        position = ' '.join(f'{value:.4f}' for value in place)
+        spread = ' '.join(f'{1000 * value:.2f}' for value in deviation)
+        say(f'{name}: {position}, {spread}, {1000 * math.dist(place, before):.1f}')
+    if distance is None:
+        say(
+            f'the scale is that of the rough rig, known to {100 * found.scale_deviation:.2g} %; '
+            'a measured --distance is better'
+        )
+    say(options.output, report / 'index.html')

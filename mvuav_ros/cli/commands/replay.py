@@ -1,12 +1,15 @@
-"""``mvuav replay``: the nodes over recordings, without a ROS graph."""
+"""``mvuav replay``: the nodes over recordings, without a ROS graph, and what it says of each."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.progress import Progress, TaskID
 
 from mvuav_ros.cli.options import (
     CameraInfo,
@@ -21,9 +24,136 @@ from mvuav_ros.cli.options import (
     Strict,
     takes,
 )
+from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
 from mvuav_ros.detectors import DETECTORS
-from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
+from mvuav_ros.messages.untrusted import visible
+from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 from mvuav_ros.sources.source import Selection, SourceError
+
+if TYPE_CHECKING:
+    from mvuav_ros.offline.replay.job import JobProgress, Plan, ReplayJob, ReplayOutcome
+
+
+_MAX_REASONS = 5
+
+
+def replay_all(
+    planned: Plan, processes: int, cluster: str | None, stop: Stop
+) -> list[ReplayOutcome]:
+    """Replay what is not finished yet, report each recording at its end, and keep the manifest.
+
+    Raises:
+        RecordingError: the manifest cannot be read or written.
+        SourceError: the cluster cannot be used.
+    """
+    from mvuav_ros.offline.replay.batch import Manifest
+
+    jobs = planned.jobs
+    outcomes: list[ReplayOutcome] = []
+    manifest = None
+    if planned.folder is not None:
+        manifest = Manifest(planned.folder, jobs)
+        outcomes, jobs = manifest.begin(jobs)
+        for outcome in outcomes:
+            _report(outcome)
+    took = manifest.take if manifest else lambda _: None
+    if cluster is None and len(jobs) == 1:
+        outcomes.append(replay_one(jobs[0], processes, stop))
+        took(outcomes[-1])
+    elif jobs:
+        outcomes += replay_many(jobs, processes, cluster, stop, took)
+    if manifest is not None:
+        manifest.end()
+    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    if failed and len(planned.jobs) > 1:
+        say(f'mvuav: {failed} of {len(planned.jobs)} recordings failed', err=True)
+    return outcomes
+
+
+def replay_one(job: ReplayJob, processes: int, stop: Stop) -> ReplayOutcome:
+    """Replay one recording, and report it also when interrupted."""
+    import cv2
+
+    from mvuav_ros.offline.replay.job import attempt
+    from mvuav_ros.processing.process_tuning import keep_freed_memory
+
+    keep_freed_memory()
+    cv2.setNumThreads(1)
+    with frame_progress(thread=False) as progress:
+        task = progress.add_task(visible(job.source), total=None)
+
+        def show(state: JobProgress) -> None:
+            progress.update(
+                task, description=state.name, completed=state.done, total=state.total, refresh=True
+            )
+
+        outcome = attempt(job, show, stop, processes)
+    if outcome.frames or outcome.failure:
+        _report(outcome)
+    return outcome
+
+
+def replay_many(
+    jobs: Sequence[ReplayJob],
+    at_once: int,
+    cluster: str | None,
+    stop: Stop,
+    took: Callable[[ReplayOutcome], None],
+) -> list[ReplayOutcome]:
+    """Replay recordings in processes or on a Dask cluster; report and hand on each at its end.
+
+    Raises:
+        SourceError: the cluster cannot be used.
+    """
+    from mvuav_ros.offline.replay.batch import run_jobs, run_on_cluster
+    from mvuav_ros.offline.replay.job import JobProgress
+
+    events = run_on_cluster(jobs, cluster, stop) if cluster else run_jobs(jobs, at_once, stop)
+    outcomes: list[ReplayOutcome] = []
+    # Without a thread of its own: this process forks.
+    with closing(events), frame_progress(thread=False) as progress:
+        overall = progress.add_task('recordings', total=len(jobs))
+        tasks: dict[int, TaskID] = {}
+        for number, event in events:
+            if isinstance(event, JobProgress):
+                _show(progress, tasks, number, event)
+                continue
+            outcomes.append(event)
+            if event.failure and event.source not in event.failure:
+                event.failure = f'{event.source}: {event.failure}'
+            if number in tasks:
+                progress.remove_task(tasks.pop(number))
+            progress.update(overall, completed=len(outcomes), refresh=True)
+            took(event)
+            _report(event)
+    return outcomes
+
+
+def _show(progress: Progress, tasks: dict[int, TaskID], number: int, state: JobProgress) -> None:
+    if number not in tasks:
+        tasks[number] = progress.add_task(state.name, total=state.total)
+    progress.update(tasks[number], completed=state.done, total=state.total, refresh=True)
+
+
+def _report(outcome: ReplayOutcome) -> None:
+    results = f'results for {outcome.processed} of {outcome.frames} frames'
+    if outcome.done_before:
+        say(f'{outcome.output}: finished before, {results}')
+    elif not outcome.failure:
+        say(f'{outcome.output}: {results}')
+    reasons = sorted(outcome.rejected.items(), key=lambda item: -item[1])
+    for reason, count in reasons[:_MAX_REASONS]:
+        say(f'warning: {count} without a result: {reason}', err=True)
+    if len(reasons) > _MAX_REASONS:
+        rest = sum(count for _, count in reasons[_MAX_REASONS:])
+        say(f'warning: {rest} without a result for other reasons', err=True)
+    if outcome.account is not None:
+        report_account(outcome.account)
+    else:  # of a replay that was finished before
+        report_damage(outcome.errors)
+        say(*(f'note: {warning}' for warning in outcome.warnings), err=True)
+    if outcome.failure:
+        say(f'mvuav: {outcome.failure}', err=True)
 
 
 @dataclass(frozen=True)
@@ -96,7 +226,7 @@ class ReplayOptions:
     jobs: Annotated[
         int | None,
         typer.Option(
-            help='Number of processes that share the work; default: one for each core.',
+            help='Number of cores that share the work; default: all.',
             min=1,
             show_default=False,
         ),
@@ -115,10 +245,8 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
     With a folder as output, manifest.json lists the outcome of each recording, and finished
     recordings are skipped.
     """
-    from mvuav_ros.cli.commands import replay_reports as reports
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
-    from mvuav_ros.offline.replay.job import ReplaySettings
-    from mvuav_ros.offline.replay.outputs import plan
+    from mvuav_ros.offline.replay.job import ReplaySettings, plan
     from mvuav_ros.sources.calibration import load_calibration
 
     nodes = node_names(options.nodes)
@@ -143,9 +271,9 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
         overwrite=options.force,
         absolute=options.dask is not None,
     )
-    processes = options.jobs or len(os.sched_getaffinity(0))
+    jobs = options.jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
-        outcomes = reports.replay_all(planned, processes, options.dask, stop)
+        outcomes = replay_all(planned, jobs, options.dask, stop)
     if stop:
         raise Interrupted(stop.number)
     if any(outcome.failure for outcome in outcomes):

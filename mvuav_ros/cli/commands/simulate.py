@@ -66,7 +66,7 @@ def _parse_size(text: str) -> tuple[int, int]:
 
 
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
-    from mvuav_ros.offline.simulate import simulated_messages
+    from mvuav_ros.offline.simulated_messages import simulated_messages
 
     flight = make_flight(kind, given)
     refuse_to_overwrite(output, force)

@@ -60,7 +60,7 @@ def sweep(options: SweepOptions) -> None:
     Leaves sweep.csv, index.html, and every table and figure. A run that fails is reported and
     does not stop the others; the exit status is 1 then.
     """
-    from mvuav_ros.offline import report_figures  # noqa: F401  What it lacks is told before the runs.
+    from mvuav_ros.offline import report_figures  # noqa: F401  What it lacks is said before the runs.
     from mvuav_ros.offline.node_parameters import PROCESSING_NODES, node_names, resolve_parameters
     from mvuav_ros.offline.parameter_sweep import (
         in_order,
@@ -93,10 +93,10 @@ def sweep(options: SweepOptions) -> None:
     output.mkdir(parents=True, exist_ok=True)
     write_csv(sweep_table(results, axes), output / CSV)
     page = write_report(sweep_report(results, axes, described), output)
-    _tell(results, page)
+    _report(results, page)
 
 
-def _tell(results: list[RunResult], page: Path) -> None:
+def _report(results: list[RunResult], page: Path) -> None:
     failed = [result for result in results if result.error]
     for result in failed:
         say(

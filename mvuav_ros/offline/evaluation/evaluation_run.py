@@ -20,7 +20,7 @@ from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import frames
-from mvuav_ros.offline.simulate import truth_messages
+from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
@@ -79,7 +79,7 @@ class Observations:
 class NamedPoints:
     """What the topics of single markers say, to find the row that each of them repeats.
 
-    The order of topics tells nothing: `ros2 bag record` lists them as they were discovered.
+    The order of topics says nothing: `ros2 bag record` lists them as they were discovered.
     """
 
     def __init__(self) -> None:
@@ -237,7 +237,7 @@ def _flown(text: str, truth: Observations) -> Iterator[Frame]:
 
 
 def nodes_for(text: str) -> list[str]:
-    """The nodes whose results an input's truth can judge; all where nothing tells.
+    """The nodes whose results an input's truth can judge; all where nothing says.
 
     Raises:
         RecordingError: a bag cannot be read.

@@ -50,7 +50,7 @@ _AMPLITUDES = np.array((8.0, 5.0, 4.0, *np.radians((20.0, 6.0, 6.0))))
 _BINS = np.logspace(-3.0, 1.0, 61)
 """Of errors and levels in units of the axis's scale."""
 _SCALES = (3.0, 0.5, 0.5, 0.05, 0.05, 0.05)
-_MOST_SHOWN = 12
+_MAX_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def protection_report(
         f'Alert limits: {ALERT_LIMITS[0]:g} m along, {ALERT_LIMITS[1]:g} m across and up.',
     )
     failures = [
-        (factor, *failure) for factor, counts in runs for failure in counts.failures[:_MOST_SHOWN]
+        (factor, *failure) for factor, counts in runs for failure in counts.failures[:_MAX_SHOWN]
     ]
     items: list[Table | Figure] = [table]
     items += [_stanford_figure(factor, counts) for factor, counts in runs]
@@ -298,7 +298,7 @@ def protection_report(
                 'Misleading frames',
                 'faults, times the prior .0 | seed | frame | faulty lights | worst',
                 failures,
-                f'The first {_MOST_SHOWN} of each row above.',
+                f'The first {_MAX_SHOWN} of each row above.',
             )
         )
     return Report(

@@ -1,28 +1,86 @@
-"""One recording through the nodes' code into one file; can be sent to another process."""
+"""One recording through the nodes into one file: what is done, where to, and from what."""
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import json
+import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from glob import glob
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mvuav_ros.offline.replay.frames import FrameResults, make_processors, replay, replay_in_threads
-from mvuav_ros.offline.replay.inputs import ReplayInput
-from mvuav_ros.offline.replay.provenance import DESCRIPTION, description
+import mvuav_ros
+from mvuav_ros.offline.replay.frames import (
+    FrameResults,
+    ReplayInput,
+    make_processors,
+    replay,
+    replay_in_threads,
+)
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
-from mvuav_ros.recordings.remote import is_url, local_output, size_at
+from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.layout import by_flight, recordings_in
+from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.remote import inside, is_url, local_output, remote_state, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.sources.opening import looks_like_bag
+from mvuav_ros.sources.opening import PREFIX, looks_like_bag
 from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError, gamma_corrected
 from mvuav_ros.vision.camera import CameraModel
+
+DESCRIPTION = 'mvuav_replay'
+"""The metadata record at the beginning of a replayed file."""
+
+
+def description(source: str, settings: ReplaySettings) -> dict[str, str]:
+    """What distinguishes results of the same input, version and parameters from others.
+
+    Raises:
+        RecordingError: the input cannot be reached.
+        OSError: likewise.
+    """
+    return {
+        'version': mvuav_ros.__version__,
+        **fingerprint(source),
+        'settings': json.dumps(dataclasses.asdict(settings), sort_keys=True),
+    }
+
+
+def fingerprint(source: str) -> dict[str, str]:
+    """The input's path, and a digest of the names, sizes and times of its files."""
+    if is_url(source):
+        size, mark = remote_state(source)
+        return {'input': source, 'input_bytes': str(size), 'input_files': mark}
+    path = Path(source).expanduser()
+    digest = hashlib.sha256()
+    total = 0
+    for file in _files(path):
+        status = file.stat()
+        total += status.st_size
+        name = os.fsencode(file.name)
+        digest.update(b'%s\0%d\0%d\n' % (name, status.st_size, status.st_mtime_ns))
+    return {
+        'input': os.fsencode(path.resolve()).decode('utf-8', 'replace'),
+        'input_bytes': str(total),
+        'input_files': digest.hexdigest(),
+    }
+
+
+def _files(path: Path) -> Iterator[Path]:
+    if path.is_file():
+        yield path
+    elif path.is_dir():
+        yield from sorted(entry for entry in path.iterdir() if entry.is_file())
+    else:
+        yield from sorted(file for file in map(Path, glob(str(path))) if file.is_file())  # noqa: PTH207
+
 
 PROGRESS_INTERVAL = 0.1
 """Seconds between two reports."""
@@ -110,11 +168,11 @@ class ReplayOutcome:
         self.frames += 1
         self.processed += not results.reasons
         for reason in results.reasons:
-            full = reason not in self.rejected and len(self.rejected) >= _MOST_REASONS
+            full = reason not in self.rejected and len(self.rejected) >= _MAX_REASONS
             self.rejected['other reasons' if full else reason] += 1
 
 
-_MOST_REASONS = 100
+_MAX_REASONS = 100
 
 
 class JobProgress(NamedTuple):
@@ -175,7 +233,7 @@ def run_job(
 
 
 def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) -> ReplayOutcome:
-    """`run_job`, with what goes wrong told in the outcome."""
+    """`run_job`, with what goes wrong said in the outcome."""
     outcome = ReplayOutcome(job.source, job.output)
     try:
         run_job(job, outcome, progress, stop, threads)
@@ -271,3 +329,59 @@ def is_own_input(job: ReplayJob) -> bool:
     if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
         return True
     return source.is_file() and output.exists() and output.samefile(source)
+
+
+class Plan(NamedTuple):
+    """A job for each recording; ``folder`` is that of a batch's outputs, None for a single one."""
+
+    jobs: list[ReplayJob]
+    folder: str | None
+
+
+def plan(
+    sources: Sequence[str],
+    output: str,
+    settings: ReplaySettings,
+    *,
+    overwrite: bool = False,
+    absolute: bool = False,
+) -> Plan:
+    """Say where the results of each recording go.
+
+    Args:
+        sources: what the user names; of a folder of recordings each is a recording by itself.
+        output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
+            folder. A single recording's results as a rosbag2 folder are that folder.
+        settings: what is done with each of them.
+        overwrite: whether outputs that exist are replaced.
+        absolute: whether the paths are to hold in other processes.
+
+    Raises:
+        RecordingError: the output does not fit, or two recordings have the same name.
+        OSError: the folder cannot be made.
+    """
+    if absolute:
+        output = output if is_url(output) else str(Path(output).absolute())
+        sources = [_absolute(source) for source in sources]
+    sources = [each for source in sources for each in recordings_in(source)]
+    is_folder = settings.split_bytes is not None
+    if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
+        return Plan([ReplayJob(sources[0], output, settings, overwrite)], None)
+    if not output.endswith('/') and Path(output).suffix and not Path(output).is_dir():
+        raise RecordingError(
+            f'{output}: the name of a recording must end in .mcap'
+            if len(sources) == 1
+            else f'{output}: several inputs need a folder as output ({len(sources)} recordings)'
+        )
+    ending = '' if is_folder else '.mcap'
+    targets = {inside(output, name + ending): each for name, each in by_flight(sources).items()}
+    if not is_url(output):
+        Path(output).mkdir(parents=True, exist_ok=True)
+    jobs = [ReplayJob(source, target, settings, overwrite) for target, source in targets.items()]
+    return Plan(jobs, output)
+
+
+def _absolute(source: str) -> str:
+    if source.startswith(PREFIX) or is_url(source):
+        return source
+    return str(Path(source).expanduser().absolute())

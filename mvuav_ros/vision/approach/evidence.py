@@ -85,7 +85,7 @@ UNIT = 16
 """Of the evidence maps: so many are one local texture."""
 COARSE = 4
 """Evidence units of the search are so many times coarser: sums of eight fit into a byte."""
-_MOST_COARSE = 15
+_MAX_COARSE = 15
 CHANNELS = 4
 """Of the maps: brightness, blue against yellow, red against green, paint."""
 
@@ -132,7 +132,7 @@ class EvidenceMap:
 
     def packed(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """All four channels of a pixel in one number, coarse: as left and as right edges."""
-        coarse = np.clip(self.evidence // COARSE, -_MOST_COARSE, _MOST_COARSE).astype(np.int8)
+        coarse = np.clip(self.evidence // COARSE, -_MAX_COARSE, _MAX_COARSE).astype(np.int8)
         mirrored = coarse.copy()
         mirrored[..., :3] *= -1
         left, right = (

@@ -48,7 +48,7 @@ class Registration:
     def shift(self, strip: Strip, level: Derotation) -> tuple[float, float]:
         """Px to the right and down by which the surroundings of the last frame's strip have moved.
 
-        Both are on the levelled working image; the shift is 0 where nobody can tell.
+        Both are on the levelled working image; the shift is 0 where nobody can know.
         """
         last, now = self._last, self._now
         if last is None or now is None or last.shape != now.shape or last.dtype != now.dtype:

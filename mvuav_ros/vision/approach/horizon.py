@@ -20,21 +20,21 @@ class Horizon(NamedTuple):
         row: where it crosses the image's middle column, px.
         slope: rad, right end down positive; the camera's roll is its negative.
         strength: mean step across it, grey levels of blue; 0 where nothing was found.
-        unrest: how much neighbouring columns differ right above it, grey levels of blue;
+        texture: how much neighbouring columns differ right above it, grey levels of blue;
             infinite where too little of that is in the image.
     """
 
     row: float
     slope: float
     strength: float
-    unrest: float
+    texture: float
 
     @property
     def trusted(self) -> bool:
         """It looks like sky above it, not like the edge of treetops or walls."""
         return (
             self.strength > HORIZON.min_strength
-            and self.unrest < HORIZON.max_texture * self.strength
+            and self.texture < HORIZON.max_texture * self.strength
         )
 
 
@@ -70,7 +70,7 @@ class HorizonFinder:
         padded = np.zeros((HORIZON.height + 2 * self._pad, HORIZON.width), np.float32)
         # Of steps alike, the upper one: sky is above all land.
         lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
-        steps -= lower + HORIZON.texture_cost * _unrest_above(blue)
+        steps -= lower + HORIZON.texture_cost * _texture_above(blue)
         padded[self._pad : self._pad + HORIZON.height] = steps
         sums = padded.take(self._index).mean(axis=2)
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
@@ -81,15 +81,15 @@ class HorizonFinder:
             sums[:, row], int(best)
         )
         exact_row = int(row) + vertex(sums[best], int(row))
-        unrest = self._unrest(blue, int(row) + self._shift[best])
-        found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, unrest)
+        texture = self._texture(blue, int(row) + self._shift[best])
+        found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, texture)
         if not found.trusted:
             return found
         # The first fit is drawn towards the coarse line.
         found, _ = _refined(found, pixels)
         return _refined(found, pixels)[0]
 
-    def _unrest(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
+    def _texture(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
         """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
         rows = np.arange(HORIZON.height)[:, None]
         above = (rows < horizon - HORIZON.step_rows) & (
@@ -121,7 +121,7 @@ class HorizonFinder:
         return steps
 
 
-def _unrest_above(blue: NDArray[Any]) -> NDArray[np.float32]:
+def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
     """How much neighbouring columns differ in the rows above each place, capped."""
     change = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
     difference = cv2.absdiff(blue[:, 1:], blue[:, :-1])

@@ -53,7 +53,7 @@ class EvidenceWeights:
 
 
 class Report(NamedTuple):
-    """What tells whether a track's report is right.
+    """Evidence of whether a track's report is right.
 
     Attributes:
         log_odds: of the track, averaged over its frames.

@@ -17,7 +17,7 @@ from mvuav_ros.vision.approach.tuning import ROAD
 
 @dataclass(frozen=True)
 class EdgeProfile:
-    """What tells the strip from the land beside it.
+    """What distinguishes the strip from the land beside it.
 
     Lengths are in widths of the strip.
 
@@ -50,25 +50,20 @@ class Target:
     edges move apart by that many pixels per pixel below the horizon, at any focal length.
 
     Attributes:
-        look: what tells it from the land. Painted lines are looked for everywhere: the camera is
+        look: how it differs from the land. Painted lines are looked for everywhere: the camera is
             taken to be level, its horizon where they meet. Other strips are looked for below the
             horizon.
-        usual_widths: width over height below and above which a shape is less and less likely.
+        narrowest: width over height of a lane.
         widest: greatest width over height of a shape that is followed.
-        usual_offset: of the camera from the strip's middle, in widths, above which a shape is less
-            and less likely.
-        offset_spread: standard deviation of offsets beyond.
         farthest_aside: most offset of a shape that is followed.
         least_support: of the edges, 0 to 1, below which a shape counts as not seen.
-        start_score: merit above which a frame speaks for a shape.
+        start_score: quality above which a frame speaks for a shape.
         keep_score: quality below which a shape is no longer believed.
     """
 
     look: EdgeProfile
-    usual_widths: tuple[float, float]
+    narrowest: float
     widest: float
-    usual_offset: float
-    offset_spread: float
     farthest_aside: float
     least_support: float
     start_score: float
@@ -79,10 +74,8 @@ _LANE = Target(
     look=EdgeProfile(
         gap=-0.008, least_gap=-9.0, inset=0.05, inside=0.45, flank=0.03, floor=5.0, painted=True
     ),
-    usual_widths=(1.6, 4.0),
+    narrowest=1.12,
     widest=9.0,
-    usual_offset=0.25,
-    offset_spread=0.1,
     farthest_aside=0.5,
     least_support=0.3,
     start_score=0.5,
@@ -90,10 +83,8 @@ _LANE = Target(
 )
 _PIPELINE = Target(
     look=EdgeProfile(),
-    usual_widths=(0.03, 0.6),
+    narrowest=0.03,
     widest=2.0,
-    usual_offset=2.0,
-    offset_spread=2.0,
     farthest_aside=6.0,
     least_support=0.15,
     start_score=1.0,
@@ -106,57 +97,16 @@ Features = NDArray[np.float32]
 CHANNELS = 2
 
 
-@dataclass(frozen=True)
-class Colours:
-    """How colours are taken before they are compared.
-
-    Attributes:
-        white: factors of blue, green and red that make white things white.
-        gain: factor of the colourfulness.
-    """
-
-    white: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    gain: float = 1.0
-
-
-PLAIN = Colours()
-
-
-def white_of(pixels: NDArray[Any]) -> tuple[float, float, float]:
-    """Factors of blue, green and red that take the tint from the brightest pixels."""
-    some = pixels[:: ROAD.white_step, :: ROAD.white_step].reshape(-1, 3).astype(np.float32)
-    brightness = some @ OPPONENT[0]
-    brightest = some[brightness >= np.percentile(brightness, ROAD.white_percentile)].mean(axis=0)
-    factors = np.clip(
-        brightest.mean() / np.maximum(brightest, 1.0), 1 / ROAD.max_cast, ROAD.max_cast
-    )
-    factors /= np.clip(factors, 1 / ROAD.usual_cast, ROAD.usual_cast)
-    blue, green, red = (float(factor) for factor in factors)
-    return blue, green, red
-
-
-def features_of(pixels: NDArray[Any], colours: Colours = PLAIN, smoothing: int = 1) -> Features:
-    """Brightness and colourfulness.
+def features_of(pixels: NDArray[Any]) -> Features:
+    """Brightness and colourfulness of pixels (rows, columns) or (rows, columns, 3), blue first.
 
     Pavement is greyer than what grows beside it, whether it is darker or brighter; and what is as
     colourful as its surroundings, such as one field beside another, does not stand out.
-
-    Args:
-        pixels: (rows, columns) or (rows, columns, 3), blue first; 8 or 16 bits.
-        colours: of the image.
-        smoothing: columns, odd, over which colour (not brightness) is averaged, by a Gaussian.
     """
     levels = grey_levels(pixels)
     if pixels.ndim == 2:
         return np.stack([levels, np.zeros_like(levels)])
-    matrix = OPPONENT.copy()
-    matrix[1:] *= np.multiply(colours.white, colours.gain, dtype=np.float32)
-    opponent = cv2.transform(levels, matrix)
-    brightness, blue_yellow, red_green = cv2.split(opponent)
-    if smoothing > 1:
-        # Before the magnitude, which would take noise for colour.
-        blue_yellow = cv2.GaussianBlur(blue_yellow, (smoothing, 1), 0)
-        red_green = cv2.GaussianBlur(red_green, (smoothing, 1), 0)
+    brightness, blue_yellow, red_green = cv2.split(cv2.transform(levels, OPPONENT))
     # cv2.magnitude rounds as the arrays happen to lie in memory; results must repeat.
     blue_yellow *= blue_yellow
     red_green *= red_green
@@ -417,7 +367,7 @@ def find_lanes(table: Table, target: Target) -> Shapes:
     for place_left, left, votes_left in lines:
         for place_right, right, votes_right in lines:
             ratio = right - left
-            if not 0.7 * target.usual_widths[0] < ratio < target.widest:
+            if not target.narrowest < ratio < target.widest:
                 continue
             if abs(left + right) / 2 / ratio > target.farthest_aside:
                 continue

@@ -14,8 +14,6 @@ from mvuav_ros.vision.approach.edges import Edges, LevelledFrame, Strip, sample_
 from mvuav_ros.vision.approach.evidence import Table, row_sums
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.road import (
-    PLAIN,
-    Colours,
     EdgeProfile,
     Features,
     Search,
@@ -23,7 +21,6 @@ from mvuav_ros.vision.approach.road import (
     features_of,
     find_lanes,
     score_strips,
-    white_of,
 )
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tracker import Sight, StripTracker
@@ -40,7 +37,6 @@ class View(NamedTuple):
         table: row sums of the levelled working image's features.
         horizon_row: of the levelled working image, px, if it is seen.
         look: of the target, on this land.
-        colours: with which the features were made.
         registration: of the working images.
     """
 
@@ -48,7 +44,6 @@ class View(NamedTuple):
     table: Table
     horizon_row: float | None
     look: EdgeProfile
-    colours: Colours
     registration: Registration
 
 
@@ -57,9 +52,9 @@ class RoadTrack(FollowedStrip):
 
     Attributes:
         contrast: (channels,) inside minus outside.
-        quality: strip score times the support of the edges, averaged over the last frames.
-        merit: the same, less for what is unusual; the log odds are its logarithm.
-        evidence: sum of merit above the target's ``start_score``, limited.
+        quality: strip score times the support of the edges, averaged over the last frames; the log
+            odds are its logarithm.
+        evidence: sum of quality above the target's ``start_score``, limited.
     """
 
     max_misses = 10
@@ -71,19 +66,13 @@ class RoadTrack(FollowedStrip):
         super().__init__(strip, math.log(score))
         self.target = target
         self.contrast = contrast
-        self.quality = self.merit = self.evidence = 0.0
-
-    @property
-    def standing(self) -> float:
-        """What is unusual weighs against what is new, not against what has long been followed."""
-        certain = self.evidence >= ROAD.certain
-        return math.log(max(self.quality, _NOTHING)) if certain else self.log_odds
+        self.quality = self.evidence = 0.0
 
     @property
     def showable(self) -> bool:
         """Enough frames have spoken for it, and the newest do as well."""
         believed = self.evidence >= ROAD.convincing and self.age >= ROAD.min_age
-        return believed and self.merit >= self.target.start_score
+        return believed and self.quality >= self.target.start_score
 
     def covers(self, strip: Strip) -> bool:
         """Whether a strip is as wide and at the same place: lanes lie beside and within roads."""
@@ -105,7 +94,7 @@ class RoadTrack(FollowedStrip):
         if not np.isfinite(strip).all():
             self.give_up()
             return
-        edges = find_edges(view.frame, strip, self.contrast, target.look.brightness, view.colours)
+        edges = find_edges(view.frame, strip, self.contrast, target.look.brightness)
         left, right = (edge.support for edge in edges)
         # A pipeline's edge may be hidden on one side.
         support = math.sqrt(left * right) if view.look.painted else 0.5 * (left + right)
@@ -121,9 +110,8 @@ class RoadTrack(FollowedStrip):
         credible = self._credibility(strip[1], row, view.table.shape[1])
         score = float(scores.score[0]) * sharp * credible
         self.quality += max(ROAD.memory, 1.0 / self.age) * (score - self.quality)
-        self.merit = self.quality * self._likelihood()
-        self.log_odds = math.log(max(self.merit, _NOTHING))
-        change = self.merit - target.start_score
+        self.log_odds = math.log(max(self.quality, _NOTHING))
+        change = self.quality - target.start_score
         self.evidence = min(max(self.evidence + change, 0.0), ROAD.certain)
         seen = score > 0.5 * target.keep_score and sharp > ROAD.min_sharp
         self.points = edges if seen else None
@@ -157,41 +145,22 @@ class RoadTrack(FollowedStrip):
             max((reached - ROAD.high_end) / (ROAD.low_end - ROAD.high_end), 0.0), 1.0
         )
 
-    def _likelihood(self) -> float:
-        """1 for the usual offsets and widths, less beyond."""
-        left, right = self.shape.slopes
-        target, width = self.target, max(right - left, 1e-6)
-        aside = max(0.0, abs(left + right) / 2 / width - target.usual_offset)
-        narrow, usual = target.usual_widths
-        wide = max(0.0, math.log(width / usual), math.log(narrow / width)) / ROAD.width_spread
-        return math.exp(-0.5 * ((aside / target.offset_spread) ** 2 + wide**2))
-
 
 def find_edges(
-    frame: LevelledFrame,
-    strip: Strip,
-    contrast: NDArray[np.float64],
-    brightness: float,
-    colours: Colours = PLAIN,
+    frame: LevelledFrame, strip: Strip, contrast: NDArray[np.float64], brightness: float
 ) -> Edges:
     """Measure the edges of a strip whose inside has a contrast (channels,) to its outside.
 
-    ``brightness`` is its weight against colourfulness; the contrast was measured with ``colours``.
+    ``brightness`` is its weight against colourfulness.
     """
     sampled = sample_edges(frame, strip)
     weights = np.array([brightness, 1.0])
     weighted = contrast * weights
     size = float(np.hypot(*weighted))
     direction = weighted * weights / max(size, 1e-6)
-
-    def steps_of(smoothing: int) -> NDArray[Any]:
-        features = features_of(sampled.pixels, colours, smoothing)
-        profile = direction[0] * features[0] + direction[1] * features[1]
-        clipped: NDArray[Any] = np.clip(sampled.steps(profile), 0.0, size)
-        return clipped
-
-    # Noise of colour hides the line, smoothing it moves the steps: each for what it leaves alone.
-    return sampled.fit(steps_of(1), steps_of(ROAD.colour_smoothing), size)
+    features = features_of(sampled.pixels)
+    profile = direction[0] * features[0] + direction[1] * features[1]
+    return sampled.fit(np.clip(sampled.steps(profile), 0.0, size), size)
 
 
 class RoadTracker(StripTracker[RoadTrack]):
@@ -202,7 +171,6 @@ class RoadTracker(StripTracker[RoadTrack]):
         self.target = target
         self.below_horizon = not target.look.painted
         self._look = target.look
-        self._colours = PLAIN
         self._search: Search | None = None
         self._table: Table | None = None
 
@@ -219,12 +187,11 @@ class RoadTracker(StripTracker[RoadTrack]):
             # Nothing is looked for in the sky.
             first_row = max(0, int(row) - ROAD.rows_above_horizon)
             first_row = min(first_row, level.height - ROAD.min_land)
-        colours = self._colours_of(pixels)
-        features = features_of(level.turned(pixels, first_row), colours)
+        features = features_of(level.turned(pixels, first_row))
         self._table = table = row_sums(features, first_row, self._table)
         if row is not None:
             self._adapt(features[:, max(0, int(row) - first_row) :])
-        view = View(frame, table, row, self._look, colours, self._registration)
+        view = View(frame, table, row, self._look, self._registration)
         self._turn(level)
         for track in self.tracks:
             track.step(view)
@@ -240,7 +207,7 @@ class RoadTracker(StripTracker[RoadTrack]):
 
     def _promising(self, track: RoadTrack) -> bool:
         tried = track is not self.best and track.age >= ROAD.trial_frames
-        hopeless = track.merit <= ROAD.min_merit * self.target.start_score
+        hopeless = track.quality <= ROAD.min_quality * self.target.start_score
         return not (track.lost or (tried and hopeless))
 
     def _adapt(self, land: Features) -> None:
@@ -262,20 +229,6 @@ class RoadTracker(StripTracker[RoadTrack]):
         floor = ROAD.floor_per_texture * math.hypot(brightness * texture[0], texture[1])
         floor = min(max(floor, ROAD.min_floor), look.floor)
         self._look = replace(look, brightness=brightness, floor=floor)
-        # Haze and weak colours fade land and runway alike, and so the land's texture too.
-        weak = ROAD.colour_per_brightness * texture[0] / max(texture[1] / self._colours.gain, 1e-3)
-        gain = min(max(weak, 1.0), ROAD.max_colour_gain)
-        self._colours = replace(self._colours, gain=self._blend(self._colours.gain, gain))
-
-    def _colours_of(self, pixels: NDArray[Any]) -> Colours:
-        if not self._look.painted and pixels.ndim == 3:
-            blue, green, red = map(self._blend, self._colours.white, white_of(pixels))
-            self._colours = replace(self._colours, white=(blue, green, red))
-        return self._colours
-
-    def _blend(self, old: float, new: float) -> float:
-        """What colours are like does not change fast; the first image counts alone."""
-        return new if self._frame == 0 else old + ROAD.colour_memory * (new - old)
 
     def _start(self, view: View) -> None:
         """Follow the best candidates that are not followed yet."""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation, turn_edge
-from mvuav_ros.vision.approach.edges import EdgePoints, Edges, Strip
-from mvuav_ros.vision.approach.search import Strips
+from mvuav_ros.vision.approach.edges import EdgePoints, Edges, Strip, Strips
 from mvuav_ros.vision.approach.tuning import STRIP
 
 
@@ -250,11 +249,6 @@ class FollowedStrip:
     @property
     def rank(self) -> float:
         """Log odds with which it stands against other tracks."""
-        return self.log_odds
-
-    @property
-    def standing(self) -> float:
-        """Log odds that another track must exceed, while this is the one that is shown."""
         return self.log_odds
 
     @property

@@ -1,7 +1,7 @@
 """One possible runway followed from frame to frame, as several strips that may be it.
 
 A runway is a strip within strips: its shoulders around it, side stripes, a streak of rubber. Which
-of them is the runway one frame seldom tells. All keep their places in the runway's own
+of them is the runway one frame seldom shows. All keep their places in the runway's own
 coordinates, columns in widths from its left edge, which do not change as the aircraft moves. They
 are weighed anew in every few frames, and what is followed and reported is their mean, weighted by
 what many frames together say of each.
@@ -17,12 +17,17 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
-from mvuav_ros.vision.approach.candidates import LevelledImage, describe_around, ends_of
-from mvuav_ros.vision.approach.edges import EdgeLook, Edges, LevelledFrame, Strip
+from mvuav_ros.vision.approach.edges import (
+    EdgeLook,
+    Edges,
+    LevelledFrame,
+    Strip,
+    Strips,
+    shows_shoulders,
+)
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import log_odds_of
-from mvuav_ros.vision.approach.search import Strips
-from mvuav_ros.vision.approach.shoulders import shows_shoulders
+from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
 from mvuav_ros.vision.approach.side_lines import LinedEdges
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import Scene
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
-from mvuav_ros.vision.approach.candidates import (
-    NO_CANDIDATES,
-    Candidates,
-    LevelledImage,
-    find_candidates,
-)
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.probability import Report, confidence_weights, log_odds_of
-from mvuav_ros.vision.approach.search import fan_jobs
+from mvuav_ros.vision.approach.search import (
+    NO_CANDIDATES,
+    Candidates,
+    LevelledImage,
+    fan_jobs,
+    find_candidates,
+)
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.track import RunwayTrack, View
 from mvuav_ros.vision.approach.tuning import DETECTOR, SEARCH, TRACKER
@@ -76,7 +76,7 @@ class Sight(NamedTuple):
 
     @classmethod
     def from_attitude(cls, row: float, slope: float) -> Sight:
-        """A sensor has told the horizon's row and slope."""
+        """A sensor has given the horizon's row and slope."""
         reach = SEARCH.attitude_reach
         ranges = [SearchRange(slope, row - reach, row + reach)]
         return cls(row, ranges, (row, SEARCH.attitude_sigma), True)
@@ -155,7 +155,7 @@ class StripTracker(Generic[TrackT]):
         if self.best not in self.tracks:
             self.best = None
         for track in self.tracks:
-            better = self.best is None or track.rank > self.best.standing + self._switch_margin
+            better = self.best is None or track.rank > self.best.rank + self._switch_margin
             if better and track.showable:
                 self.best = track
 
@@ -208,7 +208,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
 
     @property
     def report(self) -> Report | None:
-        """What tells whether the best track is right."""
+        """Evidence of whether the best track is right."""
         best = self.best
         if best is None:
             return None

@@ -81,7 +81,7 @@ class MotionTuning:
     period: int = 3  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
-    # px by which the ground must have moved before standing still tells anything
+    # px by which the ground must have moved before standing still says anything
     min_moved: float = 1.2
     min_moving: int = 10  # corners that moved, for a map to be known
     min_inliers: float = 0.6  # share of them that fit one map
@@ -148,7 +148,7 @@ class LinesTuning:
     beyond: float = 0.16  # of a line's middle, where its outer side may be
     apart: float = 0.12  # between lines that are not one
     noise: float = 0.5  # grey levels of ridges that are taken to be everywhere
-    max_width: float = 90.0  # px of the near end, beyond which threshold markings are told apart
+    max_width: float = 90.0  # px of the near end, beyond which threshold markings are distinguished
     min_clearness: float = 1.2  # of the fainter line, in usual ridges of the place
     min_depth: float = 2.0  # grey levels below a line that are dark
     max_ridge: float = 4.0  # usual ridges: more counts as that, so that one lamp is not a line
@@ -197,7 +197,7 @@ class SearchTuning:
     samples: int = 8  # rows compared in the search
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
     steepest: float = 1.8  # columns per row of the flattest edge searched
-    narrowest: float = 6.0  # px; a narrower near end tells nothing
+    narrowest: float = 6.0  # px; a narrower near end says nothing
     widest: float = 1.5  # width over camera height of what is searched (a flare is followed only)
     # the same of a strip whose edges meet above the image; simulated flights that look down
     widest_above: float = 3.0
@@ -264,7 +264,7 @@ class StripTuning:
     margin_above: float = 18.0  # px above the vanishing point
     depth_below: float = 2.7  # depths of the near end
     points: int = 12  # of a mean's edge
-    min_width: float = 5.0  # px of the near end: less cannot be told from specks in clouds
+    min_width: float = 5.0  # px of the near end: less cannot be distinguished from specks in clouds
     # px: of what meets above that row ``min_below_top`` must be in view. Run 2 below its
     # horizon
     top_row: float = 6.0
@@ -357,10 +357,6 @@ class TrackerTuning:
 class RoadTuning:
     """Of roads' lanes and pipelines. The country and the forest road."""
 
-    white_percentile: float = 97.0  # of brightness, from which on pixels are taken to be white
-    max_cast: float = 1.3  # factor of one colour in a tint
-    usual_cast: float = 1.12  # blue sky may be the brightest: only what is beyond this is a tint
-    white_step: int = 4  # px between the pixels looked at
     min_flank: float = 1.5  # px beside an edge that are compared
     max_flank: float = 24.0  # px, likewise
     first_depth: float = 2.0  # px below the vanishing point, from which rows count
@@ -370,7 +366,7 @@ class RoadTuning:
     ratios: tuple[float, float, float] = (0.1, 0.2, 0.4)
     samples: int = 6  # rows compared
     taper: float = 0.45  # depth of a band's first row, in depths of its last
-    narrowest: float = 3.0  # px; a narrower near end tells nothing
+    narrowest: float = 3.0  # px; a narrower near end says nothing
     max_beyond: float = 0.2  # widths outside the image at which a vanishing point is looked for
     search_share: float = 0.25  # of all places, looked up in one frame
     max_of_band: int = 3  # strips of a band
@@ -387,8 +383,6 @@ class RoadTuning:
     same_slope: float = 0.15  # columns per row, likewise
     memory: float = 0.15  # share of the newest frame in what a track remembers
     horizon_sigma: float = 4.0  # px of the vanishing point about the horizon
-    # samples across an edge, to find its line in: JPEG rounds colour coarsely
-    colour_smoothing: int = 13
     support_range: float = 0.25  # above the target's, at which support is full
     min_sharp: float = 0.2  # share of that
     # px from the horizon to where edges meet; beyond, less and less likely
@@ -396,12 +390,11 @@ class RoadTuning:
     # share of the image's height at which a strip under the camera ends: of no road
     high_end: float = 0.6
     low_end: float = 0.8  # likewise, of any
-    # sum of merit above the target's ``start_score``, with which a track is shown
+    # sum of quality above the target's ``start_score``, with which a track is shown
     convincing: float = 7.0
     certain: float = 10.0  # likewise, above which more does not count
     min_age: int = 8  # frames until then
     fades: float = 0.8  # factor of the confidence for a frame in which it is not seen
-    width_spread: float = 0.6  # natural logarithm, standard deviation of widths beyond the usual
     max_tracks: int = 4  # followed at a time
     switch_margin: float = 0.26  # log odds by which another track must be better than that shown
     search_period: int = 4  # frames from one search to the next while a track is shown
@@ -413,14 +406,10 @@ class RoadTuning:
     # contrast that speaks neither for nor against, over the land's texture
     floor_per_texture: float = 2.1
     min_floor: float = 3.0  # grey levels
-    # texture of colourfulness over that of brightness in fine weather
-    colour_per_brightness: float = 0.36
-    max_colour_gain: float = 3.0  # by which weaker colours are amplified
-    colour_memory: float = 0.1  # share of a new frame in what colours are like
     min_land: int = 8  # rows
     rows_above_horizon: int = 24  # that are kept
-    trial_frames: int = 12  # after which a track of less than ``min_merit`` is given up
-    min_merit: float = 0.5  # share of ``start_score``
+    trial_frames: int = 12  # after which a track of less than ``min_quality`` is given up
+    min_quality: float = 0.5  # share of ``start_score``
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from mvuav_ros.cli.bench import replay
+from mvuav_ros.cli.bench import replay_cases as replay
 from mvuav_ros.cli.bench.case import measure
 
 

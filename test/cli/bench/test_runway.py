@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.cli.bench import runway
+from mvuav_ros.cli.bench import vision_cases as runway
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_ros.vision.runway.edges import automatic_threshold
 

@@ -24,9 +24,8 @@ from support.commands import (
 )
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
-from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
-from mvuav_ros.offline.replay.many import Event
-from mvuav_ros.offline.replay.outputs import plan
+from mvuav_ros.offline.replay.batch import Event
+from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt, plan
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.recordings.recording import RecordedMessage
 
@@ -56,7 +55,7 @@ def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
         for number, job in enumerate(jobs):
             yield number, attempt(job, lambda _: None, stop)
 
-    monkeypatch.setattr('mvuav_ros.cli.commands.replay_reports.run_jobs', run)
+    monkeypatch.setattr('mvuav_ros.offline.replay.batch.run_jobs', run)
 
 
 def test_jobs_give_what_single_runs_give(bags: list[Path], tmp_path: Path) -> None:
@@ -249,7 +248,7 @@ def test_dask_missing_or_away(
     address = 'tcp://127.0.0.1:1'
     if with_files:
         pytest.importorskip('distributed', reason='Dask is not installed')
-        monkeypatch.setattr('mvuav_ros.offline.replay.cluster._CONNECT_TIME', 1)
+        monkeypatch.setattr('mvuav_ros.offline.replay.batch._CONNECT_TIME', 1)
         words = 'no Dask scheduler answers there'
     else:
         monkeypatch.setitem(__import__('sys').modules, 'distributed', None)

@@ -10,11 +10,9 @@ from mvuav_ros.vision.approach.attitude import Derotation, line_through, turn_ed
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.evidence import row_sums, shrink_levels
 from mvuav_ros.vision.approach.road import (
-    Colours,
     EdgeProfile,
     features_of,
     score_strips,
-    white_of,
 )
 from mvuav_ros.vision.approach.road_tracker import find_edges
 
@@ -125,17 +123,3 @@ def test_an_even_image_supports_no_edge():
         # But for the rounding of a smoothed image.
         assert points.support < 1e-6
         assert (points.weights == 0).all()
-
-
-def test_a_tinted_or_faded_image_has_the_same_white():
-    even = np.full((240, 320, 3), (60, 130, 110), np.uint8)
-    even[:60] = (200, 200, 200)
-    assert white_of(even) == pytest.approx((1, 1, 1))
-    tinted = even.copy()
-    tinted[:60] = (230, 200, 170)
-    blue, green, red = white_of(tinted)
-    before = features_of(tinted)[1][:60]
-    after = features_of(tinted, Colours(white=(blue, green, red)))[1][:60]
-    assert after.mean() < 0.8 * before.mean()
-    plain = features_of(even, Colours())[1]
-    assert features_of(even, Colours(gain=2.0))[1] == pytest.approx(2 * plain)

@@ -1,4 +1,4 @@
-"""How fast one recording is replayed, by one process and by two, beside what anybody needs."""
+"""How fast one recording is replayed, by one thread and by two, beside what anybody needs."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _LEDS = ((-200, 0), (-72, -26), (0, -84), (72, -26), (200, 0))
 
 
 class _Replay(NamedTuple):
-    """A replay of a bag with nodes by so many processes, each with a core; no nodes: the floor."""
+    """A replay of a bag with nodes by so many threads, each with a core; no nodes: the floor."""
 
     bag: Path
     nodes: tuple[str, ...]
-    processes: int = 1
+    threads: int = 1
 
 
 def replay_cases(frames: int = _RATE * 15) -> list[Case]:
@@ -90,18 +90,18 @@ def _cases_of(
 
 
 def _do(replay: _Replay, _report: object, stop: Any) -> int:
-    """Runs in the worker: as many cores as processes, and the frames that were replayed."""
+    """Runs in the worker: as many cores as threads, and the frames that were replayed."""
     from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 
     cores = _CORES or sorted(os.sched_getaffinity(0))
     _CORES[:] = cores
-    os.sched_setaffinity(0, set(cores[: replay.processes]))
+    os.sched_setaffinity(0, set(cores[: replay.threads]))
     if not replay.nodes:
         return _floor(replay.bag)
     settings = ReplaySettings({node: {} for node in replay.nodes})
     output = str(replay.bag.with_suffix('.results.mcap'))
     job = ReplayJob(str(replay.bag), output, settings, True)
-    outcome = attempt(job, lambda _: None, stop, replay.processes)
+    outcome = attempt(job, lambda _: None, stop, replay.threads)
     assert outcome.processed == outcome.frames, outcome
     return outcome.processed
 

@@ -1,4 +1,4 @@
-"""A simulated frame as the messages of a recording: image, calibration and truth."""
+"""Messages of a simulated flight: its images, calibration, attitude and truth."""
 
 from __future__ import annotations
 

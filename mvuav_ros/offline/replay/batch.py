@@ -1,20 +1,168 @@
-"""What a batch of replays did, as ``manifest.json`` beside its outputs: what the next one reads."""
+"""Many recordings: each in a process or on a Dask cluster, and the manifest of what was done."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
 import json
+import logging
 import time
+import uuid
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Sequence
 from datetime import UTC, datetime
+from importlib import import_module
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import mvuav_ros
-from mvuav_ros.offline.replay.job import ReplayJob, ReplayOutcome, is_own_input
-from mvuav_ros.offline.replay.provenance import description
-from mvuav_ros.recordings.remote import inside, read_text, size_at, write_text
+from mvuav_ros.offline.processes import Method, Told, run_in_processes
+from mvuav_ros.offline.replay.job import (
+    JobProgress,
+    ReplayJob,
+    ReplayOutcome,
+    attempt,
+    description,
+    is_own_input,
+)
+from mvuav_ros.offline.stopping import Stop
+from mvuav_ros.processing.process_tuning import keep_freed_memory
+from mvuav_ros.recordings.remote import inside, is_url, read_text, size_at, write_text
+from mvuav_ros.sources.source import SourceError
+
+Event = tuple[int, JobProgress | ReplayOutcome]
+"""The number of a job, and how far it is or what became of it."""
+
+
+def run_jobs(jobs: Sequence[ReplayJob], at_once: int, stop: Stop) -> Generator[Event, None, None]:
+    """Do the jobs, so many at a time; interrupted, those under way close their files.
+
+    A process that dies costs its own recording only.
+
+    Yields:
+        Each job's progress and, at its end, its outcome.
+    """
+    # Forked, as importing everything anew takes a second; but fsspec may have begun a thread.
+    remote = any(is_url(job.source) or is_url(job.output) for job in jobs)
+    method: Method = 'spawn' if remote else 'fork'
+    for message in run_in_processes(attempt, jobs, at_once, stop, method=method):
+        if isinstance(message, Told):
+            yield message.number, message.message
+        elif message.result is not None:
+            yield message.number, message.result
+        else:
+            job = jobs[message.number]
+            yield message.number, ReplayOutcome(job.source, job.output, failure=str(message.error))
+
+
+_POLL = 0.1
+_CONNECT_TIME = 10
+_CLOSING_TIME = 30
+"""Seconds that interrupted tasks have to close their files."""
+
+
+def connect(address: str) -> tuple[Any, Any]:
+    """A client of the scheduler at `address`, and the module `distributed`.
+
+    Raises:
+        SourceError: Dask is not installed, or there is no scheduler.
+    """
+    try:
+        distributed: Any = import_module('distributed')
+    except ImportError as error:
+        raise SourceError(
+            f'--dask needs Dask: pip install "mvuav_ros[dask]", here and on the workers ({error})'
+        ) from error
+    # It would log attempt after attempt, with tracebacks.
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_TIME, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise SourceError(f'--dask {address}: no Dask scheduler answers there') from error
+    return client, distributed
+
+
+def run_on_cluster(
+    jobs: Sequence[ReplayJob], address: str, interrupted: Stop
+) -> Generator[Event, None, None]:
+    """Do the jobs on a cluster, as many at a time as its workers have threads.
+
+    Their paths are absolute, or URLs; a job whose worker dies is done again by another. The
+    scheduler's address is such as ``tcp://10.0.0.1:8786``.
+
+    Yields:
+        Each job's progress and, at its end, its outcome.
+
+    Raises:
+        SourceError: Dask is not installed, or there is no scheduler.
+    """
+    client, distributed = connect(address)
+    run = f'mvuav-{uuid.uuid4().hex}'
+    with client:
+        stop = distributed.Event(run, client=client)
+        progress: SimpleQueue[tuple[int, JobProgress]] = SimpleQueue()
+        client.subscribe_topic(run, lambda event: progress.put(_progress(event[1])))
+        numbers = {
+            client.submit(_work, job, number, run, pure=False): number
+            for number, job in enumerate(jobs)
+        }
+        waiting = set(numbers)
+        asked = 0.0
+        while waiting and not (asked and time.monotonic() > asked + _CLOSING_TIME):
+            if interrupted and not asked:
+                asked = time.monotonic()
+                stop.set()
+            time.sleep(_POLL)
+            yield from _drained(progress)
+            for future in [future for future in waiting if future.done()]:
+                waiting.discard(future)
+                number = numbers[future]
+                yield number, _outcome(future, jobs[number])
+
+
+def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
+    """Runs on a worker."""
+    distributed: Any = import_module('distributed')
+    worker = distributed.get_worker()
+    asked_for = distributed.Event(run)
+    stop = Stop()
+    looked = time.monotonic()
+
+    def report(progress: JobProgress) -> None:
+        nonlocal looked
+        worker.log_event(run, [number, *progress])
+        if progress.done == 0 or time.monotonic() > looked + 0.5:
+            looked = time.monotonic()
+            if asked_for.is_set():
+                stop.request()
+
+    keep_freed_memory()
+    try:
+        return attempt(job, report, stop)
+    finally:
+        stop.close()
+
+
+def _progress(message: Any) -> tuple[int, JobProgress]:
+    number, name, done, total = message
+    return number, JobProgress(name, done, total)
+
+
+def _drained(queue: SimpleQueue[tuple[int, JobProgress]]) -> Iterator[Event]:
+    try:
+        while True:
+            yield queue.get_nowait()
+    except Empty:
+        return
+
+
+def _outcome(future: Any, job: ReplayJob) -> ReplayOutcome:
+    if future.status == 'finished':
+        outcome: ReplayOutcome = future.result()
+        return outcome
+    reason = future.exception() if future.status == 'error' else future.status
+    return ReplayOutcome(job.source, job.output, failure=f'Dask: {" ".join(str(reason).split())}')
+
 
 MANIFEST = 'manifest.json'
 
@@ -154,7 +302,7 @@ def _made_from(job: ReplayJob) -> dict[str, str]:
     """The job's description, with a digest of the settings, which are the same for all."""
     try:
         made_from = description(job.source, job.settings)
-    except Exception:  # whatever keeps it from being read is told by its outcome
+    except Exception:  # whatever keeps it from being read is in its outcome
         return {'version': mvuav_ros.__version__, 'input': job.source}
     settings = made_from.pop('settings')
     return {**made_from, 'settings_sha256': hashlib.sha256(settings.encode()).hexdigest()}

@@ -1,25 +1,28 @@
-"""``mvuav info``: what is inside a recording."""
+"""``mvuav info``, ``repair`` and ``export``: what is in a recording, saved, and as tables."""
 
 from __future__ import annotations
 
 from array import array
 from collections import Counter
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Annotated
+from enum import StrEnum
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.table import Table
 
+from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, say, table_console
 from mvuav_ros.messages.frame import BadFrame
 from mvuav_ros.messages.untrusted import visible
-from mvuav_ros.recordings.remote import is_url, local_copy
+from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output
 from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise
 from mvuav_ros.sources.opening import looks_like_bag, open_source
 from mvuav_ros.sources.source import FrameSource
 
-_MOST_ROWS = 200
+_MAX_ROWS = 200
 
 
 @dataclass
@@ -92,15 +95,15 @@ def _print_recording(summary: RecordingSummary) -> None:
     table = Table(box=None, pad_edge=False)
     for heading in ('topic', 'type', 'count', 'Hz', 'images', 'warnings'):
         table.add_column(heading, overflow='fold')
-    for topic in summary.topics[:_MOST_ROWS]:
+    for topic in summary.topics[:_MAX_ROWS]:
         images = ', '.join(topic.images.formats) if topic.images else ''
         rate = f'{topic.rate_hz:.2f}' if topic.rate_hz else '-'
         cells = topic.name, topic.type, str(topic.count), rate, images, _notes(topic)
         table.add_row(*map(visible, cells))
     table_console(240).print(table)
-    if len(summary.topics) > _MOST_ROWS:
-        say(f'and {len(summary.topics) - _MOST_ROWS} more topics, which --json lists')
-    for skipped in summary.skipped[:_MOST_ROWS]:
+    if len(summary.topics) > _MAX_ROWS:
+        say(f'and {len(summary.topics) - _MAX_ROWS} more topics, which --json lists')
+    for skipped in summary.skipped[:_MAX_ROWS]:
         say(f'skipped: {skipped.name} is {skipped.encoding or "without encoding"}, not CDR')
 
 
@@ -123,3 +126,89 @@ def _print_images(summary: FrameSummary) -> None:
         f'{summary.path}: {summary.frames} frames, {rate}, {summary.duration_s:.2f} s, '
         f'{", ".join(summary.formats) or "nothing that decodes"}'
     )
+
+
+def repair(
+    source: Annotated[str, typer.Argument(metavar='INPUT', help='A bag in any condition.')],
+    output: Annotated[
+        str,
+        typer.Option(
+            '--output', '-o', help='OUT.mcap, or a new folder; or a URL.', show_default=False
+        ),
+    ],
+    storage: Format = Storage.MCAP,
+    split_mb: SplitMb = 0,
+    force: Force = False,
+) -> dict[str, Any]:
+    """Copy every readable message of all topics to a new file, and list what was lost."""
+    from mvuav_ros.recordings.repairing import repair as write
+
+    refuse_to_overwrite(output, force)
+    with local_copy(source) as path, local_output(output) as target, frame_progress() as bar:
+        task = bar.add_task(visible(path.name), total=None)
+        report = write(
+            path,
+            target,
+            overwrite=force,
+            split_bytes=storage.split_bytes(split_mb),
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    say(f'{output}: {sum(report.messages.values())} messages')
+    for topic, count in list(report.messages.items())[:_MAX_ROWS]:
+        say(f'  {topic}: {count}')
+    if len(report.messages) > _MAX_ROWS:
+        say(f'  and {len(report.messages) - _MAX_ROWS} more topics')
+    return {'output': output, 'messages': report.messages}
+
+
+class Form(StrEnum):
+    """Of the files."""
+
+    CSV = 'csv'
+    PARQUET = 'parquet'
+    TUM = 'tum'
+    MOT = 'mot'
+
+
+def export(
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar='RESULTS...', help='Bags of results, or folders of them.'),
+    ],
+    output: Annotated[
+        str,
+        typer.Option(
+            '--output', '-o', help='The folder for the files, or its URL.', show_default=False
+        ),
+    ],
+    form: Annotated[
+        Form,
+        typer.Option(
+            '--format', help='Format of the files; tum: poses for evo, mot: markers for TrackEval.'
+        ),
+    ] = Form.CSV,
+    plot: Annotated[
+        bool, typer.Option('--plot', help='Also draw a page for each flight, and an overview.')
+    ] = False,
+    force: Force = False,
+) -> dict[str, Any]:
+    """Write markers, roll, poses and lines of all flights, one file for each topic."""
+    from mvuav_ros.recordings.exporting import export as write
+    from mvuav_ros.recordings.layout import by_flight, recordings_in
+
+    named = by_flight([each for source in sources for each in recordings_in(source)])
+    refuse_to_overwrite(output, force)
+    with local_output(output) as folder, ExitStack() as copies:
+        flights = {name: copies.enter_context(local_copy(each)) for name, each in named.items()}
+        files = write(flights, folder, form.value, overwrite=force)
+        pictures = []
+        if plot:
+            from mvuav_ros.offline.plots import plot as draw
+
+            pictures = draw(flights, folder / 'plots', overwrite=force)
+    rows = {str(file.relative_to(folder)): count for file, count in files.items()}
+    for name, count in rows.items():
+        say(f'{inside(output, name)}: {count} rows')
+    for picture in pictures:
+        say(inside(output, f'plots/{picture.name}'))
+    return {'files': rows, 'pictures': [f'plots/{picture.name}' for picture in pictures]}

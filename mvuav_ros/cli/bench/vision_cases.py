@@ -1,10 +1,13 @@
-"""Marker detection and tracking beside bare OpenCV, and the worst frames."""
+"""Time per frame of detectors and simulator, beside what any implementation needs."""
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import itertools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +15,12 @@ from numpy.typing import NDArray
 
 from mvuav_ros.cli.bench.case import Action, Case
 from mvuav_ros.parameters.marker_tracker import MODES, MarkerTrackerParameters
+from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.flight import Flight
+from mvuav_ros.simulation.runway_flight import RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
+from mvuav_ros.simulation.tanker_flight import TankerFlight
+from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 from mvuav_ros.vision.image import Image
@@ -19,6 +28,8 @@ from mvuav_ros.vision.markers.results import MarkerResult, MarkerState, Window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
+from mvuav_ros.vision.runway.detector import RunwayDetector
+from mvuav_ros.vision.runway.edges import automatic_threshold
 
 LIMIT = 0.7 * 255
 # Left wing, left stabilizer, rudder, right stabilizer, right wing; px from the tanker's centre.
@@ -194,3 +205,156 @@ def _bare_windows(image: NDArray[np.uint8], windows: tuple[Window, ...]) -> Acti
             cv2.moments(cv2.threshold(window, LIMIT, 255, cv2.THRESH_BINARY)[1])
 
     return run
+
+
+Frame = NDArray[np.uint8]
+Baseline = Callable[[Frame, float], object]
+"""Of a frame and the threshold of its edges."""
+
+_FRAMES = 8
+_VERTICAL = np.ones((3, 1), np.uint8)
+_KERNEL_SUM_AND_SCALE = 8 * 255
+
+
+def runway_cases() -> list[Case]:
+    """The cases of the runway scheme; those with scikit-image only where it is installed.
+
+    Both sides take the same synthetic frames in turn, with the default resolutions and peaks. The
+    baselines get the threshold and the confined channel for nothing, and they correct no lines.
+    """
+    slice_frames = [_runway(320, 240, seed) for seed in range(_FRAMES)]
+    slices = [np.ascontiguousarray(frame[50:130, :, 2]) for frame in slice_frames]
+    whole_frames = [_runway(1280, 720, seed) for seed in range(_FRAMES)]
+    wholes = [np.ascontiguousarray(frame[:, :, 2]) for frame in whole_frames]
+    whole = RunwayDetectorParameters(start_row=0, end_row=0)
+
+    def in_rows(name: str, baseline: Baseline, limit: float) -> Case:
+        ours = _detector(slice_frames, RunwayDetectorParameters())
+        return Case('runway 320x240 rows 50-130', ours, name, _in_turn(baseline, slices), limit)
+
+    cases = [in_rows('OpenCV', _opencv, 1.5)]
+    if importlib.util.find_spec('skimage') is not None:
+        cases.append(in_rows('scikit-image', _scikit_image(), 0.2))
+    ours, theirs = _detector(whole_frames, whole), _in_turn(_opencv, wholes)
+    return [*cases, Case('runway 1280x720 whole frame', ours, 'OpenCV', theirs)]
+
+
+def _detector(frames: list[Frame], parameters: RunwayDetectorParameters) -> Action:
+    detector = RunwayDetector(parameters)
+    endless = itertools.cycle(frames)
+    return lambda: detector.process(next(endless), 0)
+
+
+def _in_turn(process: Baseline, slices: list[Frame]) -> Action:
+    endless = itertools.cycle([(gray, automatic_threshold(gray)) for gray in slices])
+    return lambda: process(*next(endless))
+
+
+def _opencv(gray: Frame, threshold: float) -> object:
+    x = cv2.Sobel(gray, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE)
+    y = cv2.Sobel(gray, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE)
+    limit = threshold * _KERNEL_SUM_AND_SCALE
+    edges = (cv2.magnitude(x, y) > limit).view(np.uint8)
+    opened = cv2.morphologyEx(edges, cv2.MORPH_OPEN, _VERTICAL)
+    return cv2.HoughLines(opened, 2, np.pi / 180, 15)
+
+
+def _scikit_image() -> Baseline:
+    # Its functions have no types; as modules of unknown type they need none.
+    filters, morphology, transform = (
+        importlib.import_module(f'skimage.{name}')
+        for name in ('filters', 'morphology', 'transform')
+    )
+    angles = np.deg2rad(np.arange(-90.0, 90.0))
+
+    def process(gray: Frame, threshold: float) -> object:
+        # Its kernels are divided by 4, and its magnitude is the root of both squares' mean.
+        edges = filters.sobel(gray / 255) / math.sqrt(2) > threshold
+        opened = morphology.opening(edges, _VERTICAL)
+        votes, theta, rho = transform.hough_line(opened, angles)
+        return transform.hough_line_peaks(votes, theta, rho, 5, 5, 15, 3)
+
+    return process
+
+
+def _runway(width: int, height: int, seed: int) -> Frame:
+    """A runway with three painted lines to the horizon, soft grass texture and sensor noise."""
+    random = np.random.default_rng(seed)
+    scale = height / 240
+    grass = random.integers(0, 40, (height // 4, width // 4, 3), dtype=np.uint8)
+    texture = cv2.resize(grass, (width, height), interpolation=cv2.INTER_CUBIC)
+    frame = np.array(texture, np.uint8) + np.array([30, 90, 40], np.uint8)
+    horizon = round((35 + random.uniform(-3, 3)) * scale)
+    frame[:horizon] = (220, 190, 170)
+    apex = width / 2 + random.uniform(-6, 6) * scale, horizon - 10 * scale
+
+    def strip(left: float, right: float, color: tuple[int, int, int]) -> None:
+        corners = [apex, (width / 2 + left * scale, height), (width / 2 + right * scale, height)]
+        points = np.round(np.array(corners) * 16).astype(np.int32)
+        cv2.fillPoly(frame, [points], color, cv2.LINE_AA, 4)
+
+    strip(-64, 64, (100, 100, 100))
+    for left, right in ((-64, -56), (-4, 4), (56, 64)):
+        strip(left, right, (225, 225, 225))
+    # Nothing in the frame is brighter than 225: the sum stays within 8 bits.
+    return frame + random.integers(0, 9, frame.shape, dtype=np.uint8)
+
+
+_APPROACH_FRAMES, _APPROACH_RATES = 40, {(320, 240): 200, (1280, 720): 60}
+"""Width and height, px, to frames per second."""
+_SIMULATED_FRAMES, _SIMULATED_RATE = 100, 60
+
+
+def approach_cases() -> list[Case]:
+    """One case for each size with a limit; one OpenCV thread is the caller's to set."""
+    return [_approach(width, height, rate) for (width, height), rate in _APPROACH_RATES.items()]
+
+
+def _approach(width: int, height: int, rate: int) -> Case:
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    flight = RunwayFlight(RunwaySettings(width=width, height=height, frames=_APPROACH_FRAMES))
+    frames = [flight.frame(index).image.pixels for index in range(_APPROACH_FRAMES)]
+    # There and back, so that nothing jumps.
+    endless = itertools.cycle([*frames, *reversed(frames)])
+    same = itertools.cycle([*frames, *reversed(frames)])
+    return Case(
+        f'approach {width}x{height}',
+        lambda: detector.process(next(endless), 0),
+        'OpenCV lines',
+        lambda: _opencv_lines(next(same)),
+        limit_ms=1e3 / rate,
+        note=f'at least {rate} frames/s',
+    )
+
+
+def _opencv_lines(frame: NDArray[np.uint8]) -> object:
+    """What OpenCV takes for the lines alone: Canny and HoughLinesP, on 320 px of width."""
+    gray = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+    factor = max(1, round(gray.shape[1] / 320))
+    if factor > 1:
+        size = (gray.shape[1] // factor, gray.shape[0] // factor)
+        gray = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
+    edges = cv2.Canny(gray, 60, 150)
+    return cv2.HoughLinesP(edges, 1, np.pi / 180, 40, minLineLength=20, maxLineGap=5)
+
+
+def simulation_cases() -> list[Case]:
+    """One case for each kind of flight; one OpenCV thread is the caller's to set."""
+    size: dict[str, Any] = {'width': 640, 'height': 480, 'frames': _SIMULATED_FRAMES}
+    docking = TankerSettings(motion='docking', encoding='bgr8', **size)
+    flights: dict[str, Flight[Any]] = {
+        'tanker, mono8': TankerFlight(TankerSettings(**size)),
+        'docking, bgr8': TankerFlight(docking),
+        'runway, bgr8': RunwayFlight(RunwaySettings(**size)),
+    }
+    return [_simulation(name, flight) for name, flight in flights.items()]
+
+
+def _simulation(name: str, flight: Flight[Any]) -> Case:
+    indices = itertools.cycle(range(_SIMULATED_FRAMES))
+    return Case(
+        f'simulated 640x480 {name}',
+        lambda: flight.frame(next(indices)),
+        limit_ms=1e3 / _SIMULATED_RATE,
+        note=f'at least {_SIMULATED_RATE} frames/s',
+    )
