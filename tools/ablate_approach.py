@@ -21,31 +21,21 @@ from approach_mechanisms import WITHOUT
 from approach_rows import Frame, Row
 
 FULL = 'nothing'
-ROWS = (
-    'run2 colour image', 'run3 colour image', 'run5 grey image', 'rural_road_720 colour',
-    'simulated S-turn, attitude', 'simulated noise', 'simulated pitch 26, attitude',
-    'simulated pitch 32, shaken, attitude', 'simulated bank 20',
-)  # fmt: skip
-"""Parts of the names of the rows that are compared."""
-KINDS = ('runs', 'no horizon', 'roads', 'simulated')
-IN_STILLS = (
-    FULL, 'overlays', 'horizon in the image', 'coarsest level', 'edges in paint', 'third track',
-)  # fmt: skip
-"""What tells in the first frames already: the cockpit stills are counted as well."""
+KINDS = ('runs', 'no horizon', 'simulated')
+ROWS = ('run2 colour image', 'run3 colour image', 'run5 grey image', 'simulated S-turn, attitude')
+"""Parts of the names of the rows that are compared, unless others are asked for."""
 CHANGED = 2.0
 """Percent of a row's frames: fewer are noise."""
 
 
-def evaluated(footage: Path, folder: Path, name: str) -> list[Row]:
+def evaluated(options: argparse.Namespace, name: str) -> list[Row]:
     """The rows without a mechanism, in a process of its own."""
-    path = folder / f'{name.replace(" ", "_")}.json'
+    path = options.folder / f'{name.replace(" ", "_")}.json'
     if not path.exists():
         part = path.with_suffix('.part')
         command = [sys.executable, str(Path(__file__).with_name('evaluate_approach.py'))]
-        stills = ('stills',) if name in IN_STILLS else ()
-        command += [str(footage), '--kinds', *KINDS, *stills, '--only', *ROWS, *stills]
-        command += ['--json', str(part)]
-        command += ['--clip-step', '8', '--still-frames', '8', '--cache', str(folder / 'frames')]
+        command += [str(options.footage), '--kinds', *options.kinds, '--only', *options.rows]
+        command += ['--json', str(part), '--cache', str(options.folder / 'frames')]
         if name != FULL:
             command += ['--without', name]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
@@ -75,14 +65,16 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument('footage', type=Path)
     parser.add_argument('folder', type=Path)
-    parser.add_argument('--only', nargs='*', choices=WITHOUT)
+    parser.add_argument('--only', nargs='*', choices=WITHOUT, help='mechanisms; all if missing')
+    parser.add_argument('--kinds', nargs='*', default=KINDS, help='as of evaluate_approach.py')
+    parser.add_argument('--rows', nargs='*', default=ROWS, help='parts of their names')
     options = parser.parse_args()
-    full = evaluated(options.footage, options.folder, FULL)
+    full = evaluated(options, FULL)
     titles = ('right', 'wrong', 'better, worse')
     print('| without | ms |', ' | '.join(f'{t} ({h})' for h in ('tuned', 'check') for t in titles))
     print('|' + '---|' * 8)
     for name in (FULL, *(WITHOUT if options.only is None else options.only)):
-        rows = evaluated(options.footage, options.folder, name)
+        rows = evaluated(options, name)
         spent = math.fsum(row.later_ms for row in rows) / len(rows)
         print(f'| {name} | {spent:.1f} |', ' | '.join(table(rows, full)), '|', flush=True)
 

@@ -26,9 +26,8 @@ from mvuav_ros.cli.terminal import report_account, say
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account, collecting
+from mvuav_ros.recordings.account import Account, RecordingError, collecting
 from mvuav_ros.recordings.limits import allowing
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.sources.source import SourceError
 
 _INPUTS = frozenset({'source', 'sources'})

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.remote import is_url, size_at
 
 OptionsT = TypeVar('OptionsT')

@@ -10,6 +10,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MalformedMessageError
 
 _VISION_MSGS = {
@@ -206,9 +207,3 @@ class Schema(NamedTuple):
 
     encoding: str
     text: str
-
-
-def normalised_type(name: str) -> str:
-    """'pkg/Type' as 'pkg/msg/Type'; other names unchanged."""
-    parts = name.split('/')
-    return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.definitions import normalised_type
 from mvuav_ros.messages.image_files import MAX_PIXELS
 from mvuav_ros.messages.images import (
     IMAGE,
@@ -21,6 +20,7 @@ from mvuav_ros.messages.images import (
     view_coded_image,
     view_image,
 )
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import CdrReader, CdrWriter
-from mvuav_ros.messages.definitions import normalised_type
 from mvuav_ros.messages.image_files import (
     MAX_PIXELS,
     check_size,
     compressed_size,
     decode_file_bytes,
 )
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 IMAGE = 'sensor_msgs/msg/Image'

@@ -19,6 +19,12 @@ def type_name(kind: type) -> str:
     return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
 
 
+def normalised_type(name: str) -> str:
+    """'pkg/Type' as 'pkg/msg/Type'; other names unchanged."""
+    parts = name.split('/')
+    return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name
+
+
 def stamp_ns_of(header: Any) -> int:
     """The stamp of a std_msgs/Header, ns."""
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)

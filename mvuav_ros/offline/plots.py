@@ -16,8 +16,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.tables import ResultRows
 
 Array = NDArray[np.float64]

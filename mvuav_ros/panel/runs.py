@@ -25,8 +25,8 @@ from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.sanitized import NameRefusedError, checked_name
 from mvuav_ros.parameters.declaration import Value, default_text
 from mvuav_ros.processing.registry import PROCESSORS
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import BAG_SUFFIXES
-from mvuav_ros.recordings.recording import RecordingError
 
 RESULTS = 'results.mcap'
 REPORT = 'report'

@@ -18,6 +18,13 @@ _MAX_ENTRIES = 10_000
 _collected: ContextVar[list[Account] | None] = ContextVar('accounts', default=None)
 
 
+class RecordingError(Exception):
+    """A recording that cannot be read or written; one visible line that says what to do."""
+
+    def __init__(self, text: object) -> None:
+        super().__init__(words(text, MAX_LINE))
+
+
 class _Entry(NamedTuple):
     text: str
     messages: int | None

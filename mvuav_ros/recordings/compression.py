@@ -16,9 +16,8 @@ from typing import Any, BinaryIO, NamedTuple
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import RecordingError
 
 _AT_ONCE = 1 << 26
 _TOO_LARGE = 'it is larger than it says'

@@ -10,9 +10,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mvuav_ros.messages.untrusted import MalformedMessageError
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError, counted
+from mvuav_ros.recordings.recording import counted
 from mvuav_ros.recordings.remote import write_text
 from mvuav_ros.recordings.tables import TABLES, Columns, ResultRows, Table, is_table
 

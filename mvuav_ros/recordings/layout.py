@@ -8,11 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.recording import RecordingError, counted
+from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.recording import counted
 from mvuav_ros.recordings.remote import is_url
 
 IMAGE_SUFFIXES = frozenset(
@@ -59,6 +56,10 @@ def recording_files(path: Path, account: Account) -> list[Path]:
 
 def _listed_names(path: Path, account: Account) -> Sequence[str] | None:
     """The file names in metadata.yaml; None if it is damaged."""
+    # It takes a fifth of a second, and few who ask what a file is need it.
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
     try:
         if not path.is_file() or path.stat().st_size > _MAX_METADATA:
             raise ValueError('no file, or implausibly large')

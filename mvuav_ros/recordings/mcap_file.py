@@ -11,9 +11,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections import Counter
-from collections.abc import Container, Hashable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Container, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -23,25 +21,19 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Statistics
 from mcap.records import Schema as SchemaRecord
-from rosbags.serde import SerdeError
 
-from mvuav_ros.messages.definitions import (
-    Ros1Type,
-    Schema,
-    UnknownTypeError,
-    normalised_type,
-    ros1_type,
-)
-from mvuav_ros.messages.untrusted import words
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import unpack
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
-    READABLE_FORMATS,
+from mvuav_ros.recordings.recording import TopicInfo
+from mvuav_ros.recordings.stored_file import (
+    END_OF_TIME,
+    Channels,
     ChunkTally,
-    RecordedMessage,
-    TopicInfo,
-    counted,
+    RecordingFile,
+    StoredMessage,
 )
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -90,27 +82,17 @@ _MAX_SCHEMAS = 1 << 26
 _PEEK = 1 << 16
 # A chunk whose size is wrong is still good where its checksum holds, up to this size in bytes.
 _CREDIBLE_SIZE = 1 << 26
-# From here on a message is given as a view of its chunk, as two copies would take twice the memory.
-_LARGE = 1 << 24
-_END_OF_TIME = 1 << 64
-
-_Key = tuple[int, str, str, str]
 
 
-class McapFile:
-    """One mcap file, or several that were joined; it is opened anew for every pass."""
-
-    written: int | None = None
-    sound = 0
-    skipped = 0
-    _is_contradicted = False
+class McapFile(RecordingFile):
+    """One mcap file, or several that were joined."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        self._path = path
-        self._limit = limit
+        """See `RecordingFile`."""
+        super().__init__(path, account, limit)
         self._name = path.name
-        self._account = account
-        self._channels = _Channels()
+        self._schemas: dict[int, tuple[str, Schema | None]] = {}
+        self._schema_bytes = 0
         self._indexed = False
         self._scanned = False
 
@@ -120,49 +102,11 @@ class McapFile:
             with self._path.open('rb') as stream:
                 self._indexed = self._read_summary(stream)
                 if not self._indexed:
-                    self._channels = _Channels()
-                    self._channels.counts = Counter()
-                    for channel, _ in self._messages(stream, -1, _END_OF_TIME):
-                        self._channels.count(channel)
+                    self._channels, self._schemas = Channels(), {}
+                    found = self._stored(stream, None, -1, END_OF_TIME)
+                    self._channels.count(number for number, *_ in found)
             self._scanned = True
         return self._channels.listed()
-
-    def messages(
-        self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[RecordedMessage]:
-        """The messages in stored order, ``start_ns`` <= log time < ``end_ns``."""
-        self.channels()
-        self._channels.begin()
-        first = -1 if start_ns is None else start_ns
-        last = _END_OF_TIME if end_ns is None else end_ns
-        unreadable: Counter[str] = Counter()
-        self.sound = self.skipped = 0
-        with self._path.open('rb') as stream:
-            for channel, body in self._messages(stream, first, last):
-                topic = self._channels.topics.get(channel)
-                if topic is None:
-                    unreadable[''] += 1
-                    continue
-                self.sound += 1
-                if topic.serialization_format not in READABLE_FORMATS:
-                    self.skipped += 1
-                    continue
-                _, sequence, stamp_ns, publish_ns = MESSAGE_HEADER.unpack_from(body)
-                if first <= stamp_ns < last and (topics is None or topic.name in topics):
-                    try:
-                        data = self._as_cdr(channel, body[MESSAGE_HEADER.size :])
-                    except SerdeError:
-                        self.sound -= 1
-                        unreadable[topic.name] += 1
-                        continue
-                    yield RecordedMessage(
-                        *(topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos),
-                        *(publish_ns, sequence),
-                    )
-        for name, count in unreadable.items():
-            what = f'{counted(count, "malformed message")} of {name}'
-            what = what if name else f'{counted(count, "message")} of unknown channels'
-            self._lose(('messages', name), f'{what} skipped', count)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata."""
@@ -180,29 +124,41 @@ class McapFile:
                     said = f'{kind.__name__.lower()} at byte {span.body} not read: {error}'
                     self._lose(('extra', span.body), said, 0)
 
-    def _as_cdr(self, channel: int, data: memoryview) -> bytes | memoryview:
-        if channel in self._channels.ros1:
-            return self._channels.ros1[channel].to_cdr(data)
-        return bytes(data) if len(data) < _LARGE else data
-
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Whether the channels could be taken from the file's end, and the data begin likewise."""
-        try:
-            if not self._channels.read_summary(stream):
-                return False
-        except _DefinitionError as error:
-            self._lose('index', str(error), 0)
+        size = stream.seek(0, 2)
+        found = _summary(stream, size)
+        if found is None:
+            self._lose('index', 'its index is missing (was the recording cut off?)', 0)
             return False
+        start, is_intact = found
+        statistics, end = None, size - len(MAGIC)
+        while is_intact and start + HEADER.size <= end:
+            stream.seek(start)
+            opcode, length = HEADER.unpack(stream.read(HEADER.size))
+            start += HEADER.size + length
+            is_intact = opcode in _IN_SUMMARY and start <= end
+            if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
+                is_intact = self._take(opcode, stream.read(length))
+            elif is_intact and opcode == Opcode.STATISTICS:
+                statistics = _statistics(stream.read(length))
+        if not is_intact:
+            self._lose('index', 'its index is damaged', 0)
+            return False
+        if statistics is not None:
+            self._channels.take_counts(statistics.channel_message_counts)
+        if not len(self._channels):
+            return statistics is not None and statistics.message_count == 0
         self._channels.begin()
-        next(self._messages(stream, -1, _END_OF_TIME), None)
-        return not self._is_contradicted
+        next(self._stored(stream, None, -1, END_OF_TIME), None)
+        return not self._channels.is_contradicted
 
-    def _messages(
-        self, stream: BinaryIO, first: int, last: int
-    ) -> Iterator[tuple[int, memoryview]]:
-        """Message records with their channels, whose definitions are taken in on the way."""
+    def _stored(
+        self, stream: BinaryIO, _topics: Container[str] | None, first_ns: int, end_ns: int
+    ) -> Iterator[StoredMessage]:
         walk = _Records(stream, self._name, self._account)
         self._limit.begin()
+        self._schema_bytes = 0
         chunk = ChunkTally(self._name)
         promised: int | None = None
         totals: list[int | None] = []
@@ -216,15 +172,16 @@ class McapFile:
             chunk = ChunkTally(self._name)
             if span.chunk is not None:
                 chunk = ChunkTally(self._name, span.body - HEADER.size)
-                for opcode, body in self._chunk(walk, span, span.chunk, (first, last), chunk):
+                for opcode, body in self._chunk(walk, span, span.chunk, (first_ns, end_ns), chunk):
                     if opcode == Opcode.MESSAGE:
                         chunk.got += 1
-                        yield MESSAGE_HEADER.unpack_from(body)[0], body
+                        yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
                     else:
-                        self._define(opcode, body)
+                        self._take(opcode, body)
             elif span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
                 self._account.note((self._name, 'joined'), f'{self._name}: several, joined in one')
-                self._channels.forget()
+                # The numbers of the next file mean something else.
+                self._channels.known, self._schemas, self._schema_bytes = {}, {}, 0
                 totals += [] if is_closed else [None]
                 is_closed = in_summary = False
             elif span.opcode == Opcode.DATA_END:
@@ -243,9 +200,9 @@ class McapFile:
             elif span.opcode in _IN_CHUNK:
                 body = memoryview(walk.read(span.body, span.length))
                 if span.opcode == Opcode.MESSAGE:
-                    yield MESSAGE_HEADER.unpack_from(body)[0], body
+                    yield *MESSAGE_HEADER.unpack_from(body), body[MESSAGE_HEADER.size :]
                 else:
-                    self._define(span.opcode, body, in_summary=in_summary)
+                    self._take(span.opcode, body, in_summary=in_summary)
         chunk.end(self._account)
         totals += [] if is_closed else [None]
         counts = [total for total in totals if total is not None]
@@ -308,142 +265,28 @@ class McapFile:
                 return bool(header.start_ns <= stamp_ns <= header.end_ns)
         return header.end_ns > 0
 
-    def _define(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> None:
-        try:
-            contradiction = self._channels.define(opcode, body, in_summary=in_summary)
-        except _DefinitionError as error:
-            self._lose('definitions', str(error), 0)
-            return
-        if contradiction:
-            self._is_contradicted = True
-            self._account.note((self._name, contradiction), f'{self._name}: {contradiction}')
-
-    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
-        self._account.lose(self._name, key, f'{self._name}: {text}', count)
-
-
-class _DefinitionError(ValueError):
-    """A schema, channel or index that cannot be used, with the reason in words."""
-
-
-class _Channels:
-    """Channels by their number, as they are defined on the way through the file.
-
-    Attributes:
-        topics: each channel's topic by now.
-        ros1: what converts the messages of a channel that holds ROS 1's.
-        counts: messages of each definition; None if nobody has said or counted them.
-    """
-
-    def __init__(self) -> None:
-        self.topics: dict[int, TopicInfo] = {}
-        self.ros1: dict[int, Ros1Type] = {}
-        self.counts: Counter[_Key] | None = None
-        self._found: dict[_Key, TopicInfo] = {}
-        self._first: dict[int, TopicInfo] = {}
-        self._schemas: dict[int, tuple[str, Schema | None]] = {}
-        self._schema_bytes = 0
-
-    def begin(self) -> None:
-        """Begin at the file's start: until it defines a channel, the first that is known counts."""
-        self.topics = dict(self._first)
-
-    def forget(self) -> None:
-        """Begin another file, joined to the one before: its numbers mean something else."""
-        self.topics = {}
-        self._schemas = {}
-        self._schema_bytes = 0
-
-    def listed(self) -> tuple[TopicInfo, ...]:
-        """Every definition with its number of messages."""
-        if self.counts is None:
-            return tuple(self._found.values())
-        counts = self.counts
-        return tuple(replace(info, message_count=counts[key]) for key, info in self._found.items())
-
-    def count(self, channel: int) -> None:
-        """Count a message, if its channel is known."""
-        if self.counts is not None and channel in self.topics:
-            self.counts[_key(channel, self.topics[channel])] += 1
-
-    def read_summary(self, stream: BinaryIO) -> bool:
-        """Take the channels and counts from the file's end; whether it has them.
-
-        Raises:
-            _DefinitionError: not all of it is sound.
-        """
-        size = stream.seek(0, 2)
-        found = _summary(stream, size)
-        if found is None:
-            raise _DefinitionError('its index is missing (was the recording cut off?)')
-        start, is_intact = found
-        statistics, end = None, size - len(MAGIC)
-        while is_intact and start + HEADER.size <= end:
-            stream.seek(start)
-            opcode, length = HEADER.unpack(stream.read(HEADER.size))
-            start += HEADER.size + length
-            is_intact = opcode in _IN_SUMMARY and start <= end
-            if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
-                self.define(opcode, stream.read(length))
-            elif is_intact and opcode == Opcode.STATISTICS:
-                statistics = _statistics(stream.read(length))
-        if not is_intact:
-            raise _DefinitionError('its index is damaged')
-        if statistics is not None:
-            counts = statistics.channel_message_counts
-            self.counts = Counter({key: counts.get(key[0], 0) for key in self._found})
-        return bool(self._found) or (statistics is not None and statistics.message_count == 0)
-
-    def define(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> str:
-        """Take in a schema or channel record; one of a summary counts where the data have none.
-
-        Returns:
-            In words, how it contradicts what was said of the channel before; '' if it does not.
-
-        Raises:
-            _DefinitionError: it is damaged.
-        """
-        if opcode == Opcode.SCHEMA:
-            self._schema_bytes += len(body)
-            if self._schema_bytes > _MAX_SCHEMAS:
-                raise _DefinitionError('its schemas are implausibly large')
+    def _take(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> bool:
+        """Take in a schema or channel, of the summary what the data lack; whether it is sound."""
+        self._schema_bytes += len(body) if opcode == Opcode.SCHEMA else 0
+        if self._schema_bytes > _MAX_SCHEMAS:
+            self._lose('definitions', 'its schemas are implausibly large', 0)
+            return False
         try:
             record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
         except _PARSE_ERRORS:
-            raise _DefinitionError('a channel or schema record is damaged') from None
+            self._lose('definitions', 'a channel or schema record is damaged', 0)
+            return False
         if opcode == Opcode.SCHEMA:
             text = record.data.decode('utf-8', 'replace')
-            schema = Schema(record.encoding, text) if text else None
             if not (in_summary and record.id in self._schemas):
+                schema = Schema(record.encoding, text) if text else None
                 self._schemas[record.id] = normalised_type(record.name), schema
-            return ''
-        return '' if in_summary and record.id in self.topics else self._take_channel(record)
-
-    def _take_channel(self, channel: Channel) -> str:
-        topic = self._topic(channel)
-        before = self.topics.get(channel.id)
-        self.topics[channel.id] = topic
-        self._first.setdefault(channel.id, topic)
-        self._found.setdefault(_key(channel.id, topic), topic)
-        if before is None or _key(0, before) == _key(0, topic):
-            return ''
-        return (
-            f'channel {channel.id} was said to be {words(before.name)} ({words(before.type)}), '
-            f'and is {words(topic.name)} ({words(topic.type)}) in the data'
-        )
-
-    def _topic(self, channel: Channel) -> TopicInfo:
-        kind, schema = self._schemas.get(channel.schema_id, ('', None))
-        encoding = channel.message_encoding
-        self.ros1.pop(channel.id, None)
-        if encoding == 'ros1':
-            try:
-                self.ros1[channel.id] = ros1_type(kind, schema.text if schema else '')
-                schema = self.ros1[channel.id].schema
-            except UnknownTypeError:
-                encoding = 'ros1 without a valid definition'
-        qos = channel.metadata.get('offered_qos_profiles', '')
-        return TopicInfo(channel.topic, kind, None, encoding, schema, qos)
+        elif not (in_summary and record.id in self._channels.known):
+            kind, schema = self._schemas.get(record.schema_id, ('', None))
+            qos = record.metadata.get('offered_qos_profiles', '')
+            topic = TopicInfo(record.topic, kind, None, record.message_encoding, schema, qos)
+            self._define(record.id, topic)
+        return True
 
 
 class _ChunkHeader(NamedTuple):
@@ -629,10 +472,6 @@ def _contradiction(header: _ChunkHeader, raw: memoryview) -> str:
 
 
 _WRONG_SIZE = 'its size is wrong'
-
-
-def _key(channel: int, topic: TopicInfo) -> _Key:
-    return channel, topic.name, topic.type, topic.serialization_format
 
 
 def _summary(stream: BinaryIO, end: int, base: int = 0) -> tuple[int, bool] | None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 
 from mcap.records import Attachment, Metadata
 
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import (
     CompressionError,
     decompress_file,
@@ -27,19 +27,12 @@ from mvuav_ros.recordings.layout import (
 )
 from mvuav_ros.recordings.limits import Limit
 from mvuav_ros.recordings.mcap_file import McapFile
-from mvuav_ros.recordings.recording import (
-    READABLE_FORMATS,
-    RecordedMessage,
-    RecordingError,
-    RecordingFile,
-    SkippedChannel,
-    TopicInfo,
-    counted,
-)
+from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo, counted
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
+from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile
 
-_FORMATS: tuple[tuple[bytes, str, Callable[[Path, Account, Limit], RecordingFile]], ...] = (
+_FORMATS: tuple[tuple[bytes, str, type[RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),
     (SQLITE_START, '.db3', SqliteFile),
     (ROS1_START, '.bag', Ros1File),

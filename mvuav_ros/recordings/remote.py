@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 
 _MARKS = ('ETag', 'LastModified', 'created', 'mtime')
 _URL = re.compile(r'[a-z][a-z0-9+.-]+://', re.IGNORECASE)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.rosbag2_folder import open_writer
 
 _PROGRESS_STEP = 100

@@ -8,26 +8,27 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Container, Hashable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Container, Iterator, Sequence
 from io import BytesIO, RawIOBase
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
-from rosbags.serde import SerdeError
 
-from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, normalised_type, ros1_type
-from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.sensors import normalised_type
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import CompressionError, unpack
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import (
+from mvuav_ros.recordings.recording import TopicInfo
+from mvuav_ros.recordings.stored_file import (
+    END_OF_TIME,
+    START_OF_TIME,
+    UNKNOWN_ROS1,
+    Channels,
     ChunkTally,
-    RecordedMessage,
-    RecordingError,
-    TopicInfo,
-    counted,
+    RecordingFile,
+    StoredMessage,
 )
 
 MAGIC = b'#ROSBAG V'
@@ -120,35 +121,14 @@ _MAX_DEFINITIONS = 2000
 _SINGLE = frozenset({RecordType.CONNECTION, RecordType.MSGDATA})
 
 
-class _Message(NamedTuple):
-    key: int
-    stamp_ns: int
-    data: memoryview
-
-
-class _Connection(NamedTuple):
-    topic: TopicInfo
-    converter: Ros1Type | None
-    raw: bytes
-
-
-class Ros1File:
-    """One ROS 1 bag; it is opened anew for every pass."""
-
-    written: int | None = None
-    sound = 0
-    skipped = 0
+class Ros1File(RecordingFile):
+    """One ROS 1 bag."""
 
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        self._path = path
-        self._limit = limit
-        self._account = account
-        self._connections: dict[int, _Connection] = {}
-        self._first: dict[int, _Connection] = {}
-        self._found: dict[tuple[int, str, str], TopicInfo] = {}
-        self._counts: Counter[tuple[int, str, str]] = Counter()
+        """See `RecordingFile`."""
+        super().__init__(path, account, limit)
+        self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()
-        self._is_contradicted = False
         self._scanned = False
 
     def channels(self) -> Sequence[TopicInfo]:
@@ -160,59 +140,25 @@ class Ros1File:
         if not self._scanned:
             with self._path.open('rb') as stream:
                 is_indexed = self._read_index(stream)
-                if not is_indexed:
-                    self._lose('index', 'not indexed (was the recording cut off?)', 0)
+                if is_indexed:
+                    next(self._stored(stream, None, START_OF_TIME, END_OF_TIME), None)
                 else:
-                    next(self._contents(stream), None)
-                if not is_indexed or self._is_contradicted:
+                    self._lose('index', 'not indexed (was the recording cut off?)', 0)
+                if not is_indexed or self._channels.is_contradicted:
                     self.written = None
-                    for known in (self._counts, self._connections, self._first, self._found):
-                        known.clear()
-                    for message in self._contents(stream):
-                        self._counts[self._key(message.key)] += 1
+                    self._channels = Channels()
+                    stored = self._stored(stream, None, START_OF_TIME, END_OF_TIME)
+                    self._channels.count(number for number, *_ in stored)
             self._scanned = True
-        return tuple(
-            replace(topic, message_count=self._counts[key]) for key, topic in self._found.items()
-        )
+        return self._channels.listed()
 
-    def messages(
-        self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[RecordedMessage]:
-        """The messages in stored order, ``start_ns`` <= log time < ``end_ns``, as CDR."""
-        self.channels()
-        unreadable: Counter[str] = Counter()
-        self.sound = self.skipped = 0
-        self._connections = dict(self._first)
-        with self._path.open('rb') as stream:
-            for key, stamp_ns, data in self._contents(stream):
-                connection = self._connections.get(key)
-                if connection is None:
-                    unreadable['unknown topics'] += 1
-                    continue
-                topic, converter, _ = connection
-                self.sound += 1
-                self.skipped += converter is None
-                early = start_ns is not None and stamp_ns < start_ns
-                late = end_ns is not None and stamp_ns >= end_ns
-                if early or late or (topics is not None and topic.name not in topics):
-                    continue
-                if converter is None:
-                    continue
-                try:
-                    cdr = converter.to_cdr(data)
-                except SerdeError:
-                    self.sound -= 1
-                    unreadable[topic.name] += 1
-                    continue
-                yield RecordedMessage(topic.name, topic.type, stamp_ns, cdr, topic.schema)
-        for name, count in unreadable.items():
-            said = f'{counted(count, "malformed message")} of {name} skipped'
-            self._lose(('messages', name), said, count)
-
-    def _contents(self, stream: BinaryIO) -> Iterator[_Message]:
+    def _stored(
+        self, stream: BinaryIO, _topics: Container[str] | None, _first_ns: int, _end_ns: int
+    ) -> Iterator[StoredMessage]:
         """The message records; connections met on the way are taken in."""
         size = stream.seek(0, 2)
         self._limit.begin()
+        self._raw.clear()
         chunk = ChunkTally(self._path.name)
         position = len(VERSION_LINE)
         while position < size:
@@ -274,7 +220,7 @@ class Ros1File:
             raise CompressionError(problem)
         return raw
 
-    def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[_Message]:
+    def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[StoredMessage]:
         stream = stream_of(raw)
         position = 0
         while position < len(raw):
@@ -287,14 +233,13 @@ class Ros1File:
 
     def _record(
         self, record: Record, data: memoryview, *, in_index: bool = False
-    ) -> Iterator[_Message]:
+    ) -> Iterator[StoredMessage]:
         if record.kind == RecordType.CONNECTION:
             self._connect(record.header, data, in_index)
         elif record.kind == RecordType.MSGDATA and len(data) == record.size:
             try:
-                yield _Message(
-                    record.header.get_uint32('conn'), record.header.get_time('time'), data
-                )
+                number, stamp_ns = record.header.get_uint32('conn'), record.header.get_time('time')
+                yield number, None, stamp_ns, None, data
             except PARSE_ERRORS:
                 self._lose(record.data, 'a message record is damaged', 1)
 
@@ -302,12 +247,10 @@ class Ros1File:
         """Take in a connection record; one of the index counts where the data have none."""
         try:
             key, name = header.get_uint32('conn'), header.get_string('topic')
-            known = self._connections.get(key)
-            if known is not None and (
-                in_index or (known.topic.name, known.raw) == (name, bytes(data))
-            ):
+            raw = name, bytes(data)
+            if key in self._channels.known and (in_index or self._raw.get(key) == raw):
                 return
-            full = key not in self._first and len(self._first) >= _MAX_CONNECTIONS
+            full = key not in self._channels.known and len(self._channels) >= _MAX_CONNECTIONS
             if len(data) > _MAX_CONNECTION or full:
                 raise ValueError('implausibly large')
             fields = Header.read(BytesIO(struct.pack('<I', len(data)) + data))
@@ -316,32 +259,11 @@ class Ros1File:
         except PARSE_ERRORS:
             self._lose('connections', 'a connection record is damaged', 0)
             return
+        self._raw[key] = raw
         self._definitions.add((kind, definition))
-        try:
-            if len(self._definitions) > _MAX_DEFINITIONS:
-                raise UnknownTypeError(kind)
-            converter = ros1_type(kind, definition)
-            topic = TopicInfo(name, kind, None, 'ros1', converter.schema)
-        except UnknownTypeError:
-            converter = None
-            topic = TopicInfo(name, kind, None, 'ros1 without a valid definition')
-        if known is not None and (known.topic.name, known.topic.type) != (name, kind):
-            self._is_contradicted = True
-            said = (
-                f'connection {key} was said to be {words(known.topic.name)}, and is {words(name)}'
-            )
-            self._account.note((self._path.name, said), f'{self._path.name}: {said} in the data')
-        self._connections[key] = _Connection(topic, converter, bytes(data))
-        self._first.setdefault(key, self._connections[key])
-        self._found.setdefault(self._key(key), topic)
-
-    def _key(self, number: int) -> tuple[int, str, str]:
-        connection = self._connections.get(number)
-        return (
-            (number, connection.topic.name, connection.topic.type)
-            if connection
-            else (number, '', '')
-        )
+        encoding = 'ros1' if len(self._definitions) <= _MAX_DEFINITIONS else UNKNOWN_ROS1
+        schema = Schema('ros1msg', definition)
+        self._define(key, TopicInfo(name, kind, None, encoding, schema))
 
     def _bag_header(self, stream: BinaryIO) -> Header | None:
         """The bag's header, None if it is damaged."""
@@ -385,13 +307,6 @@ class Ros1File:
             else:
                 return False
             position = record.data + record.size
-        for number, count in counts.items():
-            self._counts[self._key(number)] += count
+        self._channels.take_counts(counts)
         self.written = counts.total()
         return position > len(VERSION_LINE)
-
-    def _note_end(self, size: int) -> None:
-        self._lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
-
-    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
-        self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)

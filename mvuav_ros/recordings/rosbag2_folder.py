@@ -12,8 +12,9 @@ import yaml
 from mcap.records import Attachment, Metadata
 
 from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import METADATA
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 
 _VERSION = 5

@@ -10,18 +10,19 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections import Counter
-from collections.abc import Container, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
-from mvuav_ros.messages.definitions import Schema, normalised_type
+from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
-from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
+from mvuav_ros.recordings.recording import TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
+from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile, StoredMessage
 
 _FIRST = -(1 << 63)
 _LAST = (1 << 63) - 1
@@ -35,60 +36,47 @@ _MAX_TOPICS = 1 << 16
 _MAX_TEXT = 1 << 26
 
 
-class SqliteFile:
-    """One rosbag2 database; it is opened anew forevery pass."""
+class SqliteFile(RecordingFile):
+    """One rosbag2 database; it is opened anew for every pass."""
 
-    written: int | None = None
-    sound = 0
-    skipped = 0
-
-    def __init__(self, path: Path, account: Account, _limit: Limit) -> None:
-        self._path = path
-        self._account = account
-        self._topics: dict[int, TopicInfo] | None = None
+    def __init__(self, path: Path, account: Account, limit: Limit) -> None:
+        """See `RecordingFile`; SQLite keeps to limits of its own."""
+        super().__init__(path, account, limit)
+        self._scanned = False
 
     def channels(self) -> Sequence[TopicInfo]:
         """Every topic of the database, none if the table of topics cannot be read."""
-        if self._topics is None:
-            self._topics = {}
+        if not self._scanned:
+            self._scanned = True
             missing = PageFile(self._path).missing_bytes
             if missing:
                 self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
             try:
                 with self._connect() as database:
-                    self._topics = _topics(database)
+                    for key, topic in _topics(database).items():
+                        self._define(key, topic)
                     if not missing:
-                        self._count(database)
+                        query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
+                        self._channels.take_counts(dict(database.execute(query)))
             except (*_ERRORS, KeyError, ValueError) as error:
                 self._lose('error', f'the database is damaged ({error})')
-        return tuple(self._topics.values())
+        return self._channels.listed()
 
-    def messages(
-        self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
-    ) -> Iterator[RecordedMessage]:
-        """The messages in stored order, ``start_ns`` <= log time < ``end_ns``."""
-        self.channels()
-        assert self._topics is not None
-        wanted = {
-            key: topic
-            for key, topic in self._topics.items()
-            if topic.serialization_format == 'cdr' and (topics is None or topic.name in topics)
-        }
-        first = _FIRST if start_ns is None else max(start_ns, _FIRST)
-        last = _LAST if end_ns is None else min(end_ns - 1, _LAST)
-        self.sound = self.skipped = 0
+    def _stored(
+        self, _stream: BinaryIO, topics: Container[str] | None, first_ns: int, end_ns: int
+    ) -> Iterator[StoredMessage]:
+        wanted = [
+            key
+            for key, (topic, _) in self._channels.known.items()
+            if topic.serialization_format in READABLE_FORMATS
+            and (topics is None or topic.name in topics)
+        ]
         odd: Counter[str] = Counter()
-        for key, stamp_ns, data in self._rows(wanted, first, last):
-            problem = _oddity(stamp_ns, data)
-            topic = self._topics.get(key)
-            if problem or topic is None:
-                odd[problem or 'of topics that are not listed'] += 1
-                continue
-            self.sound += 1
-            self.skipped += topic.serialization_format != 'cdr'
-            if key in wanted and first <= stamp_ns <= last:
-                info = topic.schema, topic.qos
-                yield RecordedMessage(topic.name, topic.type, stamp_ns, data, *info)
+        for key, stamp_ns, data in self._rows(wanted, first_ns, min(end_ns - 1, _LAST)):
+            if problem := _oddity(stamp_ns, data):
+                odd[problem] += 1
+            else:
+                yield key, None, stamp_ns, None, data
         for problem, count in odd.items():
             self._lose(problem, f'{counted(count, "row")} {problem}: skipped', count)
 
@@ -111,13 +99,6 @@ class SqliteFile:
         if pages.incomplete_rows:
             incomplete = pages.incomplete_rows
             self._lose('rows', f'{counted(incomplete, "message")} incomplete', incomplete)
-
-    def _count(self, database: sqlite3.Connection) -> None:
-        assert self._topics is not None
-        query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
-        counts = dict(database.execute(query))
-        for key, topic in self._topics.items():
-            self._topics[key] = replace(topic, message_count=counts.get(key, 0))
 
     @contextmanager
     def _connect(self) -> Iterator[sqlite3.Connection]:
@@ -164,9 +145,6 @@ class SqliteFile:
 
     def _size(self) -> int:
         return self._path.stat().st_size + _log_size(self._path)
-
-    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
-        self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)
 
 
 def _logs(path: Path) -> list[Path]:

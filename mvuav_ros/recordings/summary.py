@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mvuav_ros.messages.definitions import normalised_type
 from mvuav_ros.messages.frame import BadFrame, VideoDecoder
 from mvuav_ros.messages.images import (
     IMAGE,
@@ -22,6 +21,7 @@ from mvuav_ros.messages.images import (
     view_coded_image,
     view_image,
 )
+from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage

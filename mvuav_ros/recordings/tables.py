@@ -21,8 +21,9 @@ from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.points import view_points
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineRole

@@ -34,9 +34,11 @@ from mcap.records import (
 )
 from mcap.records import Schema as SchemaRecord
 
-from mvuav_ros.messages.definitions import Schema, normalised_type, schema_of, type_hash
+from mvuav_ros.messages.definitions import Schema, schema_of, type_hash
+from mvuav_ros.messages.sensors import normalised_type
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC, MESSAGE_HEADER
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+from mvuav_ros.recordings.recording import RecordedMessage
 
 
 class OutputFile:

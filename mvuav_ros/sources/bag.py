@@ -6,13 +6,21 @@ from collections.abc import Generator, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from mvuav_ros.messages.definitions import decode_message, normalised_type
+from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
 from mvuav_ros.messages.images import IMAGE, is_image_type, view_coded_image
-from mvuav_ros.messages.sensors import CAMERA_INFO, IMU, decode_camera_info, decode_imu, stamp_ns_of
+from mvuav_ros.messages.sensors import (
+    CAMERA_INFO,
+    IMU,
+    decode_camera_info,
+    decode_imu,
+    normalised_type,
+    stamp_ns_of,
+)
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError, TopicInfo
+from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
 from mvuav_ros.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.sources.source import (
     EVERYTHING,

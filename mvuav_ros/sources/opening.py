@@ -13,9 +13,8 @@ import yaml
 
 from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.simulation.pinhole import PinholeCamera
 from mvuav_ros.simulation.runway_flight import RunwayFlight

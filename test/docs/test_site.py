@@ -2,6 +2,7 @@
 
 import doctest
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from urllib.parse import unquote
 import pytest
 from support.places import ROOT
 
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
 ASSET = re.compile(r'<(?:script|img|iframe|source|link)\b[^>]*?\b(?:src|href)="([^"]+)"')
 LINK = re.compile(r'<a\b[^>]*?\bhref="([^"#?][^"]*)"')
 MARKDOWN_LINK = re.compile(r'\]\(([^)#\s]+)')
@@ -49,6 +51,40 @@ def test_the_search_works_from_a_file(site):
     assert (site / 'search' / 'search_index.js').stat().st_size > 100_000
     page = (site / 'index.html').read_text()
     assert 'src="javascripts/iframe-worker.js"' in page
+
+
+@pytest.mark.long
+@pytest.mark.skipif(CHROMIUM is None, reason='there is no chromium here')
+def test_a_browser_searches_and_enlarges_without_a_server(site):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        page = browser.new_page(viewport={'width': 1280, 'height': 800})
+        page.goto(f'file://{site}/index.html')
+        page.click('.md-search__input')
+        page.keyboard.type('protection levels')
+        page.locator('.md-search-result__item').first.wait_for(timeout=60_000)
+        page.goto(f'file://{site}/concepts/marker-pipeline.html')
+        page.click('.md-content img')
+        assert page.locator('.enlarged img').bounding_box()['width'] > 900
+        page.keyboard.press('Escape')
+        assert page.locator('.enlarged').count() == 0
+        browser.close()
+
+
+@pytest.mark.long
+@pytest.mark.skipif(CHROMIUM is None, reason='there is no chromium here')
+def test_no_page_is_wider_than_a_telephone(site):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        page = browser.new_page(viewport={'width': 390, 'height': 844})
+        for path in site.rglob('*.html'):
+            page.goto(f'file://{path}')
+            assert page.evaluate('document.documentElement.scrollWidth') <= 390, path.name
+        browser.close()
 
 
 @pytest.mark.long

@@ -8,8 +8,8 @@ import pytest
 
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.images import IMAGE, decode_image
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.sources.bag import choose_image_topic
 

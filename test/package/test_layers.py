@@ -55,7 +55,7 @@ def test_imports_point_inward():
 @pytest.mark.parametrize(
     ('module', 'line'),
     [
-        ('vision/camera.py', 'from mvuav_ros.recordings.recording import RecordingError'),
+        ('vision/camera.py', 'from mvuav_ros.recordings.account import RecordingError'),
         ('parameters/declaration.py', 'import mvuav_ros.vision.camera'),
         ('offline/replay/job.py', 'def late():\n    from mvuav_ros.nodes import running'),
         ('offline/plots.py', 'def late():\n    import mvuav_thesis.plan'),

@@ -21,8 +21,8 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError
 
 SAMPLES = image_samples(30)
 CUTS = 60

@@ -6,8 +6,8 @@ import pytest
 from support.commands import mvuav, stamps
 from support.recording_samples import image_samples, write_mcap, write_rosbag2
 
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import by_flight, recordings_in
-from mvuav_ros.recordings.recording import RecordingError
 
 NODE = ('--nodes', 'marker_tracker', '--param', 'marker_tracker:mode:=detect_any')
 

@@ -36,8 +36,8 @@ from support.recording_samples import (
 from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError
 from mvuav_ros.messages.frame import BadFrame
 from mvuav_ros.messages.images import COMPRESSED_VIDEO
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.opening import open_source
@@ -66,7 +66,7 @@ SAVED_OF_3000 = {
 }
 READ = """
 import json, resource, signal, sys
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.sources.opening import open_source
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -22,8 +22,8 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordingError
 
 SAMPLES = [*image_samples(12), string_sample(12), *image_samples(15)[13:]]
 ROSBAG2_KINDS = [

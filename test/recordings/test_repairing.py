@@ -9,8 +9,8 @@ from mcap.reader import make_reader
 from rosbags import rosbag2
 from support.recording_samples import Sample, image_samples, string_sample, write_mcap, write_ros1
 
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.repairing import repair
 from mvuav_ros.recordings.writing import RecordingWriter
 

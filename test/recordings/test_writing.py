@@ -31,8 +31,8 @@ from support.recording_samples import (
 )
 
 from mvuav_ros.messages.definitions import Schema
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.writing import RecordingWriter
 

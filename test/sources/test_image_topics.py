@@ -26,8 +26,8 @@ from mvuav_ros.messages.image_files import compressed_size
 from mvuav_ros.messages.images import COMPRESSED_IMAGE, is_image_type
 from mvuav_ros.messages.sensors import CAMERA_INFO
 from mvuav_ros.messages.untrusted import MalformedMessageError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordingError
 from mvuav_ros.sources.bag import choose_image_topic
 
 

@@ -95,8 +95,8 @@ def saved_of(path: Path, read: Callable[[Path], set[tuple[str, int, bytes]]]) ->
 
 def main(first: int, last: int) -> None:
     """Print the number saved of each kind, summed over the seeds, as JSON."""
+    from mvuav_ros.recordings.account import RecordingError
     from mvuav_ros.recordings.reading import open_recording
-    from mvuav_ros.recordings.recording import RecordingError
     from mvuav_ros.recordings.summary import summarise_recording
 
     def read(path: Path) -> set[tuple[str, int, bytes]]:

@@ -25,7 +25,7 @@ from mvuav_ros.cli.options import (
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.node_parameters import resolve_parameters
 from mvuav_ros.parameters.parameter_file import parse_assignment
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.sources.source import SourceError
 
 if TYPE_CHECKING:

@@ -25,9 +25,9 @@ from mvuav_ros.offline.replay.frames import (
 )
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.layout import by_flight, recordings_in
-from mvuav_ros.recordings.recording import RecordedMessage, RecordingError
+from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.remote import inside, is_url, local_output, remote_state, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
 from mvuav_ros.recordings.writing import RecordingWriter

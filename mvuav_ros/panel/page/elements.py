@@ -12,7 +12,7 @@ from nicegui import ui
 
 from mvuav_ros.panel import sanitized
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 
 ElementT = TypeVar('ElementT', bound=ui.element)
 _CHART = Path(__file__).parent.with_name('static') / 'chart.json'

@@ -20,7 +20,7 @@ from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.writing import RecordingWriter
 
 LONGEST = 600.0

@@ -24,7 +24,7 @@ from mvuav_ros.panel.page.set_bar import save_set
 from mvuav_ros.panel.reel import settable
 from mvuav_ros.panel.runs import Run, RunFailedError, RunProcess, find_bags, run_table, varied
 from mvuav_ros.processing.registry import PROCESSORS
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 
 _FIRST = ('flag counts', 'markers by state')
 _ARRANGEMENTS = {'single': 'Single', 'subplots': 'Subplots', 'grouped': 'Grouped'}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.approach.edges import Strips
 from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap
 from mvuav_ros.vision.approach.numeric import best_run, in_common
-from mvuav_ros.vision.approach.search import Strips
 from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
 
 WEIGHTS = np.array(SEARCH.weights, np.float32)

@@ -10,7 +10,7 @@ that one; over some frames they differ, or stay alike, and then nobody can know.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -203,27 +203,19 @@ class _Side:
 
     def _shift(self, places: list[float], shares: list[float], sigma: float) -> float:
         """By how much the known lines are moved in this frame, so that they fit best."""
-        best, moved = 0.0, 0.0
         if not self.known:
-            return moved
-        seen = list(zip(places, shares, strict=True))
-        for line in self.known:
-            for place in places:
-                shift = place - line.place
-                if abs(shift) > 3.0 * sigma:
-                    continue
-                fit = -0.5 * (shift / sigma) ** 2
-                for known in self.known:
-                    fit += known.clearness * max(
-                        0.0,
-                        *(
-                            share * (1.0 - abs(other - known.place - shift) / LINES.same)
-                            for other, share in seen
-                        ),
-                    )
-                if fit > best:
-                    best, moved = fit, shift
-        return moved
+            return 0.0
+        known = np.array([line.place for line in self.known])
+        apart = np.array(places) - known[:, None]
+        shifts = apart[np.abs(apart) <= 3.0 * sigma]
+        if not shifts.size:
+            return 0.0
+        near = 1.0 - np.abs(apart - shifts[:, None, None]) / LINES.same
+        seen = np.maximum((near * np.array(shares)).max(axis=2), 0.0)
+        clearness = np.array([line.clearness for line in self.known])
+        fit = (seen * clearness).sum(axis=1) - 0.5 * (shifts / sigma) ** 2
+        best = int(fit.argmax())
+        return float(shifts[best]) if fit[best] > 0.0 else 0.0
 
 
 Numbers = NDArray[np.floating[Any]]
@@ -250,7 +242,7 @@ def edges_by_lines(
     rows, expected, outwards = rows_of(strip, _ALONG)
     columns = expected[:, :, None] + outwards[:, :, None] * _ACROSS
     brightness = _brightness(frame, columns, rows)
-    lines = choose((_distinct(brightness[0]), _distinct(brightness[1])))
+    lines = choose(_distinct(brightness))
     if lines is None or min(line.clearness for line in lines) <= LINES.min_clearness:
         return None
     middle = expected + outwards * np.array([f + _ALONG * (n - f) for f, n, _ in lines])
@@ -280,12 +272,14 @@ class _LineFan:
         ends: (n, 2) middle at the far and at the near end, widths of the runway.
         at: (rows, n) samples through which they go.
         worth: (n,) factor of the clearness: those that run askew count less.
+        centre: (n,) middle half way between the ends.
     """
 
     reach: int
     ends: Numbers
     at: NDArray[np.intp]
     worth: Numbers
+    centre: Numbers
 
 
 @lru_cache
@@ -301,7 +295,7 @@ def _line_fan(half: float) -> _LineFan:
     at = np.rint(far + (near - far) * (rows / (LINES.rows - 1))).astype(np.intp)
     ends = np.stack([middles[far], middles[near]], axis=1)
     worth = 1.0 - LINES.turned_cost * turned
-    return _LineFan(reach, ends, at + rows * middles.size, worth)
+    return _LineFan(reach, ends, at + rows * middles.size, worth, ends.mean(axis=1))
 
 
 def _brightness(
@@ -312,35 +306,41 @@ def _brightness(
     return opponent_channels(pixels)[0].reshape(columns.shape)
 
 
-def _distinct(brightness: NDArray[np.float32]) -> list[Line]:
-    """The clearest lines that are apart from one another, of any width."""
-    lines = [line for half in LINES.half_widths for line in _lines(brightness, half)]
-    kept: list[Line] = []
-    for line in sorted(lines, key=lambda line: -line.clearness):
-        if all(abs(line.middle - other.middle) > LINES.apart for other in kept):
-            kept.append(line)
-    return kept
+def _distinct(brightness: NDArray[np.float32]) -> tuple[list[Line], list[Line]]:
+    """Along either edge the clearest lines that are apart from one another, of any width."""
+    found: tuple[list[Line], list[Line]] = [], []
+    for half in LINES.half_widths:
+        for side, lines in enumerate(_lines(brightness, half)):
+            found[side].extend(lines)
+    for lines in found:
+        lines.sort(key=lambda line: -line.clearness)
+        kept: list[Line] = []
+        for line in lines:
+            if all(abs(line.middle - other.middle) > LINES.apart for other in kept):
+                kept.append(line)
+        lines[:] = kept
+    return found
 
 
-def _lines(brightness: NDArray[np.float32], half: float) -> list[Line]:
-    """The clearest lines of a width that are apart from one another."""
+def _lines(brightness: NDArray[np.float32], half: float) -> Iterator[list[Line]]:
+    """Along either edge the clearest lines of a width that are apart from one another."""
     fan = _line_fan(half)
     reach = fan.reach
-    smooth = cv2.blur(brightness, (reach | 1, 1))
+    smooth = cv2.blur(brightness.reshape(2 * LINES.rows, -1), (reach | 1, 1))
     sides = np.maximum(smooth[:, : -2 * reach], smooth[:, 2 * reach :])
-    ridge = np.maximum(smooth[:, reach:-reach] - sides, 0.0)
-    ridge = np.minimum(ridge, LINES.max_ridge * cv2.mean(ridge)[0] + 1.0)
-    votes = ridge.ravel().take(fan.at).sum(axis=0)
-    usual = cv2.mean(ridge)[0] + LINES.noise
-    clear = votes * fan.worth / (usual * LINES.rows)
-    centre = fan.ends.mean(axis=1)
-    found = []
-    for _ in range(3):
-        best = int(clear.argmax())
-        far, near = (float(end) for end in fan.ends[best])
-        found.append(Line(far, near, float(clear[best])))
-        clear[np.abs(centre - centre[best]) < half] = 0.0
-    return found
+    ridges = np.maximum(smooth[:, reach:-reach] - sides, 0.0).reshape(2, LINES.rows, -1)
+    for ridge in ridges:
+        ridge = np.minimum(ridge, LINES.max_ridge * cv2.mean(ridge)[0] + 1.0)
+        votes = ridge.ravel().take(fan.at).sum(axis=0)
+        usual = cv2.mean(ridge)[0] + LINES.noise
+        clear = votes * fan.worth / (usual * LINES.rows)
+        found = []
+        for _ in range(3):
+            best = int(clear.argmax())
+            far, near = fan.ends[best].tolist()
+            found.append(Line(far, near, float(clear[best])))
+            clear[np.abs(fan.centre - fan.centre[best]) < half] = 0.0
+        yield found
 
 
 def _outer_side(profile: NDArray[np.float32], within: int) -> float:

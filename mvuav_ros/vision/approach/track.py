@@ -17,12 +17,17 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation, turn_strips
-from mvuav_ros.vision.approach.candidates import LevelledImage, describe_around, ends_of
-from mvuav_ros.vision.approach.edges import EdgeLook, Edges, LevelledFrame, Strip
+from mvuav_ros.vision.approach.edges import (
+    EdgeLook,
+    Edges,
+    LevelledFrame,
+    Strip,
+    Strips,
+    shows_shoulders,
+)
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.probability import log_odds_of
-from mvuav_ros.vision.approach.search import Strips
-from mvuav_ros.vision.approach.shoulders import shows_shoulders
+from mvuav_ros.vision.approach.search import LevelledImage, describe_around, ends_of
 from mvuav_ros.vision.approach.side_lines import LinedEdges
 from mvuav_ros.vision.approach.strips import (
     FollowedStrip,

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from mvuav_ros.cli.app import application
 from mvuav_ros.offline.parameter_sweep import in_order, parse_axis, plan_runs, sweep
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.recordings.recording import RecordingError
+from mvuav_ros.recordings.account import RecordingError
 
 FLIGHT = 'sim:tanker?frames=6&noise=0'
 

@@ -1,0 +1,217 @@
+"""One file of a recording, whatever its storage: its channels, and the way to wanted messages."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+from rosbags.serde import SerdeError
+
+from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, ros1_type
+from mvuav_ros.messages.untrusted import words
+from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.limits import Limit
+from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
+
+READABLE_FORMATS = ('cdr', 'ros1')
+UNKNOWN_ROS1 = 'ros1 without a valid definition'
+START_OF_TIME, END_OF_TIME = -(1 << 63), 1 << 64
+"""ns."""
+# From here on a message is given as a view of its chunk, as two copies would take twice the memory.
+_LARGE = 1 << 24
+
+_Definition = tuple[int, str, str, str]
+StoredMessage = tuple[int, int | None, int, int | None, bytes | memoryview]
+"""Its channel's number, the publisher's number, log and publishing time (ns), and its data."""
+
+
+@dataclass
+class ChunkTally:
+    """A chunk on the way: the messages that came out of it, and those that its indexes list.
+
+    Attributes:
+        file: that it lies in.
+        offset: where it begins, bytes; -1 is none.
+        reason: why it is not read, or not all of it.
+        got: messages that came out.
+        indexed: messages that the indexes behind it list; None if there are none.
+    """
+
+    file: str
+    offset: int = -1
+    reason: str = ''
+    got: int = 0
+    indexed: int | None = None
+
+    def end(self, account: Account) -> None:
+        """Say what is missing; nothing is of a chunk that was left out as nobody wanted it."""
+        missing = None if self.indexed is None else max(self.indexed - self.got, 0)
+        if self.offset < 0 or not (self.reason or (missing and self.got)):
+            return
+        if missing == 0 and self.got:  # what is no record held none
+            return
+        how = f'skipped, as {self.reason}' if self.reason else 'is not all there'
+        messages = 'its messages are' if missing is None else counted(missing, 'message')
+        said = f'{self.file}: chunk at byte {self.offset} {how}: {messages} lost'
+        account.lose(self.file, self.offset, said, missing)
+
+
+class Channels:
+    """Channels by their number, as they are defined on the way through a file.
+
+    Attributes:
+        known: each channel's topic by now, and what converts its messages if they are ROS 1's.
+        counts: messages of each definition; None if nobody has said or counted them.
+        is_contradicted: whether the data define a channel otherwise than the index.
+    """
+
+    def __init__(self) -> None:
+        self.known: dict[int, tuple[TopicInfo, Ros1Type | None]] = {}
+        self.counts: Counter[_Definition] | None = None
+        self.is_contradicted = False
+        self._found: dict[_Definition, TopicInfo] = {}
+        self._first: dict[int, tuple[TopicInfo, Ros1Type | None]] = {}
+
+    def __len__(self) -> int:
+        return len(self._first)
+
+    def begin(self) -> None:
+        """Begin at the file's start: until it defines a channel, the first that is known counts."""
+        self.known = dict(self._first)
+
+    def listed(self) -> tuple[TopicInfo, ...]:
+        """Every definition with its number of messages."""
+        if self.counts is None:
+            return tuple(self._found.values())
+        counts = self.counts
+        return tuple(replace(info, message_count=counts[key]) for key, info in self._found.items())
+
+    def count(self, numbers: Iterable[int]) -> None:
+        """Count messages by their channels' numbers, of those that are known."""
+        self.counts = Counter()
+        for number in numbers:
+            if number in self.known:
+                self.counts[_definition(number, self.known[number][0])] += 1
+
+    def take_counts(self, counts: Mapping[int, int]) -> None:
+        """Take the numbers of messages that an index has for each channel."""
+        self.counts = Counter({key: counts.get(key[0], 0) for key in self._found})
+
+    def define(self, number: int, topic: TopicInfo) -> str:
+        """Take in a definition; a topic of encoding ``ros1`` has the schema that ROS 1 gives it.
+
+        Returns:
+            In words, how it contradicts what was said of the channel before; '' if it does not.
+        """
+        converter = None
+        if topic.serialization_format == 'ros1':
+            try:
+                converter = ros1_type(topic.type, topic.schema.text if topic.schema else '')
+                topic = replace(topic, schema=converter.schema)
+            except UnknownTypeError:
+                topic = replace(topic, serialization_format=UNKNOWN_ROS1)
+        before = self.known.get(number)
+        self.known[number] = topic, converter
+        self._first.setdefault(number, self.known[number])
+        self._found.setdefault(_definition(number, topic), topic)
+        if before is None or _definition(0, before[0]) == _definition(0, topic):
+            return ''
+        self.is_contradicted = True
+        was, now = (f'{words(each.name)} ({words(each.type)})' for each in (before[0], topic))
+        return f'channel {number} was said to be {was}, and is {now} in the data'
+
+
+def _definition(number: int, topic: TopicInfo) -> _Definition:
+    return number, topic.name, topic.type, topic.serialization_format
+
+
+class RecordingFile(ABC):
+    """One file of a recording; it is opened anew for every pass.
+
+    Attributes:
+        written: messages that its index speaks of, once a pass has ended; None without an index.
+        sound: messages that the newest pass found whole, wanted or not.
+        skipped: those among them that are not ROS's.
+    """
+
+    written: int | None = None
+    sound = 0
+    skipped = 0
+
+    def __init__(self, path: Path, account: Account, limit: Limit) -> None:
+        """Take a file; losses go to the account, and what is unpacked of it has a limit."""
+        self._path, self._account, self._limit = path, account, limit
+        self._channels = Channels()
+
+    @abstractmethod
+    def channels(self) -> Sequence[TopicInfo]:
+        """Every channel, those that are not CDR included; found once, when first asked for."""
+
+    @abstractmethod
+    def _stored(
+        self, stream: BinaryIO, topics: Container[str] | None, first_ns: int, end_ns: int
+    ) -> Iterator[StoredMessage]:
+        """Every message; of those that are not wanted the data need not be there.
+
+        Chunks that hold no message of the time may be left out.
+        """
+
+    def messages(
+        self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[RecordedMessage]:
+        """The messages in stored order, ``start_ns`` <= log time < ``end_ns``, as CDR."""
+        self.channels()
+        self._channels.begin()
+        first = START_OF_TIME if start_ns is None else start_ns
+        last = END_OF_TIME if end_ns is None else end_ns
+        unreadable: Counter[str] = Counter()
+        self.sound = self.skipped = 0
+        with self._path.open('rb') as stream:
+            stored = self._stored(stream, topics, first, last)
+            for number, sequence, stamp_ns, publish_ns, raw in stored:
+                channel = self._channels.known.get(number)
+                if channel is None:
+                    unreadable[''] += 1
+                    continue
+                topic, converter = channel
+                self.sound += 1
+                if topic.serialization_format not in READABLE_FORMATS:
+                    self.skipped += 1
+                    continue
+                if not first <= stamp_ns < last or (
+                    topics is not None and topic.name not in topics
+                ):
+                    continue
+                try:
+                    if converter is not None:
+                        data: bytes | memoryview = converter.to_cdr(raw)
+                    else:
+                        data = raw if len(raw) >= _LARGE else bytes(raw)
+                except SerdeError:
+                    self.sound -= 1
+                    unreadable[topic.name] += 1
+                    continue
+                yield RecordedMessage(
+                    *(topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos),
+                    *(publish_ns, sequence),
+                )
+        for name, count in unreadable.items():
+            what = f'{counted(count, "malformed message")} of {name}'
+            what = what if name else f'{counted(count, "message")} of unknown channels'
+            self._lose(('messages', name), f'{what} skipped', count)
+
+    def _define(self, number: int, topic: TopicInfo) -> None:
+        """Take in a definition, and note a contradiction."""
+        if contradiction := self._channels.define(number, topic):
+            name = self._path.name
+            self._account.note((name, contradiction), f'{name}: {contradiction}')
+
+    def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
+        self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)
+
+    def _note_end(self, size: int) -> None:
+        self._lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
