@@ -72,10 +72,9 @@ class Fan:
             (m, 7): as `Strips`, and the score: evidence per row, in textures.
         """
         top = round(row)
-        hidden = int(np.count_nonzero(top + self.rows < 0))
-        if self.rows.size - hidden < SEARCH.min_samples or top + self.rows[-1] >= height:
+        if top + self.rows[0] < 0 or top + self.rows[-1] >= height:
             return np.empty((0, 7))
-        index = self._index[hidden:] + np.int32(top * self._width)
+        index = self._index + np.int32(top * self._width)
         edges = left.take(index)
         kept = self._strongest(edges)
         place = self._start + kept
@@ -106,7 +105,7 @@ class Fan:
         """What both edges have in common, with the same sign in every row."""
         common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
-        return (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / len(lefts))
+        return (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
 
     def _best(
         self, score: NDArray[Any], first: NDArray[Any], second: NDArray[Any], top: int
@@ -148,8 +147,8 @@ def fan_jobs(first: float, last: float, level: int) -> Iterator[tuple[int, list[
     for depth in SEARCH.depths if level == 0 else SEARCH.depths[2:]:
         step = 0.4 * depth
         rows = np.arange(first, last + 0.5 * step, step)
-        # Enough of the compared part of a strip must be in the image.
-        yield depth, rows[rows > 0.5 - SEARCH.min_visible * depth].tolist()
+        # The compared part of a strip must be in the image.
+        yield depth, rows[rows > 0.5 - SEARCH.first_row * depth].tolist()
 
 
 def distinct(found: NDArray[np.float64], most: int) -> NDArray[np.float64]:

@@ -195,10 +195,6 @@ class SearchTuning:
     depths: tuple[int, ...] = (10, 14, 20, 28)
     first_row: float = 0.4  # share of the near end's depth at which the compared part begins
     samples: int = 8  # rows compared in the search
-    min_samples: int = 4  # of them, that must be in the image
-    # share of the near end's depth that must be in the image at most: there these rows begin. Run 3,
-    # cut off within its runway
-    min_visible: float = 0.67
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
     steepest: float = 1.8  # columns per row of the flattest edge searched
     narrowest: float = 6.0  # px; a narrower near end says nothing
