@@ -15,7 +15,7 @@ from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.results import MarkerResult, MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import Pose, PoseEstimator
-from mvuav_ros.vision.reprojection import FEWEST
+from mvuav_ros.vision.reprojection import MIN_MARKERS
 from mvuav_ros.vision.rig import TANKER_747
 from mvuav_thesis.pose_runs import pose_error
 
@@ -103,7 +103,7 @@ class IntegrityFlight:
         missed = truth.whole & ~named
         self.seen += int(truth.whole.sum())
         self.missed += int(missed.sum())
-        waiting = bool(self._started and missed.any() and truth.whole.sum() >= FEWEST)
+        waiting = bool(self._started and missed.any() and truth.whole.sum() >= MIN_MARKERS)
         if self._wait and not waiting:
             self.waits += (self._wait,)
         self._wait = self._wait + 1 if waiting else 0

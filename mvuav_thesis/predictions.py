@@ -10,8 +10,8 @@ import numpy as np
 from mvuav_ros.offline.evaluation.metrics import Array, distance_rms
 from mvuav_ros.offline.report import Section, Table
 from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
-from mvuav_ros.vision.markers.prediction.extrapolation import METHODS, Extrapolation
-from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.motion import MotionPredictor
+from mvuav_ros.vision.markers.predictions import METHODS, Extrapolation
 from mvuav_thesis.comparison import Claim
 from mvuav_thesis.plan import Plan, words
 

@@ -16,11 +16,9 @@ from mvuav_ros.messages.frame import Frame
 from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels
-from mvuav_ros.vision.markers.labelling import label_five
-from mvuav_ros.vision.markers.motion import Motion
+from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels, label_five
 from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
-from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, measure_window
+from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Mask, threshold
 from mvuav_thesis import known

@@ -167,6 +167,9 @@ def _follow(rig: Any, camera: Any, frames: Iterator[Any]) -> dict[str, Any]:
         named = np.array([m.state is MarkerState.DETECTED for m in result.markers])
         places = np.array([(marker.x, marker.y) for marker in result.markers])
         score.add(named, places, truth.pixels, whole, calm, cpu_ms)
+        # A version before the confidence has none.
+        sure = np.array([getattr(marker, 'confidence', np.nan) for marker in result.markers])
+        score.add_confidences(named, places, truth.pixels, sure)
         if len(wings) == 2 and whole[wings].all():
             score.add_roll(result.roll, *truth.pixels[wings])
         # A version that finds the calibration wrong says so, and its node tells no pose.

@@ -29,10 +29,11 @@ from scipy.optimize import minimize
 
 from mvuav_ros.offline.evaluation.corners import LabelledFrame, read_corners, read_horizon
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.appearance import FEATURES, LEAST_SKY
+from mvuav_ros.vision.approach.appearance import FEATURES
 from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.search import Candidates, LevelledImage, find_candidates
+from mvuav_ros.vision.approach.tuning import APPEARANCE
 
 OUTPUT = Path('mvuav_ros/vision/approach/probability.json')
 QUANTILES = (0.1, 0.35, 0.65, 0.9)
@@ -129,7 +130,7 @@ def above(image: NDArray[Any], label: LabelledFrame | None, allowed: Allowed) ->
     """Candidates of an image that meet above it."""
     pixels, factor = shrink_levels(image)
     found = find_candidates(LevelledImage(pixels), -0.45 * pixels.shape[0], 0.0)
-    far = found.strips[:, 1] < LEAST_SKY
+    far = found.strips[:, 1] < APPEARANCE.min_sky_row
     found = Candidates(found.strips[far], found.features[far])
     if label is None:
         none = np.zeros(len(found.strips), bool)

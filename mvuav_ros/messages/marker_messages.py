@@ -11,28 +11,29 @@ from mvuav_ros.messages.points import PointLayout
 from mvuav_ros.vision.markers.results import Marker, MarkerResult
 from mvuav_ros.vision.pose import Pose
 
-POINT = np.dtype(
-    [(name, np.float32) for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area')]
-    + [('label', np.uint8), ('state', np.uint8)]
-)
+_PLACE = [(name, np.float32) for name in ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area')]
+_NAME = [('label', np.uint8), ('state', np.uint8)]
+POINT = np.dtype([*_PLACE, *_NAME, ('confidence', np.float32)])
 _POINTS = PointLayout(POINT)
-NUMBERED_POINT = np.dtype([*POINT.descr, ('id', np.float32)])
-"""Rows of ``track_any``: as `POINT`, and the light's number, exact up to 16 million."""
+NUMBERED_POINT = np.dtype([*_PLACE, *_NAME, ('id', np.float32), ('confidence', np.float32)])
+"""Rows of ``track_any``: with the light's number, exact up to 16 million."""
 _NUMBERED_POINTS = PointLayout(NUMBERED_POINT)
 
 
 def encode_markers(result: MarkerResult, header: bytes, *, numbered: bool = False) -> bytes:
-    """A PointCloud2: every marker as one point, px, px/s, px/s², label and state.
+    """A PointCloud2: every marker as one point, px, px/s, px/s², label, state, and confidence.
 
-    In ``track_any`` each row ends with the light's number. Like all results it is in CDR and
-    begins with a `cdr_header`.
+    In ``track_any`` each row has the light's number too. Like all results it is in CDR and begins
+    with a `cdr_header`.
     """
     rows = [
-        (m.x, m.y, m.x * 0.0, m.vx, m.vy, m.ax, m.ay, m.area, m.label, m.state)
+        (m.x, m.y, m.x * 0.0, m.vx, m.vy, m.ax, m.ay, m.area, m.label, m.state, m.confidence)
         for m in result.markers
     ]
     if numbered:
-        numbers = [(*row, number) for row, number in zip(rows, result.ids, strict=True)]
+        numbers = [
+            (*row[:-1], number, row[-1]) for row, number in zip(rows, result.ids, strict=True)
+        ]
         return _NUMBERED_POINTS.encode(numbers, header)
     return _POINTS.encode(rows, header)
 

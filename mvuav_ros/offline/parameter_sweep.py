@@ -41,7 +41,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Run:
+class SweepRun:
     """One input with one set of parameters.
 
     Attributes:
@@ -62,7 +62,7 @@ class Run:
 class RunResult:
     """A run's numbers, or why it failed."""
 
-    run: Run
+    run: SweepRun
     metrics: tuple[Metric, ...] = ()
     error: str = ''
 
@@ -93,7 +93,7 @@ def plan_runs(
     axes: Sequence[Axis],
     base: Mapping[str, Mapping[str, Any]],
     topic: str | None = None,
-) -> list[Run]:
+) -> list[SweepRun]:
     """Every combination of the axes' values, on every input.
 
     ``base`` is what differs from the defaults of each node to run.
@@ -114,11 +114,11 @@ def plan_runs(
         parameters = {node: dict(given) for node, given in base.items()}
         for axis, value in zip(axes, values, strict=True):
             parameters[axis.node][axis.name] = value
-        runs.append(Run(number, source, values, parameters, topic))
+        runs.append(SweepRun(number, source, values, parameters, topic))
     return runs
 
 
-def do_run(run: Run) -> list[Metric]:
+def do_run(run: SweepRun) -> list[Metric]:
     """Replay one run's input and measure.
 
     Raises:
@@ -127,7 +127,7 @@ def do_run(run: Run) -> list[Metric]:
     return metrics_of(replay(run.source, run.parameters, run.topic))
 
 
-def sweep(runs: Sequence[Run], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
+def sweep(runs: Sequence[SweepRun], jobs: int = 1, dask: str | None = None) -> Iterator[RunResult]:
     """Do the runs; one that fails is reported and does not stop the others.
 
     Args:
@@ -151,7 +151,7 @@ def sweep(runs: Sequence[Run], jobs: int = 1, dask: str | None = None) -> Iterat
             yield RunResult(run, error=words or type(one.error).__name__)
 
 
-def _on_cluster(runs: Sequence[Run], address: str) -> Iterator[Done[list[Metric]]]:
+def _on_cluster(runs: Sequence[SweepRun], address: str) -> Iterator[Done[list[Metric]]]:
     client, distributed = connect(address)
     with client:
         futures = {client.submit(do_run, run, pure=False): n for n, run in enumerate(runs)}

@@ -75,7 +75,7 @@ class Curves:
 
 
 @dataclass
-class Part:
+class NodePart:
     """What one node says of a flight.
 
     Attributes:
@@ -107,7 +107,7 @@ class FlightPlot:
 
     name: str
     seconds: float = 0.0
-    parts: list[Part] = field(default_factory=list)
+    parts: list[NodePart] = field(default_factory=list)
 
 
 def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) -> list[Path]:
@@ -141,8 +141,8 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
 def collect(recording: Recording, flight: str) -> FlightPlot:
     """Read what can be drawn; it takes the same memory for a flight of any length."""
     rows = ResultRows(recording, flight)
-    parts: dict[str, Part] = {}
-    wanted: dict[str, tuple[Part, str]] = {}
+    parts: dict[str, NodePart] = {}
+    wanted: dict[str, tuple[NodePart, str]] = {}
     sizes = {topic.name: topic.message_count for topic in recording.topics}
     for kind, others in (
         ('markers', ('rpy', 'pose', 'integrity')),
@@ -152,7 +152,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
             node = topic.removesuffix(f'/{kind}')
             if node == topic or node.endswith('/truth'):
                 continue
-            part = parts[node] = Part(node.strip('/') or 'results', kind == 'line_params')
+            part = parts[node] = NodePart(node.strip('/') or 'results', kind == 'line_params')
             messages = sizes[topic]
             if messages is None:
                 messages = sum(1 for _ in recording.messages({topic}))
@@ -179,7 +179,7 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
     return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
 
 
-def _take(part: Part, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
+def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
     curves = part.curves[topic]
     if topic == 'markers':
         _take_markers(part, seconds, points)
@@ -210,7 +210,7 @@ def _take(part: Part, topic: str, seconds: float, points: list[dict[str, Any]]) 
         curves.add(seconds, [max(known, default=math.nan), found, *lines[:4]])
 
 
-def _take_markers(part: Part, seconds: float, points: list[dict[str, Any]]) -> None:
+def _take_markers(part: NodePart, seconds: float, points: list[dict[str, Any]]) -> None:
     if any('id' in of or of.get('label') == 255 for of in points):
         # Without names there is nothing to withhold: how many lights there are.
         part.frames += 1
@@ -246,7 +246,7 @@ def page(flight: FlightPlot) -> Figure:
     return figure
 
 
-def _words(part: Part) -> str:
+def _words(part: NodePart) -> str:
     of = f'{part.node}: pose in {part.poses} of {part.frames} frames'
     total = sum(part.counts)
     return (
@@ -254,7 +254,7 @@ def _words(part: Part) -> str:
     )
 
 
-def _panels(part: Part) -> list[tuple[float, Any]]:
+def _panels(part: NodePart) -> list[tuple[float, Any]]:
     """Heights (inches) of a node's diagrams, and what draws each."""
     given = {topic: curves.array() for topic, curves in part.curves.items()}
     panels: list[tuple[float, Any]] = []
@@ -337,7 +337,7 @@ def _draw(
     axis.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0), fontsize='small', frameon=False)
 
 
-def _draw_states(axis: Axes, part: Part) -> None:
+def _draw_states(axis: Axes, part: NodePart) -> None:
     states = np.array(part.states).T
     times = np.array(part.times)
     steps = np.diff(times)
@@ -371,14 +371,14 @@ def _add_states_legend(axis: Axes) -> None:
 
 
 @dataclass
-class Summary:
+class NodeSummary:
     """A line of the overview: of each node its part, and the quartiles of what is drawn."""
 
     name: str
-    parts: list[tuple[Part, Array]]
+    parts: list[tuple[NodePart, Array]]
 
 
-def _summary(flight: FlightPlot) -> Summary:
+def _summary(flight: FlightPlot) -> NodeSummary:
     parts = []
     for part in flight.parts:
         topic, column = ('pose', 2) if part.is_runway else ('rpy', 1)
@@ -386,7 +386,7 @@ def _summary(flight: FlightPlot) -> Summary:
         values = curves.array() if curves else np.full((3, 0, 7), np.nan)
         parts.append((part, _range(values[:, :, column])))
         part.curves, part.states, part.times = {}, [], []
-    return Summary(f'{flight.name}  {flight.seconds:.0f} s', parts)
+    return NodeSummary(f'{flight.name}  {flight.seconds:.0f} s', parts)
 
 
 def _range(values: Array) -> Array:
@@ -398,7 +398,7 @@ def _range(values: Array) -> Array:
     return np.array([least.min(), np.median(mean), greatest.max()])
 
 
-def overview(flights: Sequence[Summary]) -> Figure:
+def overview(flights: Sequence[NodeSummary]) -> Figure:
     """All flights on one page: a line for each."""
     kinds = [
         kind
@@ -447,7 +447,7 @@ def overview(flights: Sequence[Summary]) -> Figure:
     return figure
 
 
-def _draw_shares(axis: Axes, row: int, part: Part) -> None:
+def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
     """Markers by state above, frames with a pose below."""
     left, total = 0.0, sum(part.counts)
     for count, color in zip(part.counts, _STATE_COLORS, strict=True):

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.messages.images import decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
-from mvuav_ros.offline.replay.frames import make_processors, process
+from mvuav_ros.offline.replay.frame_replay import make_processors, process
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures

@@ -29,7 +29,7 @@ from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, 
 from mvuav_ros.vision.markers.tracker import MarkerTracker, rig_of
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
-from mvuav_ros.vision.reprojection import FEWEST
+from mvuav_ros.vision.reprojection import MIN_MARKERS
 from mvuav_ros.vision.rig import MarkerRig
 
 _TOPICS = {
@@ -207,7 +207,7 @@ class MarkerTrackerProcessor(Processor):
             return None
         self._seen = named_places(result)
         pose = self._poses.estimate(self._camera, *self._seen, frame.stamp_ns)
-        if pose is None and len(self._seen[0]) >= FEWEST:
+        if pose is None and len(self._seen[0]) >= MIN_MARKERS:
             self._warnings.append(f'no pose: {self._poses.reason}')
         return pose
 

@@ -25,7 +25,7 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
-from mvuav_ros.vision.reprojection import FEWEST
+from mvuav_ros.vision.reprojection import MIN_MARKERS
 from mvuav_ros.vision.rig import MarkerRig, load_rig
 from mvuav_ros.vision.runway.debug_images import draw_overlay
 from mvuav_ros.vision.runway.results import RunwayResult
@@ -155,7 +155,7 @@ def _answer(
             if result.camera_doubt:
                 raise CalibrationError(result.camera_doubt)
             pose = poses.estimate(camera, labels, pixels, frame.stamp_ns)
-            if pose is None and len(labels) >= FEWEST:
+            if pose is None and len(labels) >= MIN_MARKERS:
                 reason = f'no pose: {poses.reason}'
         except CalibrationError as error:
             reason = f'no pose: {error}'

@@ -118,7 +118,7 @@ class Channels:
         self.known[number] = topic, converter
         self._first.setdefault(number, self.known[number])
         self._found.setdefault(_definition(number, topic), topic)
-        if before is None or _definition(0, before[0]) == _definition(0, topic):
+        if before is None or _meaning(before[0]) == _meaning(topic):
             return ''
         self.is_contradicted = True
         was, now = (f'{words(each.name)} ({words(each.type)})' for each in (before[0], topic))
@@ -127,6 +127,12 @@ class Channels:
 
 def _definition(number: int, topic: TopicInfo) -> _Definition:
     return number, topic.name, topic.type, topic.serialization_format
+
+
+def _meaning(topic: TopicInfo) -> tuple[str, str, str]:
+    """What may not change: ROS 1's stays ROS 1's where a definition of its type is damaged."""
+    encoding = topic.serialization_format
+    return topic.name, topic.type, 'ros1' if encoding == UNKNOWN_ROS1 else encoding
 
 
 class RecordingFile(ABC):

@@ -219,7 +219,8 @@ class CameraModel:
 
     def _project(self, points: ArrayLike, rvec: ArrayLike, tvec: ArrayLike) -> tuple[Array, Array]:
         given = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 3)
-        turn, place = (np.array(each, np.float64).reshape(3, 1) for each in (rvec, tvec))
+        turn = np.array(rvec, np.float64).reshape(3, 1)
+        place = np.array(tvec, np.float64).reshape(3, 1)
         if not len(given):
             return np.empty((0, 2)), np.empty((0, 15))
         project: Any = cv2.fisheye.projectPoints if self.is_fisheye else cv2.projectPoints

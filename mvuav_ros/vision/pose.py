@@ -14,7 +14,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
 from mvuav_ros.vision.pose_ambiguity import choose, meets_another
 from mvuav_ros.vision.reprojection import (
-    FEWEST,
+    MIN_MARKERS,
     Reprojection,
     Solution,
     inverse,
@@ -38,12 +38,12 @@ class PoseTuning:
     holds: float = 1.0
     # px, root mean square per axis, above which the names or the calibration must be wrong, in any
     # frame.
-    most_misfit: float = 1.0
+    max_misfit: float = 1.0
     # The same over the image's span of the markers, for large images.
-    most_relative_misfit: float = 0.004
+    max_relative_misfit: float = 0.004
     unusual: float = 4.0  # times the usual noise: a misfit from there on is looked into
-    most_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
-    most_turn_error: float = math.radians(1.5)  # rad (1 sigma), likewise
+    max_distance_error: float = 0.015  # of the distance (1 sigma), above which a pose is kept back
+    max_turn_error: float = math.radians(1.5)  # rad (1 sigma), likewise
     # Part of both from which on a pose of three lights is kept back: two solutions are about to
     # meet, and the errors are no longer those of the one.
     of_three: float = 0.4
@@ -151,8 +151,8 @@ class PoseEstimator:
         # A float would be seconds, of which a caller would never hear.
         time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)
-        if len(labels) < FEWEST:
-            self.reason = f'{len(labels)} markers; a pose needs {FEWEST}'
+        if len(labels) < MIN_MARKERS:
+            self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         if not np.isfinite(pixels).all():
             self.reason = 'the positions of the markers are not finite'
@@ -167,7 +167,7 @@ class PoseEstimator:
         pose = self._pose(camera, view, markers[chosen].tolist(), solution)
         if pose is not None:
             self._last, self._last_time = solution[:2], time
-        elif len(chosen) == FEWEST:
+        elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing tells which one goes on.
             self._last = None
         return pose
@@ -178,12 +178,12 @@ class PoseEstimator:
         Three lights fit a pose wherever they are: of a rig with more, they only continue one.
         """
         seen = frozenset(markers.tolist())
-        if len(seen) > FEWEST or len(self._points) == FEWEST:
+        if len(seen) > MIN_MARKERS or len(self._points) == MIN_MARKERS:
             self._vouched = seen
             return True
         if seen <= self._vouched and time - self._last_time <= TUNING.holds:
             return True
-        self.reason = f'{FEWEST} markers that no other one confirms'
+        self.reason = f'{MIN_MARKERS} markers that no other one confirms'
         return False
 
     def _solve(
@@ -213,7 +213,7 @@ class PoseEstimator:
         usual: float,
     ) -> tuple[NDArray[np.intp], Reprojection, Solution] | None:
         """The solution without the one marker that the others contradict; None if unclear."""
-        if len(markers) < FEWEST + 2:
+        if len(markers) < MIN_MARKERS + 2:
             return None
         everything = np.arange(len(markers))
         fitting = []
@@ -237,7 +237,7 @@ class PoseEstimator:
         if spread is not None:
             noise = self.noise
             covariance = max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2 * spread
-        share = TUNING.of_three if count == 2 * FEWEST else 1.0
+        share = TUNING.of_three if count == 2 * MIN_MARKERS else 1.0
         if spread is None or not _is_known(covariance, tvec, share):
             self.reason = 'the pose is too uncertain'
             return None
@@ -260,7 +260,7 @@ class PoseEstimator:
         count = 2 * len(view.image)
         if solution is None or solution[2] > count * min(usual, _most_misfit(view)) ** 2:
             return None
-        if count == 2 * FEWEST and meets_another(solution, view.closed_forms()):
+        if count == 2 * MIN_MARKERS and meets_another(solution, view.closed_forms()):
             self._last = None
             return None
         return solution
@@ -281,14 +281,14 @@ class PoseEstimator:
         chosen = choose(solutions, self.noise, len(view.image), last)
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
-            if last is None and count > 2 * FEWEST:
+            if last is None and count > 2 * MIN_MARKERS:
                 self._residuals.learn(least, count - 6)
         return chosen
 
 
 def _most_misfit(view: Reprojection) -> float:
     span = float((view.image.max(axis=0) - view.image.min(axis=0)).max())
-    return max(TUNING.most_misfit, TUNING.most_relative_misfit * span)
+    return max(TUNING.max_misfit, TUNING.max_relative_misfit * span)
 
 
 def _is_known(covariance: Array, tvec: Array, share: float) -> bool:
@@ -299,5 +299,5 @@ def _is_known(covariance: Array, tvec: Array, share: float) -> bool:
     moved = math.sqrt(max(*variances[:3], 0.0))
     turned = math.sqrt(max(*variances[3:], 0.0))
     distance = math.hypot(*tvec.ravel().tolist())
-    known = moved <= share * TUNING.most_distance_error * distance
-    return known and turned <= share * TUNING.most_turn_error
+    known = moved <= share * TUNING.max_distance_error * distance
+    return known and turned <= share * TUNING.max_turn_error

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.reprojection import FEWEST, Solution, rotation_of
+from mvuav_ros.vision.reprojection import MIN_MARKERS, Solution, rotation_of
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class AmbiguityTuning:
     decisive: float = 12.0
     # rad, by which a solution must be nearer to the last pose than the next one.
     nearer: float = math.radians(3.0)
-    most_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
+    max_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
     one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
     meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
 
@@ -49,9 +49,9 @@ def choose(
     fitting = [solution for solution in solutions if solution[2] <= limit]
     if last is not None:
         return _nearest(last, fitting)
-    if count == FEWEST:
+    if count == MIN_MARKERS:
         # As their names do, a pose of three lights presupposes that they are seen from behind.
-        fitting = [solution for solution in fitting if _tilt(solution) < TUNING.most_tilt]
+        fitting = [solution for solution in fitting if _tilt(solution) < TUNING.max_tilt]
         limit, same = math.inf, TUNING.one
     else:
         same = TUNING.same

@@ -15,11 +15,11 @@ from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
 
 Array = NDArray[np.float64]
 
-FEWEST = 3  # Markers for a pose: with three there may be four solutions, all of which fit
+MIN_MARKERS = 3  # Markers for a pose: with three there may be four solutions, all of which fit
 _TILTS = tuple(math.radians(angle) for angle in (-30.0, 0.0, 30.0))
-_MOST_STEPS = 20
+_MAX_STEPS = 20
 _FIRST_DAMPING = 1e-3  # part of the normal matrix's diagonal
-_SMALL_STEP = 1e-6  # of the pose, after which the next step is lost in rounding
+_SMALL_STEP = 2e-6  # of the pose, after which the next step is lost in rounding
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 """Of the axes, for a cross product."""
 
@@ -36,6 +36,7 @@ class Reprojection:
         self._camera = camera
         # The newest solution's rotation vector, and the derivatives and places there.
         self._newest: tuple[Array, Array, Array] | None = None
+        self._turned: tuple[Array, Array] | None = None  # its rotation matrix
         # OpenCV's solvers know pinhole cameras alone.
         self._matrix, self._distortion = camera.matrix, camera.distortion
         self._flat = image
@@ -51,36 +52,50 @@ class Reprojection:
             return None
         if not (math.isfinite(squares) and np.isfinite(rvec).all() and np.isfinite(tvec).all()):
             return None
-        in_front = (self._points @ rotation_of(rvec).T)[:, 2] + tvec[2] > 0.0
-        return (rvec, tvec, squares) if in_front.all() else None
+        depths = self._points.dot(self._rotation(rvec)[2])
+        return (rvec, tvec, squares) if float(depths.min()) + float(tvec[2, 0]) > 0.0 else None
 
     def _descend(self, rvec: Array, tvec: Array) -> Solution:
         """Levenberg-Marquardt on the image error, for any camera model.
 
-        OpenCV's knows pinhole cameras alone, and goes on to differences that no light shows.
+        OpenCV's knows pinhole cameras alone, and goes on to differences that no light shows. A
+        small step is taken as the derivatives have it: what is left is its square.
         """
         at = np.concatenate((rvec.ravel(), tvec.ravel()))
         seen, jacobian = self._camera.project_with_jacobian(self._points, at[:3], at[3:])
         residual, damping = (self.image - seen).ravel(), _FIRST_DAMPING
         squares = float(residual.dot(residual))
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             normal = jacobian.T.dot(jacobian)
-            normal.flat[::7] *= 1.0 + damping
-            step = np.linalg.solve(normal, jacobian.T.dot(residual))
+            normal.reshape(-1)[::7] *= 1.0 + damping
+            regular, step = cv2.solve(
+                normal, jacobian.T.dot(residual)[:, None], flags=cv2.DECOMP_CHOLESKY
+            )
+            if not regular:
+                damping *= 10.0
+                continue
+            step = step.ravel()
             tried = at + step
+            if step.dot(step) <= _SMALL_STEP**2 * at.dot(at):
+                at, residual = tried, residual - jacobian.dot(step)
+                squares = float(residual.dot(residual))
+                break
             seen, changed = self._camera.project_with_jacobian(self._points, tried[:3], tried[3:])
             left = (self.image - seen).ravel()
             less = float(left.dot(left))
-            small = step.dot(step) <= _SMALL_STEP**2 * at.dot(at)
             if less <= squares:
                 at, jacobian, residual, squares, damping = tried, changed, left, less, 0.1 * damping
             else:
                 damping *= 10.0
-            if small:
-                break
         rvec, tvec = at[:3].reshape(3, 1), at[3:].reshape(3, 1)
         self._newest = rvec, jacobian, self.image - residual.reshape(-1, 2)
+        self._turned = rvec, rotation_of(rvec)
         return rvec, tvec, squares
+
+    def _rotation(self, rvec: Array) -> Array:
+        if self._turned is None or self._turned[0] is not rvec:
+            self._turned = rvec, rotation_of(rvec)
+        return self._turned[1]
 
     def solve(self) -> list[Solution]:
         """All solutions that OpenCV's solvers and a few tilted starts lead to."""
@@ -105,7 +120,7 @@ class Reprojection:
     def closed_forms(self) -> list[tuple[Array, Array]]:
         """Rotation vectors and translations by OpenCV's solvers, all that there are of three."""
         methods = [cv2.SOLVEPNP_SQPNP]
-        if len(self._points) == FEWEST:
+        if len(self._points) == MIN_MARKERS:
             methods = [cv2.SOLVEPNP_P3P, cv2.SOLVEPNP_AP3P, cv2.SOLVEPNP_SQPNP]
         found: list[tuple[Array, Array]] = []
         for method in methods:
@@ -133,11 +148,14 @@ class Reprojection:
             derivatives = self._newest[1]
         else:
             derivatives = self._camera.project_with_jacobian(self._points, rvec, tvec)[1]
-        by_place = derivatives[:, 3:6]
+        by_place = derivatives[:, 3:6].reshape(-1, 2, 3)
         # A small turn w moves a point p, as seen from the body's origin, by w x p.
-        points = np.repeat(self._points @ rotation_of(rvec).T, 2, axis=0)
-        by_turn = points[:, _NEXT] * by_place[:, _LAST] - points[:, _LAST] * by_place[:, _NEXT]
-        return np.hstack((by_place, by_turn))
+        arms = self._points.dot(self._rotation(rvec).T)[:, None]
+        found = np.empty((len(arms), 2, 6))
+        found[..., :3] = by_place
+        found[..., 3:] = arms[..., _NEXT] * by_place[..., _LAST]
+        found[..., 3:] -= arms[..., _LAST] * by_place[..., _NEXT]
+        return found.reshape(-1, 6)
 
 
 def projection_derivatives(
@@ -175,8 +193,6 @@ def rotation_of(rvec: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array | None:
-    """Of a symmetric matrix; None where it has none."""
-    try:
-        return np.asarray(np.linalg.inv(matrix), np.float64)
-    except np.linalg.LinAlgError:
-        return None
+    """Of a symmetric positive matrix; None where it has none."""
+    regular, inverted = cv2.invert(matrix, flags=cv2.DECOMP_CHOLESKY)
+    return np.asarray(inverted, np.float64) if regular else None

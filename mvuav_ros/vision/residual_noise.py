@@ -17,9 +17,9 @@ class NoiseTuning:
     first_weight: float = 4.0  # degrees of freedom that this assumption is worth
     first_memory: float = 0.9  # of that, per frame
     memory: float = 0.999  # of the residuals, per frame
-    recent_memory: float = 0.6  # of those that tell of an upset: back to normal in 15 frames
-    upset: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
-    longest_upset: int = 60  # frames after which it is the usual noise that has changed
+    recent_memory: float = 0.6  # of those that tell of a sudden rise: back to normal in 15 frames
+    rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
+    max_rise: int = 60  # frames after which it is the usual noise that has changed
     # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
     steady_error: float = 0.015
 
@@ -30,25 +30,25 @@ TUNING = NoiseTuning()
 class ResidualNoise:
     """Deviation of a marker's place per axis, px, from the residuals of poses that fit.
 
-    An upset counts while it lasts, and is soon forgotten.
+    A sudden rise counts while it lasts, and is soon forgotten.
     """
 
     def __init__(self) -> None:
         self._squares = self._freedom = self._recent = 0.0
         self._doubt = TUNING.first_weight
-        self._upset_for = 0
+        self._risen_for = 0
 
     @property
     def noise(self) -> float:
         """In the newest frame, px."""
         variance = self._variance
-        if self._recent > TUNING.upset**2 * variance:
+        if self._recent > TUNING.rise**2 * variance:
             variance = self._recent
         return math.hypot(math.sqrt(variance), TUNING.steady_error)
 
     @property
     def usual(self) -> float:
-        """Where there is no upset, px."""
+        """Where there is no sudden rise, px."""
         return math.hypot(math.sqrt(self._variance), TUNING.steady_error)
 
     @property
@@ -62,10 +62,10 @@ class ResidualNoise:
             return
         variance = self._variance
         self._recent += (1 - TUNING.recent_memory) * (squares / freedom - self._recent)
-        upset = self._recent > TUNING.upset**2 * variance
-        self._upset_for = self._upset_for + 1 if upset else 0
+        rise = self._recent > TUNING.rise**2 * variance
+        self._risen_for = self._risen_for + 1 if rise else 0
         most = math.inf
-        if 0 < self._upset_for < TUNING.longest_upset:
+        if 0 < self._risen_for < TUNING.max_rise:
             most = variance * freedom
         self._squares = TUNING.memory * self._squares + min(squares, most)
         self._freedom = TUNING.memory * self._freedom + freedom

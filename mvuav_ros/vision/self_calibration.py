@@ -38,24 +38,24 @@ class CalibrationTuning:
     # Of the focal length's logarithm before anything was seen (1 sigma).
     focal_error: float = 0.5
     contradiction: float = 3.0  # deviations from the calibration, and
-    least_contradiction: float = 0.04  # part of it, from which on the lights contradict it
+    min_contradiction: float = 0.04  # part of it, from which on the lights contradict it
     # Of the squared residuals over their variances, per degree of freedom: with more, the names
     # are wrong or the camera is another one altogether.
-    most_misfit: float = 6.0
+    max_misfit: float = 6.0
     frames: int = 12  # that are kept
     # Frames by which rig and camera are known well enough to see that a further one does not fit
-    # them: its squared residuals are above `most_odd` and by a factor above those before.
+    # them: its squared residuals are above `max_odd` and by a factor above those before.
     known: int = 3
-    most_odd: float = 2.0
+    max_odd: float = 2.0
     odd: float = 4.0
     # Such frames in a row, after which it was not one of the lights but what was known.
-    most_refused: int = 8
+    max_refused: int = 8
     step: float = 1e-4  # of the logarithm, after which the next one would change nothing
 
 
 TUNING = CalibrationTuning()
 _MOST_ITERATIONS = 12
-_LONGEST_STEP, _FARTHEST = 0.25, 3.0
+_MAX_STEP, _FARTHEST = 0.25, 3.0
 _PINHOLE: Array = np.eye(3)
 
 
@@ -90,12 +90,12 @@ class Estimate:
     @property
     def fits(self) -> bool:
         """Whether some focal length explains the lights."""
-        return self.misfit <= TUNING.most_misfit
+        return self.misfit <= TUNING.max_misfit
 
     @property
     def contradicts(self) -> bool:
         """Whether it is another one than that of the calibration."""
-        limit = max(TUNING.contradiction * self.deviation, TUNING.least_contradiction)
+        limit = max(TUNING.contradiction * self.deviation, TUNING.min_contradiction)
         return self.fits and abs(self.shift) > limit
 
     def of_camera(self, camera: CameraModel) -> CameraModel:
@@ -170,7 +170,7 @@ class SelfCalibration:
         pose = self._first_pose(frame)
         if pose is None:
             return False
-        if self._is_odd(frame, pose) and self._refused < TUNING.most_refused:
+        if self._is_odd(frame, pose) and self._refused < TUNING.max_refused:
             self._refused += 1
             return False
         self._refused = 0
@@ -209,7 +209,7 @@ class SelfCalibration:
         rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
         spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
         misfit = float(left @ np.linalg.solve(spread, left)) / max(len(left) - 6, 1)
-        return misfit > max(TUNING.most_odd, TUNING.odd * told.misfit)
+        return misfit > max(TUNING.max_odd, TUNING.odd * told.misfit)
 
     def _first_pose(self, frame: Keyframe) -> tuple[Array, Array] | None:
         camera, points = self._model(self._told)
@@ -263,7 +263,7 @@ class SelfCalibration:
             except np.linalg.LinAlgError:
                 return None
             step = covariance @ towards
-            step *= min(1.0, _LONGEST_STEP / max(abs(float(step[0])), 1e-9))
+            step *= min(1.0, _MAX_STEP / max(abs(float(step[0])), 1e-9))
             value = value + step
             poses = [
                 (rvec + change[:3], tvec + change[3:])

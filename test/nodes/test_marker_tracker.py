@@ -48,7 +48,8 @@ def test_one_answer_for_every_image_with_its_header(graph):
     assert [m.header for m in rpy] == [i.header for i in images]
     assert markers[0].header.frame_id == 'nose'
     points = decode_points(markers[5])
-    assert points.dtype.names == ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area', 'label', 'state')
+    numbers = ('x', 'y', 'z', 'vx', 'vy', 'ax', 'ay', 'area', 'label', 'state', 'confidence')
+    assert points.dtype.names == numbers
     assert list(points['label']) == [0, 1, 2, 3, 4]
     assert list(points['state']) == [1] * 5
     assert points['x'] == pytest.approx(tanker_at(325, 240)[:, 0], abs=0.05)

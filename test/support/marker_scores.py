@@ -18,6 +18,10 @@ FEW = 3
 not counted."""
 
 
+CONFIDENCES = 0.5, 0.9, 0.99, 0.999
+"""Between these are the parts of the names by their confidence."""
+
+
 @dataclass(eq=False)
 class FlightScore:
     """One flight's figures.
@@ -39,6 +43,8 @@ class FlightScore:
         usual: CPU ms of frames in which nothing happens, now and in the last ten: all markers
             whole, no other light.
         search: CPU ms of the others.
+        reliability: names by their confidence (see `CONFIDENCES`): all, the wrong ones, and the sum
+            of the confidences.
     """
 
     frames: int = 0
@@ -53,6 +59,9 @@ class FlightScore:
     posable: int = 0
     usual: list[float] = field(default_factory=list)
     search: list[float] = field(default_factory=list)
+    reliability: list[list[float]] = field(
+        default_factory=lambda: [[0, 0, 0.0] for _ in range(len(CONFIDENCES) + 1)]
+    )
     _running: dict[int, int] = field(default_factory=dict)
     _back: dict[int, int] = field(default_factory=dict)
     _gone: set[int] = field(default_factory=set)
@@ -114,6 +123,17 @@ class FlightScore:
                 else:
                     self._back[marker] += 1
 
+    def add_confidences(
+        self, named: NDArray[np.bool_], places: Array, pixels: Array, confidences: Array
+    ) -> None:
+        """How sure the names of a frame's markers are (n,); see `add`."""
+        away = np.hypot(*(places - pixels).T)
+        for marker in np.flatnonzero(named & np.isfinite(confidences)):
+            part = self.reliability[int(np.searchsorted(CONFIDENCES, confidences[marker]))]
+            part[0] += 1
+            part[1] += bool(away[marker] > TOLD_APART)
+            part[2] += float(confidences[marker])
+
     def add_roll(self, roll: float, left: Array, right: Array) -> None:
         """The roll told, rad or NaN, and where both wings are that are wholly in sight, px."""
         if not self._could_start:
@@ -166,6 +186,7 @@ class FlightScore:
             'usual_ms': float(np.median(self.usual)) if self.usual else None,
             'search_ms': float(np.mean(self.search)) if self.search else None,
             'worst_ms': max(self.search[3:], default=None),
+            'reliability': self.reliability,
         }
 
 
@@ -206,4 +227,5 @@ def summary(flights: Sequence[dict[str, Any]]) -> dict[str, Any]:
         'usual_ms': of(np.median, all_of('usual_ms'), 3),
         'search_ms': of(np.mean, all_of('search_ms')),
         'worst_ms': of(max, all_of('worst_ms'), 1),
+        'reliability': np.sum([flight['reliability'] for flight in flights], axis=0).tolist(),
     }

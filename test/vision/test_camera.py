@@ -8,7 +8,7 @@ import pytest
 
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
-from mvuav_ros.vision.markers.lens import Lens
+from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.rig import TANKER_747
 from mvuav_ros.vision.rig_examination import pose_error

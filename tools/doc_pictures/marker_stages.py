@@ -12,8 +12,8 @@ from doc_pictures.style import image_row, save
 from mvuav_ros import MarkerTracker
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.opening import camera_model, make_flight
-from mvuav_ros.vision.markers.blobs import Blobs
 from mvuav_ros.vision.markers.drawing import draw_markers
+from mvuav_ros.vision.markers.lights import Blobs
 from mvuav_ros.vision.markers.results import MarkerResult
 from mvuav_ros.vision.point_operations import threshold
 from mvuav_ros.vision.pose import PoseEstimator

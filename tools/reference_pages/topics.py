@@ -91,7 +91,8 @@ FIELDS = {
     'theta_raw': 'rad, as measured in this frame',
     'flags': 'bits: 1 rho error, 2 theta error, 4 corrected',
     'role': '0 in mode `thesis`; 1 left edge, 2 right edge, 3 centreline, 4 far end, 5 near end',
-    'confidence': '0 to 1 in mode `approach`; NaN in mode `thesis`',
+    'confidence': '0 to 1; of a marker the probability of its name where `prediction` is `kalman`, of a '
+    'line in mode `approach`; NaN otherwise',
 }
 _HEAD = """\
 # Topics and services
@@ -183,5 +184,5 @@ def _fields(topic: str, dtype: np.dtype[np.void]) -> str:
         rows.append(f'| `{name}` | {kind} | {offset} | {FIELDS[name]} |')
     rows += ['', f'A row is {dtype.itemsize} bytes. Read fields by name: new ones go behind.']
     if topic == '~/markers':
-        rows[-1] = rows[-1].replace('bytes.', 'bytes with `id`, 34 without.')
+        rows[-1] = rows[-1].replace('bytes.', 'bytes; without `id` 38, with `confidence` at 34.')
     return '\n'.join(rows) + '\n'

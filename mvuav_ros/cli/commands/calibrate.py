@@ -81,7 +81,7 @@ def calibrate(options: CalibrateOptions) -> None:
     to 45 degrees. Sharp images that differ are picked by themselves. The file is what
     camera_calibration writes; nothing is written if the views do not determine the camera.
     """
-    from mvuav_ros.offline import camera_calibration as work
+    from mvuav_ros.offline import calibrate_camera as work
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.sources.calibration import save_calibration
     from mvuav_ros.sources.opening import open_source
@@ -246,7 +246,7 @@ def calibrate_rig(options: RigOptions) -> None:
     names the lights by the rough rig; then their positions are adjusted to all images. Nothing is
     written if the flight does not determine them.
     """
-    from mvuav_ros.offline import rig_calibration as work
+    from mvuav_ros.offline import calibrate_rig as work
     from mvuav_ros.offline.node_parameters import resolve_parameters
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters

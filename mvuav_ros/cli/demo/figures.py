@@ -57,10 +57,10 @@ def save_tanker(bag: Path, target: Path) -> Path:
     poses = _read(bag, '/marker_tracker/pose', PoseWithCovarianceStamped)
     stamps = sorted(images.keys() & markers.keys() & rolls.keys() & poses.keys())
     off = [stamp for stamp in stamps if (markers[stamp]['state'] == MarkerState.PREDICTED).any()]
-    figure, axes = _side_by_side()
-    shown = (stamps[len(stamps) // 3], off[len(off) // 2]) if off else stamps[:1]
+    shown = [stamps[len(stamps) // 3], *off[len(off) // 2 :][:1]]
+    figure, axes = _side_by_side(len(shown))
     titles = ('All five lights found and named', 'One light is off: its place is predicted')
-    for axis, stamp, title in zip(axes, shown, titles, strict=False):
+    for axis, stamp, title in zip(axes.flat, shown, titles, strict=False):
         _show(axis, images[stamp])
         _draw_names(axis, markers[stamp])
         distance = poses[stamp].pose.pose.position.z
@@ -125,7 +125,8 @@ def save_runway(bag: Path, sample: Path, target: Path) -> Path:
     truth = _read(sample, '/truth/pose', PoseStamped)
     stamps = sorted(images.keys() & approach.keys() & poses.keys() & thesis.keys() & truth.keys())
     stamp = stamps[len(stamps) // 3]
-    figure, (left, right) = _side_by_side()
+    figure, axes = _side_by_side(2)
+    left, right = axes.flat
     _show(left, images[stamp])
     for row in decode_points(approach[stamp]):
         if row['role'] in _EDGES and np.isfinite(row['x']):
@@ -178,9 +179,9 @@ def _write(axis: Axes, word: str, place: NDArray[np.float64], color: str) -> Non
     axis.text(x, y, word, color=color, clip_on=True, ha='center', va='center', path_effects=_SHADOW)
 
 
-def _side_by_side() -> tuple[Figure, Any]:
-    figure = Figure(figsize=(13, 5.6), layout='constrained')
-    return figure, figure.subplots(1, 2)
+def _side_by_side(count: int) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(6.5 * count, 5.6), layout='constrained')
+    return figure, figure.subplots(1, count, squeeze=False)
 
 
 def _show(axis: Axes, message: Any) -> None:

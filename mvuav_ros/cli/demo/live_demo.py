@@ -30,7 +30,7 @@ from mvuav_ros.sources.source import SourceError
 RATE_WINDOW = 2.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 MAX_DURATION = 50.0
-"""Seconds; the demo ends by itself within a minute whatever happens."""
+"""s to start, and s to play; the demo ends by itself whatever happens."""
 SETTLING_TIME = 0.5
 """Seconds from the moment that a node is seen until its messages surely arrive."""
 SILENCE = 0.5
@@ -141,6 +141,7 @@ def _watch(
                 ready_at = now
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True
+                end = now + MAX_DURATION
                 _start_sources(flights, nodes)
             if reason := nodes.failure():
                 raise SourceError(reason)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import mvuav_ros
-from mvuav_ros.offline.replay.frames import (
+from mvuav_ros.offline.replay.frame_replay import (
     FrameResults,
     ReplayInput,
     make_processors,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.identity.tracker import IdentityTracker
+from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
 from mvuav_ros.vision.markers.results import Marker, MarkerResult, MarkerState
 from mvuav_ros.vision.rig import MarkerRig
 from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
@@ -25,11 +25,11 @@ ANOTHER_RIG = 0.001  # in parts of its size what the rig is taken for (root mean
 SAME_LIGHT = 1.0  # px, between the places of a light as two trackers tell it
 NEEDED = 0.25
 """Squared residuals over their variances per degree of freedom up to which those told will do."""
-FIRST_STEP, LONGEST_STEP = 0.1, 8.0
+FIRST_STEP, MAX_STEP = 0.1, 8.0
 """s between two frames that are taken for the estimate: while it is young, and when settled."""
-FEWEST = 5
+MIN_MARKERS = 5
 """Markers of a rig that can be named without a calibration, and then tell one; four fit any."""
-MOST_OTHERS = 3
+MAX_OTHERS = 3
 """Lights beside the rig's with which they are tried without the calibration, which takes time."""
 TRIED, RESTED = 30, 5
 """Frames at the start in each of which the lights are named without the calibration as well;
@@ -121,7 +121,7 @@ class CalibratedTracker:
         self._tell(estimate)
         differing = self._differs(check, estimate)
         self._differing = self._differing + 1 if differing else 0
-        self._step = FIRST_STEP if differing else min(2.0 * self._step, LONGEST_STEP)
+        self._step = FIRST_STEP if differing else min(2.0 * self._step, MAX_STEP)
         self._next = time + self._step
         # What one frame alone shows may be another light.
         if self._differing < 2 or len(check) < AGREED or len(seen) < len(result.markers):
@@ -161,7 +161,7 @@ class CalibratedTracker:
         """Name the lights without the calibration where nothing was found with it."""
         self._frames += 1
         count = len(self._rig.names)
-        if count < FEWEST or not count <= self._tracker.lights <= count + MOST_OTHERS:
+        if count < MIN_MARKERS or not count <= self._tracker.lights <= count + MAX_OTHERS:
             return result
         if self._frames > TRIED and self._frames % RESTED:
             return result

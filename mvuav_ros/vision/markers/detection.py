@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.blobs import MAX_BLOBS, Blobs
-from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, group_mask
-from mvuav_ros.vision.markers.labelling import label_five, roll_of
-from mvuav_ros.vision.markers.many_centroids import clipped, measure_windows
+from mvuav_ros.vision.markers.centroid import clipped, measure_windows
+from mvuav_ros.vision.markers.grouping import (
+    GroupingError,
+    area_fits,
+    group_mask,
+    label_five,
+    roll_of,
+)
+from mvuav_ros.vision.markers.lights import MAX_BLOBS, Blobs
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,

@@ -7,23 +7,126 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.detection import find_lights
-from mvuav_ros.vision.markers.gated_assignment import (
-    IMPOSSIBLE,
-    assign,
-    choices,
-    common_shift,
-    nearest_other,
-)
 from mvuav_ros.vision.markers.grouping import GroupingError
-from mvuav_ros.vision.markers.prediction.predictor import MotionPredictor
+from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
+
+IMPOSSIBLE = 1e6  # The cost of a pair that cannot be, and a distance beyond all others (px)
+MAX_CHOICES = 8  # Detections, the nearest, that a known light is held against
+_JUMPS_TRIED = 5
+
+
+def nearest_other(places: Array) -> Array:
+    """The distance from each of (n, 2) places to the nearest other one, px; far if alone."""
+    if len(places) < 2:
+        return np.full(len(places), IMPOSSIBLE)
+    return np.asarray(cKDTree(places).query(places, k=2)[0][:, 1])
+
+
+def choices(predicted: Array, seen: Array, widest: float) -> tuple[Array, Integers]:
+    """The detections (m, 2) near each known light (n, 2), px, at most `MAX_CHOICES`.
+
+    Returns:
+        (n, k) their distances (px, infinite beyond the widest) and (n, k) their numbers.
+    """
+    count = np.arange(1, min(MAX_CHOICES, len(seen)) + 1)
+    apart, number = cKDTree(seen).query(predicted, k=count, distance_upper_bound=widest)
+    return apart, np.minimum(number, len(seen) - 1)
+
+
+def assign(cost: Array, number: Integers) -> Integers:
+    """Give detections to known lights so that most have one, and the sum of costs is least.
+
+    Pairs in which neither has another choice are taken at once; only the rest, which among
+    well-separated lights is nothing, is left to the Hungarian method.
+
+    Args:
+        cost: (n, k) of each light's choices, `IMPOSSIBLE` where they cannot be a pair.
+        number: (n, k) of the detections.
+
+    Returns:
+        (n,) the detection's number, or -1.
+    """
+    given = np.full(len(cost), -1)
+    possible = cost < IMPOSSIBLE
+    rivals = np.bincount(number[possible], minlength=int(number.max(initial=0)) + 1)
+    only = possible.argmax(axis=1)
+    first = number[np.arange(len(cost)), only]
+    sure = (possible.sum(axis=1) == 1) & (rivals[first] == 1)
+    given[sure] = first[sure]
+    rows = np.flatnonzero(possible.any(axis=1) & ~sure)
+    if len(rows) == 0:
+        return given
+    light, choice = np.nonzero(possible[rows])
+    columns, column = np.unique(number[rows[light], choice], return_inverse=True)
+    dense = np.full((len(rows), len(columns)), IMPOSSIBLE)
+    dense[light, column] = cost[rows[light], choice]
+    chosen, taken = linear_sum_assignment(dense)
+    valid = dense[chosen, taken] < IMPOSSIBLE
+    given[rows[chosen[valid]]] = columns[taken[valid]]
+    return given
+
+
+def common_shift(
+    predicted: Array, seen: Array, nearest: Array, longest: float, tolerance: float
+) -> Array | None:
+    """A jump that most lights made together, as by a push to the camera.
+
+    The shifts from every prediction to every detection vote in cells; the fullest are tried.
+
+    Args:
+        predicted: (n, 2) px.
+        seen: (m, 2) px.
+        nearest: (n,) px, from each prediction to the nearest detection.
+        longest: px, of a jump.
+        tolerance: px, by which the lights may differ.
+
+    Returns:
+        (2,) px, or None where they made none.
+    """
+    count = len(predicted)
+    at_rest = int((nearest < tolerance).sum())
+    if count < 3 or len(seen) < 3 or at_rest > count - 2:
+        return None
+    shifts = (seen[None] - predicted[:, None]).reshape(-1, 2)
+    shifts = shifts[np.abs(shifts).max(axis=1) < longest]
+    if len(shifts) < 3:
+        return None
+    tree = cKDTree(seen)
+    best, shift = 0, None
+    for candidate in _most_common(shifts, longest, tolerance):
+        apart = tree.query(predicted + candidate, distance_upper_bound=tolerance)[0]
+        fitting = int(np.isfinite(apart).sum())
+        if fitting > best:
+            best, shift = fitting, candidate
+    return shift if best >= max(3, 0.6 * count, at_rest + 2) else None
+
+
+def _most_common(shifts: Array, longest: float, tolerance: float) -> list[Array]:
+    """The middles of the cells into which most shifts fall."""
+    side = int(2 * longest / tolerance) + 2
+    cells = np.floor((shifts + longest) / tolerance).astype(np.intp)
+    votes = np.bincount(cells[:, 0] * side + cells[:, 1], minlength=side * side).reshape(side, side)
+    # Two by two cells, as a jump may lie at the border of one.
+    votes = votes[:-1, :-1] + votes[1:, :-1] + votes[:-1, 1:] + votes[1:, 1:]
+    fullest = np.argsort(-votes.ravel(), kind='stable')[:_JUMPS_TRIED]
+    middles = []
+    for corner in np.stack(np.unravel_index(fullest, votes.shape), axis=-1):
+        inside = np.all((cells >= corner) & (cells <= corner + 1), axis=1)
+        if inside.any():
+            middles.append(np.median(shifts[inside], axis=0))
+    return middles
+
+
 Mask = NDArray[np.bool_]
 
 
@@ -47,8 +150,8 @@ class MultiObjectTuning:
     confirmed: int = 3  # sightings from which a light is more than a speck
     # Specks out of sight that are kept; with all of the following, so that noise in every frame
     # costs little more than in one.
-    most_tentative: int = 50
-    most_voters: int = 40  # lights that are asked whether all have jumped
+    max_tentative: int = 50
+    max_voters: int = 40  # lights that are asked whether all have jumped
     most: int = 400  # lights that are kept
 
 
@@ -120,7 +223,7 @@ class MultiObjectTracker:
         """The lights that can tell a jump of all: well known, and seen in the last frame."""
         known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
         voters = np.flatnonzero(known)
-        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.most_voters]]
+        return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.max_voters]]
 
     def _update(self, time: float, given: Integers, found: Array) -> None:
         """Measure the known lights."""
@@ -133,13 +236,13 @@ class MultiObjectTracker:
         change = found[given[visible], 2] - self._areas[visible]
         self._areas[visible] += (1 - TUNING.size_memory) * change
 
-    def _forget(self, earliest: float, given: Integers, most_hidden: int) -> Integers:
+    def _forget(self, earliest: float, given: Integers, max_hidden: int) -> Integers:
         """Forget lights that were last seen before a time (s), and the least known of too many."""
         hidden = given < 0
         kept = ~hidden | (self._last_seen >= earliest)
         tentative = self._sightings < TUNING.confirmed
-        _thin_out(kept, hidden & tentative, self._sightings, TUNING.most_tentative)
-        _thin_out(kept, hidden, self._sightings, most_hidden)
+        _thin_out(kept, hidden & tentative, self._sightings, TUNING.max_tentative)
+        _thin_out(kept, hidden, self._sightings, max_hidden)
         if not kept.all():
             self._motion.keep(kept)
             self._ids, self._areas = self._ids[kept], self._areas[kept]
@@ -182,8 +285,8 @@ def _thin_out(kept: Mask, group: Mask, sightings: Integers, most: int) -> None:
     """Keep at most so many of a group of lights, those that were seen most often."""
     members = np.flatnonzero(kept & group)
     if len(members) > most:
-        least_known = np.argsort(sightings[members], kind='stable')
-        kept[members[least_known[: len(members) - max(most, 0)]]] = False
+        min_known = np.argsort(sightings[members], kind='stable')
+        kept[members[min_known[: len(members) - max(most, 0)]]] = False
 
 
 _STATES = {int(state): state for state in MarkerState}

@@ -82,6 +82,9 @@ class Marker(NamedTuple):
 
     Position in px, velocity in px/s, acceleration in px/s², area in px.
 
+    ``confidence`` is the probability of the name, 0 to 1; NaN of lights without a name, of markers
+    that are not detected, and where the thesis's assumptions give the names.
+
     ``label`` is a `Label` for the tanker, the place in the rig for any other body, and
     `Label.UNLABELLED` in ``detect_any`` and ``track_any``.
     """
@@ -95,6 +98,7 @@ class Marker(NamedTuple):
     ax: float = NAN
     ay: float = NAN
     area: float = NAN
+    confidence: float = NAN
 
 
 LOST_TANKER = tuple(Marker(label, MarkerState.LOST) for label in TANKER_LABELS)

@@ -16,7 +16,7 @@ from support.places import ROOT
 
 def mvuav(*arguments):
     command = [sys.executable, '-m', 'mvuav_ros', 'mvuav', *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240)
 
 
 def test_demo_leaves_every_frame_and_the_images(tmp_path):

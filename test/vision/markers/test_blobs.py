@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.blobs import label
+from mvuav_ros.vision.markers.lights import label
 
 
 def masks(seed):

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from mvuav_ros.vision.markers.gated_assignment import (
+from mvuav_ros.vision.markers.multi_object import (
     IMPOSSIBLE,
     assign,
     choices,

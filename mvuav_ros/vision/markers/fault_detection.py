@@ -1,0 +1,186 @@
+"""Which of a frame's named markers contradict the others: fault detection and exclusion."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from mvuav_ros.vision.markers.rig_view import ViewState
+from mvuav_ros.vision.markers.view_filter import Belief, Correction, Point, ViewFilter
+
+
+@dataclass(frozen=True)
+class FaultTuning:
+    """How much evidence a doubt takes.
+
+    Chosen on seeds 0 to 29 of flights of bare lights (`simulation.light_flights`) and on the
+    simulator's docking approaches; `protected_by_few` and `fitting` on seeds 9000 to 9029 and 9500
+    to 9529.
+    """
+
+    # Squared distance over variance from which on a marker contradicts the others.
+    gate: float = 16.0
+    doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
+    min_firm: int = 3  # markers, without which none can be doubted
+    # px (1 sigma), of a marker's place by the others, up to which they would contradict another
+    # light there.
+    protected: float = 4.0
+    # The same where too few are in sight to tell each other's places later.
+    protected_by_few: float = 1.3
+    # Markers not out of sight before, by which alone others' places are told.
+    min_telling: int = 2
+    min_agreeing: int = 4  # markers that tell each other's places
+    # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
+    beside: float = 6.0
+    inflate: float = 4.0  # by which all variances grow where what is seen makes no sense
+    # By which they grow to find out whether it is only the motion that was not foreseen.
+    free: float = 1e3
+    min_free: int = 8  # coordinates for that
+    # Squared residuals over their variances up to which markers then fit the rig, which are more
+    # than can fit any other.
+    fitting: float = 12.0
+    fitting_few: float = 4.0  # the same of as few as can tell
+
+
+TUNING = FaultTuning()
+_PAIRS_UP_TO = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Consensus:
+    """What a set of named lights agrees on."""
+
+    seen: ViewState | Correction  # the view by the markers that agree, or what tells it
+    kept: tuple[int, ...]  # those markers
+    dropped: tuple[int, ...] = ()  # the ones that contradict them
+    # one of which, or some, must be another light; which ones, later frames tell.
+    suspects: tuple[int, ...] = ()
+
+    @property
+    def view(self) -> ViewState:
+        """By the markers that agree."""
+        return self.seen.view if isinstance(self.seen, Correction) else self.seen
+
+
+class FaultDetector:
+    """Holds every frame's named lights against the rig: each marker against all the others."""
+
+    def __init__(self, views: ViewFilter) -> None:
+        self.views = views  # how the rig is seen
+        # Markers that were out of sight or not alone shortly before, whose lights may be others;
+        # where enough others are not, they hardly take part.
+        self.untrusted: set[int] = set()
+        # Evidence that markers' lights are others since a moment ago (see `Jumps`).
+        self.jumps: Mapping[int, float] = {}
+        self._corrected: tuple[Belief, object, Correction] | None = None
+
+    def _correct(self, found: Mapping[int, Point]) -> Correction:
+        belief, key = self.views.belief, (self.untrusted, list(found.items()))
+        last = self._corrected
+        if last is not None and last[0] is belief and last[1] == key:
+            return last[2]
+        untrusted = self.untrusted.intersection(found)
+        if len(found) - len(untrusted) < TUNING.min_firm:
+            untrusted.clear()
+        correction = self.views.correct(found, untrusted)
+        self._corrected = belief, key, correction
+        return correction
+
+    def nis_of(self, found: Mapping[int, Point]) -> dict[int, float]:
+        """For each named light how far it lies from where the others put it (see `Correction`)."""
+        return dict(zip(found, self._correct(found).nis, strict=True))
+
+    def weigh(self, found: Mapping[int, Point]) -> Consensus:
+        """Which of the named lights agree.
+
+        The fewest are dropped without which the others fit; while it is not clear which those
+        are, all that they may be are suspects.
+        """
+        if not found:
+            return Consensus(self.views.view, ())
+        correction = self._correct(found)
+        markers = tuple(found)
+        if max(correction.nis) <= TUNING.gate:
+            return Consensus(correction, markers)
+        if len(markers) < 2:
+            return Consensus(self.views.view, (), markers)
+        for dropped in (1, 2, 3):
+            if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
+                break
+            consensus = self._without(found, dropped)
+            if consensus is not None:
+                return consensus
+        return self._greedy(found)
+
+    def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
+        """The consensus of all but a number of markers; None where none agree."""
+        markers = list(found)
+        rests = list(combinations(range(len(markers)), len(markers) - number))
+        seen = np.array([[markers[i] for i in rest] for rest in rests], np.intp)
+        places = np.array(list(found.values()))
+        fits = self.views.fit(seen, places[np.array(rests)])
+        jumped = [self.jumps.get(marker, 0.0) for marker in markers]
+        fitting = [
+            (cost + sum(jumped[i] for i in rest), rest)
+            for cost, rest, nis in zip(fits.cost, rests, fits.nis, strict=True)
+            if nis.max() <= TUNING.gate
+        ]
+        if not fitting:
+            return None
+        least, best = min(fitting)
+        kept = set(best)
+        for cost, rest in fitting:
+            if cost < least + TUNING.doubt:
+                kept &= set(rest)
+        names = tuple(markers[i] for i in sorted(kept))
+        view = self.views.look({marker: found[marker] for marker in names})
+        others = tuple(m for m in found if m not in names)
+        if len(others) > number:
+            return Consensus(view, names, (), others)
+        return Consensus(view, names, others)
+
+    def _greedy(self, found: Mapping[int, Point]) -> Consensus:
+        rest = dict(found)
+        view = self.views.look(rest)
+        while len(rest) > 2 and view.nis.max() > TUNING.gate:
+            del rest[list(rest)[int(view.nis.argmax())]]
+            view = self.views.look(rest)
+        if view.nis.max() > TUNING.gate or 2 * len(rest) <= len(found):
+            return Consensus(self.views.view, (), (), tuple(found))
+        return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
+
+    def unverified(
+        self, found: Mapping[int, Point], returned: Collection[int], untrusted: Collection[int] = ()
+    ) -> set[int]:
+        """Which of the markers found lie where the others do not tell their places.
+
+        Asked are those that were out of sight shortly before, and where few are in sight also those
+        that were not alone.
+        """
+        few = len(found) < TUNING.min_agreeing
+        doubtful = {m for m in found if m in returned or (few and m in untrusted)}
+        if not doubtful:
+            return set()
+        if few and len(found) - len(doubtful) < TUNING.min_telling:
+            return doubtful
+        told = self._correct(found).deviations_by_others()
+        limit = TUNING.protected_by_few if few else TUNING.protected
+        return {marker for marker in doubtful if told[marker] > limit}
+
+    def inflate(self) -> None:
+        """What was seen contradicts the view as a whole."""
+        self.views.inflate(TUNING.inflate)
+
+    def commit(self, found: Mapping[int, Point]) -> dict[int, float]:
+        """Take a frame's named lights, which agree; what each place says for its name.
+
+        See `Correction.log_odds`.
+        """
+        if not found:
+            return {}
+        correction = self._correct(found)
+        self.views.commit(correction)
+        return correction.log_odds(TUNING.beside, self.views.unknowns)

@@ -1,1 +1,0 @@
-"""Markers followed under their names: found, doubted, lost and found again."""

@@ -1,0 +1,337 @@
+"""A body's markers followed under their names, whatever hides, joins or imitates them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.markers.assignment import Expectation, Recovery
+from mvuav_ros.vision.markers.centroid import Detection
+from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
+from mvuav_ros.vision.markers.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.grouping import GroupingError, roll_of
+from mvuav_ros.vision.markers.initialization import ANY_ROLL, CONFIRMED, Attempts, Named, initialize
+from mvuav_ros.vision.markers.lights import Frame, Lens, Lights, are_close, places_of, straightened
+from mvuav_ros.vision.markers.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.results import (
+    TANKER_LABELS,
+    TANKER_NAMES,
+    Marker,
+    MarkerResult,
+    MarkerState,
+    Window,
+    counts_of,
+)
+from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
+from mvuav_ros.vision.markers.search import Clutter, Rejections, Search
+from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import MarkerRig
+
+
+class Reporter:
+    """Results of one rig's markers."""
+
+    def __init__(self, rig: MarkerRig) -> None:
+        names = rig.names
+        self._labels: list[int] = list(range(len(names)))
+        if names == TANKER_NAMES:
+            self._labels = [*TANKER_LABELS]
+        self._wings = None
+        if 'left_wing' in names and 'right_wing' in names:
+            self._wings = names.index('left_wing'), names.index('right_wing')
+
+    def nothing(self, status: str) -> MarkerResult:
+        """All markers are lost."""
+        lost = tuple(Marker(label, MarkerState.LOST) for label in self._labels)
+        return MarkerResult(lost, status=status, has_wings=self._wings is not None)
+
+    def result(
+        self,
+        memory: MarkerMemory,
+        spots: Sequence[Detection | None],
+        earliest: float,
+        expected: Mapping[int, Expectation],
+        windows: Sequence[Window] = (),
+        remark: str = '',
+    ) -> MarkerResult:
+        """What is told of a frame, by the memory that holds it already.
+
+        A marker without a spot is predicted where it is expected (px) if it was seen since the
+        earliest time (s).
+        """
+        velocity, acceleration = memory.predictor.motions()
+        markers = []
+        for index, label in enumerate(self._labels):
+            i, j = 2 * index, 2 * index + 1
+            motion = (velocity[i], velocity[j], acceleration[i], acceleration[j])
+            spot = spots[index]
+            if spot is not None:
+                x, y, area, _ = spot
+                confidence = memory.markers[index].confidence
+                markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area, confidence))
+            elif memory.markers[index].last_seen >= earliest and index in expected:
+                x, y, _ = expected[index]
+                markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
+            else:
+                markers.append(Marker(label, MarkerState.LOST))
+        roll = math.nan
+        if self._wings is not None:
+            roll = roll_of(*(markers[wing] for wing in self._wings))
+        status = remark
+        if None in spots:
+            status = counts_of(markers) + (f' ({remark})' if remark else '')
+        predictions = tuple(zip(memory.told[::2], memory.told[1::2], strict=True))
+        has_wings = self._wings is not None
+        return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
+
+
+SAME_SPOT = 3.0  # Two markers closer than this (px) are one light
+GIVEN_UP = 10.0  # Seconds without any marker after which nothing is known of the body any more
+WIDEST = 200.0  # px, by which a search window grows at most
+YOUNG = 1.0  # s without any marker up to which two are enough to find the body again
+PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
+NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
+EXACT = 4.0
+"""Deviations of a marker from its rig's place (root mean square) at which a body that was known
+before is another one."""
+
+
+class IdentityTracker:
+    """The whole frame at the start, then a window for each marker; the whole frame in doubt.
+
+    Every frame is held against the rig: the markers in sight tell how it is seen (see
+    `ViewFilter`), and a marker that the others contradict loses its name (see `FaultDetector`).
+    Markers that are alone in their windows, as they usually look, and agree are taken (the fast
+    way, and the usual one). If any is not, the bright pieces of the whole frame are named by the
+    body's geometry (see `Search`): a piece gets a name only where no other fits. While doubts
+    stay, the body is also named afresh, and if that contradicts the names frame after frame, it
+    replaces them.
+    """
+
+    def __init__(self, rig: MarkerRig) -> None:
+        self._rig = rig
+        self._count = len(rig.names)
+        self._report = Reporter(rig)
+        self._size = (0, 0)
+        self._camera: CameraModel | None = None
+        self._tick = 0
+        self.lights = 0  # in the newest frame in which the whole body was looked for
+        self._start_again()
+
+    def set_camera(self, camera: CameraModel | None) -> None:
+        """Take a calibration, or that there is none; what was known under another one is lost."""
+        if camera != self._camera:
+            self._camera = camera
+            self._size = (0, 0)
+
+    def _start_again(self) -> None:
+        self._body: tuple[FaultDetector, MarkerMemory] | None = None
+        self._clutter = Clutter()
+        self._recovery = Recovery()
+        self._rejections = Rejections()
+        self._attempts = Attempts(self._count)
+        self._doubts = self._unexplained = 0
+
+    def track(self, image: Image, time: float, parameters: MarkerTrackerParameters) -> MarkerResult:
+        """Find the body's markers in the next frame, of a later time (s) than the last one."""
+        self._tick += 1
+        frame = Frame(image, time, self._tick, parameters)
+        if frame.size != self._size:
+            self._size = frame.size
+            self._lens = Lens(frame.size, self._camera)
+            self._shape = WeakPerspective.of(self._rig, self._lens)
+            self._start_again()
+        if self._body is None:
+            return self._start(frame)
+        return self._follow(frame, *self._body)
+
+    def _start(self, frame: Frame) -> MarkerResult:
+        """Name all markers in a whole frame."""
+        try:
+            lights = Lights(frame, self._lens)
+        except GroupingError as error:
+            self._attempts.fail()
+            self.lights = 0
+            return self._report.nothing(str(error))
+        seen, count = len(lights), self._count
+        self.lights = seen
+        if not self._attempts.due(seen):
+            return self._report.nothing(f'{seen} lights in view, {count} do not stand out')
+        if seen < count:
+            return self._report.nothing(f'{seen} of {count} markers in view')
+        named = initialize(self._shape, lights, self._rig.names)
+        if named.view is None:
+            self._attempts.fail()
+            return self._report.nothing(named.remark)
+        if not self._attempts.succeed(named):
+            # Another way of naming the same lights than a frame ago: neither can be believed.
+            return self._report.nothing('the markers were named in two ways')
+        if not self._attempts.confirmed(named):
+            return self._report.nothing(f'{seen} lights in view, not yet certain')
+        spots = [lights.measured[spot] for spot in named.spots]
+        memory = MarkerMemory(frame.time, spots)
+        self._body = FaultDetector(self._filter_of(named, frame.time)), memory
+        return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
+
+    def _filter_of(self, named: Named, time: float, before: ViewFilter | None = None) -> ViewFilter:
+        """Begin to follow the view of a whole body."""
+        assert named.view is not None
+        shape = self._shape
+        if not named.fits:
+            places = np.array([(spot.x, spot.y) for spot in named.spots])
+            shape = shape.with_offsets(named.view, places)
+        return ViewFilter(shape, named.view, time, before)
+
+    def _follow(self, frame: Frame, faults: FaultDetector, memory: MarkerMemory) -> MarkerResult:
+        memory.predict(frame.time)
+        faults.views.predict(frame.time)
+        if any(marker.unseen for marker in memory.markers):
+            places, deviations = faults.views.places()
+            memory.tell(self._lens.to_image(places), deviations)
+        spots, windows = memory.look(frame)
+        seen = {index: spot for index, spot in enumerate(spots) if spot is not None}
+        for a, b in combinations(list(seen), 2):
+            if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
+                del seen[a], seen[b]
+        found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
+        memory.watch(seen)
+        faults.jumps = memory.jumps.evidence
+        faults.untrusted = memory.untrusted
+        named = places_of(found)
+        consensus = faults.weigh(named)
+        if len(consensus.kept) == self._count:
+            odds = faults.commit(named)
+            self._rejections.clear()
+            self._doubts = self._unexplained = 0
+            memory.remember(frame.time, spots, {}, odds)
+            return self._report.result(memory, spots, frame.earliest, {}, windows)
+        for marker in consensus.dropped:
+            memory.predictor.forget(marker)
+        in_image = dict(zip(found.values(), seen.values(), strict=True))
+        doubted = memory.distrust(seen)
+        faults.untrusted = memory.untrusted
+        motion = memory.motion(self._lens)
+        search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
+        around = memory.told if consensus.kept else ()
+        status = self._search(frame, search, in_image, around)
+        if not search.found and frame.time - memory.newest > GIVEN_UP:
+            self._start_again()
+            return self._report.nothing('no marker in view')
+        memory.trust_again(doubted, search.alone)
+        return self._conclude(frame, search, in_image, windows, status)
+
+    def _conclude(
+        self,
+        frame: Frame,
+        search: Search,
+        in_image: Mapping[Detection, Detection],
+        windows: list[Window],
+        status: str,
+    ) -> MarkerResult:
+        """Remember and tell what a search has found."""
+        assert self._body is not None
+        memory = self._body[1]
+        # Where other lights are about, some three of all nearly always look like three markers.
+        few = len(search.reacquired) < FAULTS.min_agreeing and self._clutter.is_about
+        trusted = set() if few else search.reacquired
+        unverified = search.faults.unverified(
+            places_of(search.found), memory.returned - trusted, memory.untrusted - trusted
+        )
+        expected, odds = search.finish()
+        expected = self._in_image(expected)
+        for index, (x, y, deviation) in expected.items():
+            radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
+            windows[index] = Window.around(x, y, radius, self._size)
+        named = {index: in_image[spot] for index, spot in search.found.items()}
+        spots = [named.get(index) for index in range(self._count)]
+        memory.trust(trusted)
+        hidden = search.suspects
+        if self._clutter.is_about:
+            hidden = hidden | unverified
+        memory.remember(frame.time, spots, expected, odds, unverified)
+        spots = [None if index in hidden else spot for index, spot in enumerate(spots)]
+        return self._report.result(memory, spots, frame.earliest, expected, windows, status)
+
+    def _search(
+        self,
+        frame: Frame,
+        search: Search,
+        in_image: dict[Detection, Detection],
+        around: Sequence[float],
+    ) -> str:
+        """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
+        assert self._body is not None
+        try:
+            lights = Lights(frame, self._lens, around)
+        except GroupingError as error:
+            return str(error)
+        fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
+        fewest = min(fewest, self._count)
+        other = search.views.shape.offsets is not None and not search.found
+        nameless = search.name(lights, self._clutter, fewest, self._recovery)
+        if other and len(search.found) < self._count <= len(lights):
+            self._name_afresh(search, lights)
+        else:
+            self._challenge(search, lights, nameless)
+        in_image.update(lights.measured)
+        return ''
+
+    def _name_afresh(self, search: Search, lights: Lights) -> None:
+        """Name a body that is not quite its rig as at the start: its old view tells too little."""
+        search.found.clear()
+        named = initialize(self._shape, lights, self._rig.names)
+        if named.view is not None and named.certain:
+            self._replace(search, named)
+
+    def _challenge(self, search: Search, lights: Lights, nameless: int) -> None:
+        """Name the body afresh where lights have no name and markers no light for long."""
+        unexplained = min(len(search.missing), search.unexplained) > 0 and len(search.found) < 3
+        unexplained &= search.is_contradicted
+        self._unexplained = self._unexplained + 1 if unexplained else 0
+        if self._unexplained > PATIENCE:
+            search.faults.inflate()
+        in_doubt = min(len(search.missing), nameless) >= 2
+        self._doubts = self._doubts + 1 if in_doubt else 0
+        if self._doubts <= PATIENCE and search.found:
+            return
+        if len(lights) < self._count or not self._attempts.due(len(lights)):
+            return
+        views = search.views
+        deviation = ANY_ROLL if search.found else math.hypot(NEARBY_ROLL, views.deviation_of(ROLL))
+        before = views.view.roll, min(deviation, ANY_ROLL)
+        named = initialize(self._shape, lights, self._rig.names, before)
+        if named.view is None or named.view.misfit > EXACT * views.deviation:
+            self._attempts.fail()
+            return
+        self._attempts.succeed(named)
+        agrees = len(search.found) > 1 and all(
+            named.spots[index] == spot for index, spot in search.found.items()
+        )
+        if agrees or (named.certain and not search.found) or self._attempts.agreed >= CONFIRMED:
+            self._replace(search, named)
+
+    def _replace(self, search: Search, named: Named) -> None:
+        """Take a body that was named afresh for the one that was followed."""
+        assert self._body is not None
+        old, memory = self._body
+        views = self._filter_of(named, old.views.time, old.views)
+        self._body = FaultDetector(views), memory
+        search.replace(self._body[0], named)
+        memory.start_afresh()
+        self._rejections.clear()
+        self._attempts = Attempts(self._count)
+        self._doubts = 0
+
+    def _in_image(self, expected: Mapping[int, Expectation]) -> dict[int, Expectation]:
+        """Expectations where the image would show them."""
+        places = self._lens.to_image(np.array([(e.x, e.y) for e in expected.values()])).tolist()
+        return {
+            index: Expectation(x, y, e.deviation)
+            for (index, e), (x, y) in zip(expected.items(), places, strict=True)
+        }

@@ -1,1 +1,0 @@
-"""Where each light will be next."""

@@ -1,0 +1,555 @@
+"""How a rig's markers look to a camera: the view's parameters, fits, and three lights' views."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.rig import MarkerRig
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
+"""Places in a view's parameters."""
+COUNT = 8
+_AT_REST: Array = np.zeros(3)
+KNOWN_FOCAL = 0.01
+"""Part by which a calibrated focal length may be wrong (1 sigma)."""
+_NEAREST = 0.05
+"""Least distance of a marker over the rig's: what would come to lie behind the camera."""
+_MIN_AREA = 1e-3
+"""Twice that of a triangle in which three markers are not on one line, in squared units."""
+_EXPONENTS: Complex = np.zeros((COUNT, 6), np.complex128)
+"""Of a view: i times yaw + pitch, yaw - pitch, yaw, and pitch; log of the scale plus i times the
+roll; log of the scale less that of the focal length."""
+_EXPONENTS[YAW, :3] = _EXPONENTS[PITCH, [0, 3]] = _EXPONENTS[ROLL, 4] = 1j
+_EXPONENTS[PITCH, 1] = -1j
+_EXPONENTS[SCALE, 4:] = 1.0
+_EXPONENTS[FOCAL, 5] = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class WeakPerspective:
+    """A rig seen from behind, in units of its size.
+
+    Attributes:
+        points: (n, 3), x right, y down, z ahead; the middle of the markers is the origin and the
+            farthest marker is at 1.
+        size: m.
+        lens: of the camera.
+        offsets: (n,), by how much the markers of a body that is not what its rig says are seen
+            beside it: x + iy in units of the scale, turned with the roll.
+    """
+
+    points: Array
+    size: float
+    lens: Lens
+    offsets: Complex | None = None
+
+    @classmethod
+    def of(cls, rig: MarkerRig, lens: Lens) -> WeakPerspective:
+        """The shape of a rig whose x axis points away from the camera."""
+        x, y, z = rig.positions.T
+        points = np.column_stack((-y, -z, x))
+        points = points - points.mean(axis=0)
+        size = float(np.hypot(np.hypot(*points.T[:2]), points.T[2]).max()) or 1.0
+        return cls(points / size, size, lens)
+
+    def with_offsets(self, view: ViewState, measured: Array) -> WeakPerspective:
+        """The shape that shows the markers where they are (n, 2), px, in a view."""
+        beside = measured - replace(self, offsets=None).project(view.parameters)
+        turn = np.exp(complex(view.parameters[SCALE], view.roll))
+        return replace(self, offsets=(beside[:, 0] + 1j * beside[:, 1]) / turn)
+
+    @property
+    def centre(self) -> Array:
+        """(2,), px: off it, near and far markers shift against each other."""
+        return self.lens.centre
+
+    @cached_property
+    def base(self) -> tuple[int, int]:
+        """The two markers farthest apart as seen from behind."""
+        flat = self.points[:, 0] + 1j * self.points[:, 1]
+        apart = np.abs(flat[:, None] - flat)
+        first, second = np.unravel_index(int(np.argmax(apart)), apart.shape)
+        return int(first), int(second)
+
+    @cached_property
+    def triangle(self) -> tuple[int, int, int] | None:
+        """The three markers of the largest triangle as seen from behind; None if on one line."""
+        flat = self.points[:, 0] + 1j * self.points[:, 1]
+
+        def area(three: tuple[int, int, int]) -> float:
+            a, b, c = (complex(flat[marker]) for marker in three)
+            return abs(((b - a).conjugate() * (c - a)).imag)
+
+        largest = max(combinations(range(len(flat)), 3), key=area, default=None)
+        return None if largest is None or area(largest) < _MIN_AREA else largest
+
+    @cached_property
+    def max_nearness(self) -> float:
+        """Units per distance: with more, markers would come to lie behind the camera."""
+        return float(0.85 / max(0.35, -self.points[:, 2].min()))
+
+    def project(self, parameters: Array) -> Array:
+        """Where the markers are seen.
+
+        Args:
+            parameters: (..., 8): roll (rad), log of the scale (px per unit), x and y of the
+                origin (px), pitch and yaw away from straight behind (rad), log of the focal
+                length (px: the less, the nearer the rig), barrel (share by which the
+                lens moves a point at half the image's diagonal; 0 where it is calibrated).
+
+        Returns:
+            (..., n, 2), px.
+        """
+        return self.linearize(parameters)[0]
+
+    def linearize(self, parameters: Array) -> tuple[Array, Array]:
+        """Places (..., n, 2) and by how much they move with the parameters, (..., n, 2, 8)."""
+        views = np.ascontiguousarray(parameters).reshape(-1, COUNT)
+        places, slopes = self.linearize_all(views)
+        count = len(self.points)
+        jacobian = slopes.reshape(len(views), COUNT, count, 2).transpose(0, 2, 3, 1)
+        before = parameters.shape[:-1]
+        return places.reshape(*before, count, 2), jacobian.reshape(*before, count, 2, COUNT)
+
+    def linearize_all(self, views: Array) -> tuple[Array, Array]:
+        """The same of m views at once, in the order in which matrix products take it.
+
+        Image points are complex numbers, x + iy from the image's centre.
+
+        Args:
+            views: (m, 8), contiguous.
+
+        Returns:
+            Places (m, 2 n), x and y of each marker in turn, and by how much they move with the
+            parameters, (m, 8, 2 n).
+        """
+        n = len(self.points)
+        powers = np.exp(views.dot(_EXPONENTS))
+        seen = powers.view(np.float64)[:, :8].dot(self._turns)
+        turned = seen[:, : 6 * n].view(np.complex128).reshape(-1, 3, n)
+        qz, across = seen[:, 6 * n : 7 * n], seen[:, 7 * n :].reshape(-1, 2, n)
+        near = powers[:, 5:].real
+        free = near < self.max_nearness
+        near = np.minimum(near, self.max_nearness)
+        larger = 1.0 / np.maximum(1.0 + near * qz, _NEAREST)
+        turned = turned * (powers[:, 4:5] * larger)[:, None]
+        origin = views[:, X : Y + 1].view(np.complex128) - self._middle
+        image = turned[:, 0] + origin * larger
+        nearer = image * (near * larger)
+        slopes = np.empty((len(views), COUNT, n), np.complex128)
+        slopes[:, X] = larger
+        np.multiply(larger, 1j, out=slopes[:, Y])
+        np.multiply(turned[:, 0], 1j, out=slopes[:, ROLL])
+        np.multiply(nearer, qz * free, out=slopes[:, FOCAL])
+        np.subtract(turned[:, 0], slopes[:, FOCAL], out=slopes[:, SCALE])
+        np.add(turned[:, 1:], nearer[:, None] * across, out=slopes[:, PITCH : YAW + 1])
+        slopes[:, BARREL] = 0.0
+        if self.lens.focal is None:
+            image = self._bend(image, slopes, views[:, BARREL:])
+        if self.offsets is not None:
+            beside = self.offsets * powers[:, 4:5]
+            image = image + beside
+            slopes[:, ROLL] += 1j * beside
+            slopes[:, SCALE] += beside
+        image += self._middle
+        return image.view(np.float64), slopes.view(np.float64)
+
+    def linearize_one(self, view: Array) -> tuple[Array, Array]:
+        """The same of one view (8,), (2 n,) and (8, 2 n), by OpenCV: it takes every frame half.
+
+        The rig is a turned one before a pinhole camera, whose derivatives by pose, focal length and
+        distortion become those by the view's parameters.
+        """
+        roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
+        size = math.exp(scale)
+        near = min(math.exp(scale - focal), self.max_nearness)
+        free = near < self.max_nearness
+        (cx, cy), length, bend = self._centre, size / near, 0.0
+        per_barrel = (length / self.lens.half_diagonal) ** 2
+        if self.lens.focal is None:
+            bend = barrel * per_barrel
+        (cr, cb, ca), (sr, sb, sa) = (
+            (turn(roll), turn(pitch), turn(yaw)) for turn in (math.cos, math.sin)
+        )
+        sa_sb, ca_sb = sa * sb, ca * sb
+        rotation = np.array(
+            (
+                (cr * ca - sr * sa_sb, -sr * cb, cr * sa + sr * ca_sb),
+                (sr * ca + cr * sa_sb, cr * cb, sr * sa - cr * ca_sb),
+                (-sa * cb, sb, ca * cb),
+            )
+        )
+        beside, below, away = (x - cx) / size, (y - cy) / size, 1.0 / near
+        seen, derivatives = cv2.projectPoints(
+            self.points.dot(rotation.T)[:, None],
+            _AT_REST,
+            np.array((beside, below, away)),
+            np.array(((length, 0.0, cx), (0.0, length, cy), (0.0, 0.0, 1.0))),
+            np.array((bend, 0.0, 0.0, 0.0)),
+        )
+        # By small turns, place, focal lengths, principal point and k1.
+        by = np.zeros((COUNT, 14))
+        by[ROLL, 2] = 1.0
+        by[PITCH, :2] = cr, sr
+        by[YAW, :3] = -sr * cb, cr * cb, sb
+        by[X, 3] = by[Y, 4] = 1.0 / size
+        by[SCALE, 3:5] = -beside, -below
+        if free:
+            by[SCALE, 5], by[FOCAL, 5] = -away, away
+        by[FOCAL if free else SCALE, 6:8] = length
+        if self.lens.focal is None:
+            by[FOCAL if free else SCALE, 10] = 2.0 * bend
+            by[BARREL, 10] = per_barrel
+        places: Array = np.asarray(seen, np.float64).ravel()
+        slopes: Array = by.dot(derivatives.T)
+        if self.offsets is not None:
+            shift = self.offsets * cmath.rect(size, roll)
+            places = places + shift.view(np.float64)
+            slopes[ROLL] += (1j * shift).view(np.float64)
+            slopes[SCALE] += shift.view(np.float64)
+        return places, slopes
+
+    def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> Complex:
+        """Points (m, n) seen through a lens that is not calibrated; changes their slopes too."""
+        squared = (image * image.conj()).real / self.lens.half_diagonal**2
+        bent = 1.0 + barrel * squared
+        outward = 2.0 / self.lens.half_diagonal**2 * (image.conj()[:, None] * slopes).real
+        slopes *= bent[:, None]
+        slopes += (barrel * image)[:, None] * outward
+        slopes[:, BARREL] = image * squared
+        return np.asarray(image * bent)
+
+    @cached_property
+    def _centre(self) -> tuple[float, float]:
+        x, y = self.centre.tolist()
+        return x, y
+
+    @cached_property
+    def _middle(self) -> complex:
+        return complex(*self.centre.tolist())
+
+    @cached_property
+    def _turns(self) -> Array:
+        """(8, 9 n): what makes the turned points of cosines and sines of yaw and pitch.
+
+        The rows are cosine and sine of yaw + pitch, yaw - pitch, yaw, and pitch. The columns are
+        qx + i qy of the turned points q, its derivatives by pitch and by yaw (each complex), qz,
+        and the derivatives of qz, negative.
+        """
+        (px, py, pz), n = self.points.T, len(self.points)
+        cos_sum, sin_sum, cos_less, sin_less, ca, sa, cb, sb = np.eye(8)[..., None]
+        ca_cb, sa_sb = 0.5 * (cos_less + cos_sum), 0.5 * (cos_less - cos_sum)
+        sa_cb, ca_sb = 0.5 * (sin_sum + sin_less), 0.5 * (sin_sum - sin_less)
+        qx, ahead = ca * px + sa * pz, ca * pz - sa * px
+        qy = cb * py - ca_sb * pz + sa_sb * px
+        qz = sb * py + ca_cb * pz - sa_cb * px
+        sb_qx, cb_qx = ca_sb * px + sa_sb * pz, ca_cb * px + sa_cb * pz
+        pairs = (qx, qy), (0.0 * qz, -qz), (ahead, sb_qx)
+        complexes = [np.stack(pair, axis=-1).reshape(8, 2 * n) for pair in pairs]
+        return np.hstack((*complexes, qz, -qy, cb_qx))
+
+
+@dataclass(frozen=True, eq=False)
+class ViewState:
+    """An estimate of how a shape is seen.
+
+    Attributes:
+        parameters: (8,), see `WeakPerspective.project`.
+        covariance: (8, 8).
+        misfit: root mean square of the residuals of the markers it was fitted to, px.
+        cost: squared residuals and squared distance from the prior, both over their variances.
+        nis: (k,), for each of those markers how far it lies from where all others put it:
+            squared distance over variance.
+    """
+
+    parameters: Array
+    covariance: Array
+    misfit: float = 0.0
+    cost: float = 0.0
+    nis: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def scale(self) -> float:
+        """Pixels per unit of the shape."""
+        return math.exp(float(self.parameters[SCALE]))
+
+    @property
+    def roll(self) -> float:
+        """In the image, rad, right wing down positive."""
+        return float(self.parameters[ROLL])
+
+
+def deviations_of(jacobian: Array, covariance: Array) -> Array:
+    """How uncertain places are (1 sigma, px), (n,): the larger axis of each one's ellipse."""
+    spread = jacobian @ covariance @ jacobian.swapaxes(-1, -2)
+    mean = 0.5 * (spread[:, 0, 0] + spread[:, 1, 1])
+    half = np.hypot(0.5 * (spread[:, 0, 0] - spread[:, 1, 1]), spread[:, 0, 1])
+    return np.asarray(np.sqrt(np.maximum(mean + half, 0.0)))
+
+
+_LEAST = np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6))
+_MOST = np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3))
+"""What parameters can become when nothing has been seen for long."""
+_SHARED: Array = np.zeros(COUNT)
+_SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
+SETTLED = 5e-3
+"""rad, and logarithms: after a step this small the next one would be a thousandth of it."""
+_MAX_STEP = 0.5  # rad, and logarithms
+_SINGULAR = 1e-16  # Determinant of what other markers tell of a place over what all tell, at least
+
+
+class NamedPlaces(NamedTuple):
+    """Where some markers are seen, in m ways of naming lights."""
+
+    markers: NDArray[np.intp]  # (m, k)
+    places: Array  # (m, k, 2), px, without distortion
+    deviation: float  # of a place from what the rig says (1 sigma, px per axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """Views fitted to several ways of naming markers."""
+
+    parameters: Array  # (m, 8), see `WeakPerspective.project`
+    covariance: Array  # (m, 8, 8)
+    cost: Array  # (m,), squared residuals and squared distance from the prior, over their variances
+    misfit: Array  # (m,), px, root mean square of the markers' distances
+    # (m, k), for each marker how far it lies from where all others put it: squared distance over
+    # variance.
+    nis: Array
+
+    def view(self, index: int = 0) -> ViewState:
+        """One of the views."""
+        return ViewState(
+            self.parameters[index],
+            self.covariance[index],
+            float(self.misfit[index]),
+            float(self.cost[index]),
+            self.nis[index],
+        )
+
+
+def fit(
+    shape: WeakPerspective,
+    prior: tuple[Array, Array],
+    seen: NamedPlaces,
+    starts: Array | None = None,
+    iterations: int = 6,
+) -> Fits:
+    """Views after looking at some of the markers.
+
+    The prior is a view (1, 8) and its covariance (1, 8, 8); the steps begin at the starts (m, 8),
+    or at the prior.
+    """
+    m, k = seen.markers.shape
+    mean, weight = prior[0], inverse(prior[1])[0]
+    parameters = np.repeat(mean, m, axis=0) if starts is None else starts
+    columns = columns_of(seen.markers)
+    places = seen.places.reshape(len(seen.places), 2 * k)
+    precision = 1.0 / seen.deviation**2
+    for _ in range(iterations):
+        residual, slopes = _residual(shape, parameters, places, columns)
+        weighted = precision * slopes
+        covariance = inverse(weighted @ slopes.transpose(0, 2, 1) + weight)
+        towards = (weighted @ residual[..., None])[..., 0] + (mean - parameters).dot(weight)
+        step, largest = limited((covariance @ towards[..., None])[..., 0])
+        parameters = possible(parameters + step)
+        if largest < SETTLED:
+            residual = residual - (step[:, None] @ slopes)[:, 0]
+            break
+    else:
+        residual, slopes = _residual(shape, parameters, places, columns)
+    away = parameters - mean
+    squares = (residual * residual).sum(axis=1)
+    cost = precision * squares + (away.dot(weight) * away).sum(axis=1)
+    jacobian = slopes.reshape(m, COUNT, k, 2).transpose(0, 2, 3, 1)
+    share = precision * (jacobian @ covariance[:, None] @ jacobian.transpose(0, 1, 3, 2))
+    deviator = -0.5 * (share[..., 0, 0] - share[..., 1, 1]) - 1j * share[..., 0, 1]
+    left = 1.0 - 0.5 * (share[..., 0, 0] + share[..., 1, 1]), deviator
+    nis = nis_of(residual, left, seen.deviation**2, seen.deviation**2)
+    return Fits(parameters, covariance, cost, np.sqrt(squares / max(k, 1)), nis)
+
+
+def columns_of(markers: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where x and y of some markers (..., k) are among those of all, (..., 2 k)."""
+    pairs = 2 * markers[..., None] + (0, 1)
+    return np.asarray(pairs.reshape(*markers.shape[:-1], 2 * markers.shape[-1]))
+
+
+def limited(step: Array) -> tuple[Array, float]:
+    """Gauss-Newton steps (m, 8) no longer than they may be, and how long the longest was."""
+    longest = np.abs(step * _SHARED)
+    largest = float(longest.max())
+    if largest > _MAX_STEP:
+        longest = longest.max(axis=1)
+        step = step * np.minimum(1.0, _MAX_STEP / np.maximum(longest, 1e-9))[:, None]
+    return step, largest
+
+
+def possible(parameters: Array) -> Array:
+    """Parameters (m, 8) within what they can become."""
+    return np.asarray(np.minimum(np.maximum(parameters, _LEAST), _MOST))
+
+
+def inverse(matrices: Array) -> Array:
+    """Inverses of positive matrices (m, n, n) whose rows are of very different sizes."""
+    size = 1.0 / np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 1e-300))
+    sizes = size[:, :, None] * size[:, None, :]
+    try:
+        inverses = np.linalg.inv(matrices * sizes) * sizes
+    except np.linalg.LinAlgError:
+        inverses = np.linalg.pinv(matrices * sizes, hermitian=True) * sizes
+    return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)))
+
+
+def _residual(
+    shape: WeakPerspective, parameters: Array, places: Array, columns: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    expected, slopes = shape.linearize_all(parameters)
+    if len(columns) == 1:
+        return places - expected[:, columns[0]], slopes[:, :, columns[0]]
+    expected = np.take_along_axis(expected, columns, axis=1)
+    return places - expected, np.take_along_axis(slopes, columns[:, None], axis=2)
+
+
+def nis_of(
+    residual: Array, left: tuple[Array, Complex], variance: Array | float, own: float
+) -> Array:
+    """How far markers lie from where all the others put them: squared distance over variance.
+
+    A marker's place by the others follows from that by all: its residual r and the place's
+    covariance h become m⁻¹ r and (m⁻¹ - I) v, with v the variance at which it took part and
+    m = I - h / v. A symmetric matrix is given by half its trace t and d = (xx - yy) / 2 + i xy:
+    with points as complex numbers, it takes z to t z + d z*.
+
+    Args:
+        residual: (m, 2 k), px.
+        left: m, (m, k) each.
+        variance: v, (m, k) or one for all, px².
+        own: of a marker's place, px².
+    """
+    trace, deviator = left
+    size = deviator.real * deviator.real + deviator.imag * deviator.imag
+    determinant = np.maximum(trace * trace - size, _SINGULAR)
+    points = np.ascontiguousarray(residual).view(np.complex128)
+    apart = trace * points - deviator * points.conj()
+    spread = variance * trace + (own - variance) * determinant
+    inside = spread * apart + (variance * deviator) * apart.conj()
+    square = apart.real * inside.real + apart.imag * inside.imag
+    return np.asarray(square / (determinant * (spread * spread - (variance * variance) * size)))
+
+
+_THREE_PAIRS = ((0, 1), (0, 2), (1, 2))
+_DEPTH_ITERATIONS = 6
+_MAX_DEPTH_STEP = 0.3
+"""Of a depth, by its own length."""
+_MIN_DEPTH = 0.3  # Least distance of a marker over that of the first one, to begin with
+
+
+def views_of_three(
+    shape: WeakPerspective, triple: tuple[int, int, int], places: Complex, focal: float
+) -> Array:
+    """Views in which three markers are seen at given places.
+
+    Args:
+        shape: the rig.
+        triple: three markers that do not lie on one line.
+        places: (t, 3), x + iy, px.
+        focal: length, px.
+
+    Returns:
+        (2 t, 8), see `WeakPerspective.project`: all of the first poses, then the others. Where
+        there is none, a view that does not show the markers there.
+    """
+    points = shape.points[list(triple)]
+    seen = (places - complex(*shape.centre)).T / focal
+    depths = _orthographic_depths(points, seen)
+    seen = np.concatenate((seen, seen), axis=1)
+    depths = _perspective_depths(points, seen, depths)
+    placed = np.array((seen.real * depths, seen.imag * depths, depths))
+    # Columns: where the rotation takes two edges and their normal.
+    edges, turned = points[1:] - points[0], placed[:, 1:] - placed[:, :1]
+    before = np.vstack((edges, np.cross(*edges))).T
+    normal = np.cross(turned[:, 0], turned[:, 1], axis=0)[:, None]
+    rotation = np.einsum('iet,ek->ikt', np.hstack((turned, normal)), np.linalg.inv(before))
+    x, y, distance = placed[:, 0] - np.einsum('ikt,k->it', rotation, points[0])
+    distance = np.maximum(distance, 1e-3)
+    views = np.zeros((seen.shape[1], COUNT))
+    views[:, ROLL] = np.arctan2(-rotation[0, 1], rotation[1, 1])
+    views[:, PITCH] = np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))
+    views[:, YAW] = np.arctan2(-rotation[2, 0], rotation[2, 2])
+    views[:, SCALE] = np.log(focal / distance)
+    views[:, X] = focal * x / distance + shape.centre[0]
+    views[:, Y] = focal * y / distance + shape.centre[1]
+    views[:, FOCAL] = math.log(focal)
+    return views
+
+
+def _orthographic_depths(points: Array, seen: Complex) -> Array:
+    """Depths (3, 2 t) of points (3, 3) seen (3, t) about from behind, by Alter's solution.
+
+    The second half of them is the mirror image of the first half.
+    """
+    edges = points[1:] - points[0]
+    first, second = (edges * edges).sum(axis=1)
+    between = float(edges[0] @ edges[1])
+    flat = np.abs(edges[:, 0] + 1j * edges[:, 1]).sum()
+    size = np.abs(seen[1:] - seen[0]).sum(axis=0) / flat
+    u, v = seen[1:] * np.maximum(1.0 + edges[:, 2:] * size, _MIN_DEPTH) - seen[0]
+    u_squared, v_squared = np.abs(u) ** 2, np.abs(v) ** 2
+    across = (u * v.conj()).real
+    # Depths p, q and scale s: s^2 first = |u|^2 + p^2, s^2 second = |v|^2 + q^2 and
+    # s^2 between = across + p q; so a s^4 - 2 b s^2 + c = 0.
+    a = first * second - between**2
+    b = 0.5 * (first * v_squared + second * u_squared) - between * across
+    c = u_squared * v_squared - across**2
+    squared = np.maximum((b + np.sqrt(np.maximum(b * b - a * c, 0.0))) / a, 1e-12)
+    p = np.sqrt(np.maximum(squared * first - u_squared, 0.0))
+    q = np.sqrt(np.maximum(squared * second - v_squared, 0.0))
+    q = np.where(squared * between >= across, q, -q)
+    away = np.array((0.0 * p, p, q))
+    away = np.maximum(1.0 + np.concatenate((away, -away), axis=1), _MIN_DEPTH)
+    return np.asarray(away / np.tile(np.sqrt(squared), 2))
+
+
+def _perspective_depths(points: Array, seen: Complex, depths: Array) -> Array:
+    """Depths (3, n) at which points (3, 3) seen (3, n) have their distances, by Newton's method."""
+    squares = [float(((points[i] - points[j]) ** 2).sum()) for i, j in _THREE_PAIRS]
+    length = 1.0 + np.abs(seen) ** 2
+    cosines = [1.0 + (seen[i] * seen[j].conj()).real for i, j in _THREE_PAIRS]
+    for _ in range(_DEPTH_ITERATIONS):
+        # The derivatives are a, b, 0; c, 0, d; 0, e, f, all times two.
+        (a, b, p), (c, d, q), (e, f, r) = (
+            (
+                length[i] * depths[i] - cosine * depths[j],
+                length[j] * depths[j] - cosine * depths[i],
+                0.5 * (square + 2.0 * cosine * depths[i] * depths[j])
+                - 0.5 * (length[i] * depths[i] ** 2 + length[j] * depths[j] ** 2),
+            )
+            for (i, j), cosine, square in zip(_THREE_PAIRS, cosines, squares, strict=True)
+        )
+        determinant = -a * d * e - b * c * f
+        determinant = np.where(np.abs(determinant) < 1e-9, 1e-9, determinant)
+        step = np.array(
+            (
+                b * d * r - p * d * e - b * q * f,
+                a * q * f - a * d * r - p * c * f,
+                p * c * e - a * q * e - b * c * r,
+            )
+        )
+        most = _MAX_DEPTH_STEP * depths
+        depths = depths + np.minimum(np.maximum(step / determinant, -most), most)
+    return depths

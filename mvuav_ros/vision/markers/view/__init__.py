@@ -1,1 +1,0 @@
-"""How a rig is seen: fitted to named lights, and followed."""

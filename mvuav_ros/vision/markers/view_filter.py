@@ -1,0 +1,438 @@
+"""How a rig is seen, carried from frame to frame by a Kalman filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mvuav_ros.vision.markers.rig_view import (
+    BARREL,
+    COUNT,
+    FOCAL,
+    PITCH,
+    ROLL,
+    SCALE,
+    SETTLED,
+    YAW,
+    Array,
+    Fits,
+    NamedPlaces,
+    ViewState,
+    WeakPerspective,
+    X,
+    Y,
+    columns_of,
+    deviations_of,
+    fit,
+    limited,
+    possible,
+)
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ViewTuning:
+    """How views change, and how exactly rigs are measured.
+
+    Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
+    simulator's docking approaches; `learning` and `max_unseen` on seeds 9000 to 9029 and 9500 to
+    9529. The parameters are those of `WeakPerspective.project`.
+    """
+
+    # Random walk of the parameters, per square root of a second.
+    walk_noise: tuple[float, ...] = (0.08, 0.005, 25.0, 25.0, 0.01, 0.01, 0.01, 0.002)
+    # The same of their rates: how quickly a motion changes.
+    rate_noise: tuple[float, ...] = (0.8, 0.4, 250.0, 250.0, 0.3, 0.3, 0.0, 0.0)
+    noise: float = 0.15  # px (1 sigma), of a light's place
+    # Of a marker's place on the rig, in units of its size (1 sigma), at first.
+    rig_error: float = 0.004
+    min_rig_error: float = 0.0003  # the least that is learnt from how well the markers fit
+    other_rig_error: float = 0.02  # the same for a body that is not what its rig says
+    # Per frame, of a rig error that turns out less, or more.
+    learning: float = 0.25
+    unlearning: float = 0.003
+    # Per frame, by which the variances of jitter and unrest follow the motion.
+    motion_learning: float = 0.1
+    # Per frame in which too few markers are seen, by which they grow again.
+    motion_forgetting: float = 1.2
+    # To which they grow at least, and at most.
+    min_unseen: float = 0.1
+    max_unseen: float = 8.0
+    # To which they grow, in parts of the rates' squares over their variances.
+    rates_share: float = 3.0
+    max_step: float = 25.0  # square over its variance, of a step that is learnt from
+    # Of those variances, in parts of the usual ones.
+    min_motion: float = 0.02
+    max_motion: float = 4.0
+    doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
+    min_doubted: float = 2.0  # px, of that at least
+    rates_last: float = 1.0  # s, after which a motion has changed
+
+
+TUNING = ViewTuning()
+_STATES = 2 * COUNT
+_UNITY: Array = np.eye(_STATES)
+_MAX_ITERATIONS = 6
+_RATE_NOISE: Array = np.square(TUNING.rate_noise)
+_STATIONARY: Array = 0.5 * TUNING.rates_last * _RATE_NOISE  # Of the rates in the long run
+_LIVELY: Array = TUNING.rates_share / np.maximum(_STATIONARY, 1e-12)
+_WALK_NOISE: Array = np.square(TUNING.walk_noise)
+_ALIKE = np.eye(COUNT)
+for _pair in ((X, Y), (PITCH, YAW)):
+    _ALIKE[np.ix_(_pair, _pair)] = 0.5
+"""Averages over parameters whose motions are alike."""
+_NOTHING_KNOWN = 6.0, 3000.0
+"""rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
+_MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
+_MIN_EXACT = 4  # Markers by which a frame tells how the view moves, and how exact the rig is
+
+
+class Belief(NamedTuple):
+    """Parameters of a view and their rates per s (16,), and the covariance (16, 16)."""
+
+    mean: Array
+    covariance: Array
+
+
+class ViewFilter:
+    """A Kalman filter of a view and its rates, whose measurements are named lights.
+
+    How far each marker lies from where all the others put it follows in closed form from the
+    innovations and their covariance (see `Correction.nis`).
+    """
+
+    def __init__(
+        self,
+        shape: WeakPerspective,
+        view: ViewState,
+        time: float,
+        before: ViewFilter | None = None,
+    ) -> None:
+        """Begin at a time (s) with a view fitted to all markers.
+
+        The filter before of this very rig has learnt its exactness and motion.
+        """
+        # The rig, with what lies beside it on a body that is not what its rig says.
+        self.shape = shape
+        self.time = time  # s
+        covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
+        covariance[:COUNT, :COUNT] = view.covariance
+        self.belief = Belief(np.concatenate((view.parameters, np.zeros(COUNT))), covariance)
+        relative = view.misfit / view.scale
+        self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
+        if shape.offsets is not None:
+            # As the view changes, so does what lies beside the rig.
+            self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
+        # Of a marker's place on the rig, in units of its size (1 sigma).
+        self.rig_error: float = before.rig_error if before else self._rig_errors[1]
+        self._is_calibrated = shape.lens.focal is not None
+        self._seen = len(shape.points)
+        self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
+        self._motion: Array = before._motion if before else np.ones(COUNT)
+
+    @property
+    def view(self) -> ViewState:
+        """At `time`; after `predict` the prior of that frame."""
+        return ViewState(self.belief.mean[:COUNT], self.belief.covariance[:COUNT, :COUNT])
+
+    @property
+    def deviation(self) -> float:
+        """Of a measured marker from where the view has it (1 sigma, px)."""
+        scale = math.exp(float(self.belief.mean[SCALE]))
+        return math.hypot(TUNING.noise, self.rig_error * scale)
+
+    @property
+    def doubted_deviation(self) -> float:
+        """The same of a marker that is doubted."""
+        return max(TUNING.doubted * self.deviation, TUNING.min_doubted)
+
+    @property
+    def unknowns(self) -> int:
+        """Parameters that the lights alone tell."""
+        return COUNT - 2 if self._is_calibrated else COUNT
+
+    def deviation_of(self, parameter: int) -> float:
+        """How uncertain a parameter is (1 sigma)."""
+        return math.sqrt(self.belief.covariance[parameter, parameter])
+
+    def predict(self, time: float) -> None:
+        """Go on to a later time (s)."""
+        walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
+        if self._is_calibrated:
+            walk[FOCAL:] = 0.0
+        self.belief = _predicted(self.belief, time - self.time, walk, rate_noise)
+        self.time = time
+        if self._seen < _MIN_HOLDING:
+            usual = np.clip(self._liveliest, TUNING.min_unseen, TUNING.max_unseen)
+            grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
+            self._motion = np.maximum(self._motion, grown)
+        self._seen = 0
+
+    def places(self, view: ViewState | None = None) -> tuple[Array, Array]:
+        """Where the markers should be, (n, 2) px, and how uncertain that is, (n,) px."""
+        view = view or self.view
+        places, jacobian = self.shape.linearize(view.parameters)
+        return places, deviations_of(jacobian, view.covariance)
+
+    def look(self, found: Mapping[int, Point]) -> ViewState:
+        """The view by the named lights (px without distortion), from this frame's prior."""
+        if not found:
+            return self.view
+        return self.fit(np.array([list(found)]), np.array([list(found.values())])).view()
+
+    def fit(self, seen: NDArray[np.intp], measured: Array) -> Fits:
+        """Views by several ways of naming markers, (m, k), from this frame's prior."""
+        mean, covariance = self.belief
+        prior = mean[None, :COUNT], covariance[None, :COUNT, :COUNT]
+        return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
+
+    def correct(self, found: Mapping[int, Point], untrusted: Collection[int] = ()) -> Correction:
+        """What the named lights, px without distortion, make of the view.
+
+        The contested ones are all but ignored.
+        """
+        own = self.deviation**2
+        variances = [own] * len(found)
+        if untrusted:
+            doubted = self.doubted_deviation**2
+            variances = [doubted if marker in untrusted else own for marker in found]
+        return Correction.of(self.shape, self.belief, found, variances, own)
+
+    def inflate(self, factor: float) -> None:
+        """Be less certain: what was seen contradicts the view as a whole."""
+        if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
+            return
+        growth = np.full(_STATES, math.sqrt(factor))
+        if self._is_calibrated:
+            growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
+        mean, covariance = self.belief
+        self.belief = Belief(mean, growth[:, None] * covariance * growth)
+
+    def commit(self, correction: Correction) -> None:
+        """Take what a frame's named lights, which agree, have made of the view."""
+        self._seen = len(correction.found)
+        if self._seen >= _MIN_EXACT:
+            self._learn_motion(correction)
+        self.belief = correction.after
+        # Four markers before a lens that is not known fit any rig.
+        fewest = _MIN_EXACT if self._is_calibrated else max(len(self.shape.points), _MIN_EXACT)
+        if len(correction.found) >= fewest:
+            self._learn_rig_error(correction)
+
+    def _learn_motion(self, correction: Correction) -> None:
+        """The steps from the predicted views over their variances tell how lively the motion is."""
+        before, after = correction.before, correction.after
+        step = correction.change[:COUNT]
+        expected = (before.covariance - after.covariance).diagonal()[:COUNT]
+        shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
+        shown = np.minimum(shown, TUNING.max_step)
+        motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
+        self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
+        rates = before.mean[COUNT:]
+        self._liveliest = np.maximum(0.998 * self._liveliest, rates * rates * _LIVELY)
+
+    def _learn_rig_error(self, correction: Correction) -> None:
+        """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
+        seen, scale = len(correction.found), math.exp(float(correction.after.mean[SCALE]))
+        shown = correction.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
+        shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
+        rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
+        self.rig_error += rate * (shown - self.rig_error)
+
+
+def _predicted(belief: Belief, elapsed: float, walk: Array, rate_noise: Array) -> Belief:
+    """The same so many s later: rates that fade, driven by white noise (variances per s, (8,))."""
+    last = TUNING.rates_last
+    fade = math.exp(-elapsed / last)
+    reach = last * (1.0 - fade)
+    stationary = 0.5 * last * (1.0 - fade * fade)
+    # What lies on the diagonals of the four blocks of 8 x 8.
+    transition, step = _UNITY.copy(), _STATES + 1
+    flat = transition.ravel()
+    flat[COUNT : COUNT * step : step] = reach
+    flat[COUNT * step :: step] = fade
+    covariance = transition @ belief.covariance @ transition.T
+    flat = covariance.ravel()
+    across = (0.5 * reach * reach) * rate_noise
+    flat[: COUNT * step : step] += elapsed * walk + (elapsed**3 / 3) * rate_noise
+    flat[COUNT : COUNT * step : step] += across
+    flat[COUNT * _STATES :: step] += across
+    flat[COUNT * step :: step] += stationary * rate_noise
+    mean = transition.dot(belief.mean)
+    mean[:COUNT] = possible(mean[:COUNT])
+    return Belief(mean, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What k named lights of a frame make of a view: an iterated extended Kalman filter's update.
+
+    Attributes:
+        before: the prior.
+        found: the lights' places by marker, px without distortion.
+        change: (16,), of the state.
+        towards: (16, 2 k), covariance of the state with the places.
+        slopes: (8, 2 k), of the places by the parameters.
+        weight: (2 k, 2 k), inverse covariance of the innovations, px^-2.
+        weighed: (2 k,), the innovations times that.
+        variances: k, px², at which the markers take part.
+        own: px², variance of a marker's place.
+    """
+
+    before: Belief
+    found: Mapping[int, Point]
+    change: Array
+    towards: Array
+    slopes: Array
+    weight: Array
+    weighed: Array
+    variances: Sequence[float]
+    own: float
+
+    @classmethod
+    def of(
+        cls,
+        shape: WeakPerspective,
+        before: Belief,
+        found: Mapping[int, Point],
+        variances: Sequence[float],
+        own: float,
+    ) -> Correction:
+        """Correct a prior by lights, each of its own variance, px²."""
+        mean, covariance = before
+        count = 2 * len(found)
+        markers = list(found)
+        in_order = markers == list(range(len(shape.points)))
+        columns = None if in_order else columns_of(np.array(markers, np.intp))
+        places = np.array(list(found.values())).ravel()
+        noise = np.repeat(variances, 2)
+        prior = parameters = np.ascontiguousarray(mean[:COUNT])
+        for _ in range(_MAX_ITERATIONS):
+            expected, slopes = shape.linearize_one(parameters)
+            if columns is not None:
+                expected, slopes = expected[columns], slopes[:, columns]
+            innovation = places - expected
+            away = prior - parameters
+            if parameters is not prior:
+                innovation -= away.dot(slopes)
+            towards = covariance[:, :COUNT].dot(slopes)
+            spread = slopes.T.dot(towards[:COUNT])
+            spread.ravel()[:: count + 1] += noise
+            regular, weight = cv2.invert(spread, flags=cv2.DECOMP_CHOLESKY)
+            if not regular:
+                weight = np.linalg.pinv(spread, hermitian=True)
+            weighed = weight.dot(innovation)
+            change = towards.dot(weighed)
+            step, largest = limited((change[:COUNT] + away)[None])
+            parameters = possible(parameters + step[0])
+            if largest < SETTLED:
+                break
+        else:
+            # What the last slopes foretell of the residuals cannot be trusted.
+            expected = shape.linearize_one(parameters)[0]
+            weighed = (places - (expected if columns is None else expected[columns])) / noise
+        change[:COUNT] = parameters - prior
+        return cls(before, found, change, towards, slopes, weight, weighed, variances, own)
+
+    @cached_property
+    def after(self) -> Belief:
+        """The state with what has been seen, in Joseph's form: no variance gets negative."""
+        gain = self.towards.dot(self.weight)
+        left = _UNITY.copy()
+        left[:, :COUNT] -= gain.dot(self.slopes.T)
+        covariance = left.dot(self.before.covariance).dot(left.T)
+        covariance += (gain * np.repeat(self.variances, 2)).dot(gain.T)
+        return Belief(self.before.mean + self.change, 0.5 * (covariance + covariance.T))
+
+    @cached_property
+    def misfit(self) -> float:
+        """Root mean square of the markers' distances from their places in the view, px."""
+        residual = self.weighed * np.repeat(self.variances, 2)
+        return math.sqrt(float(residual.dot(residual)) / max(len(self.found), 1))
+
+    @cached_property
+    def _others(self) -> list[tuple[float, float, float, float, float]]:
+        """For each marker, from all others alone: its innovation, px, and the place's covariance.
+
+        With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
+        innovation by the others alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own
+        variance is a part: x, y, and xx, xy, yy of the rest.
+        """
+        step = 2 * len(self.found) + 1
+        flat, weighed = self.weight.ravel(), self.weighed.tolist()
+        rows = flat[:: 2 * step].tolist(), flat[1 :: 2 * step].tolist()
+        lower = flat[step :: 2 * step].tolist()
+        told = []
+        for i, (xx, xy, yy, variance) in enumerate(zip(*rows, lower, self.variances, strict=False)):
+            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+            x, y = weighed[2 * i], weighed[2 * i + 1]
+            xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
+            told.append((xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance))
+        return told
+
+    @cached_property
+    def _distances(self) -> list[tuple[float, float]]:
+        """For each marker from where all others put it: squared distance over the variance.
+
+        And the determinant of that variance, the marker's own included, px⁴.
+        """
+        return [_weighed_distance(*other, self.own) for other in self._others]
+
+    @cached_property
+    def nis(self) -> list[float]:
+        """For each marker how far it lies from where all others put it (chi², two degrees)."""
+        return [square for square, _ in self._distances]
+
+    def deviations_by_others(self) -> dict[int, float]:
+        """How exactly all others tell each marker's place (1 sigma, px): the larger axis."""
+        told = {}
+        for marker, (_, _, xx, xy, yy) in zip(self.found, self._others, strict=True):
+            largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+            told[marker] = math.sqrt(max(largest, 0.0))
+        return told
+
+    def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
+        """What each marker's place says for its name: the log of a ratio of two likelihoods.
+
+        That of the marker where all others put it, over that of another light which lies within so
+        many px of there (1 sigma per axis). It counts by the mean redundancy of the places in a fit
+        of so many unknowns: what only goes on as before may as well be a light that was taken for
+        the marker earlier.
+        """
+        redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
+        wide = self.own + beside * beside
+        odds = {}
+        for marker, other, (near, least) in zip(
+            self.found, self._others, self._distances, strict=True
+        ):
+            far, most = _weighed_distance(*other, wide)
+            odds[marker] = 0.5 * redundancy * (far - near + math.log(most / least))
+        return odds
+
+    @cached_property
+    def view(self) -> ViewState:
+        """What follows of the view."""
+        mean, covariance = self.after
+        return ViewState(
+            mean[:COUNT],
+            covariance[:COUNT, :COUNT],
+            self.misfit,
+            nis=np.array(self.nis),
+        )
+
+
+def _weighed_distance(
+    x: float, y: float, xx: float, xy: float, yy: float, variance: float
+) -> tuple[float, float]:
+    """A squared distance over its covariance and a variance of both axes, and the determinant."""
+    xx, yy = (xx if xx > 0.0 else 0.0) + variance, (yy if yy > 0.0 else 0.0) + variance
+    determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+    return (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant, determinant

@@ -1,0 +1,96 @@
+"""Names that the other markers contradict, and how lively a view's motion is."""
+
+import math
+
+import numpy as np
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import PITCH, ViewState, WeakPerspective
+from mvuav_ros.vision.markers.view_filter import ViewFilter
+from mvuav_ros.vision.rig import TANKER_747
+
+CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
+SHAPE = WeakPerspective.of(TANKER_747, Lens((640, 480), CAMERA))
+SPREAD = np.array((0.01, 0.01, 1.0, 1.0, 0.01, 0.01, 0.01, 1e-4))
+
+
+def view_at(frame, wave=0.02):
+    """A calm flight."""
+    turn = wave * math.sin(0.05 * frame)
+    return np.array((0.1 + turn, math.log(150.0), 320.0 + frame, 240.0, turn, -turn, 6.32, 0.0))
+
+
+def follow(frames, wave=0.02, moved=None):
+    """Fly calmly; from then on ``moved`` shifts the right wing's light by so many px a frame."""
+    detector = FaultDetector(ViewFilter(SHAPE, ViewState(view_at(0), np.diag(SPREAD**2)), 0.0))
+    for frame in range(1, frames):
+        detector.views.predict(frame / 30)
+        found = dict(enumerate(map(tuple, SHAPE.project(view_at(frame, wave)).tolist())))
+        assert detector.weigh(found).kept == (0, 1, 2, 3, 4)
+        detector.commit(found)
+    for number in range(20):
+        if moved is None:
+            break
+        frame = frames + number
+        detector.views.predict(frame / 30)
+        found = dict(enumerate(map(tuple, SHAPE.project(view_at(frame, wave)).tolist())))
+        found[4] = found[4][0] + number * moved, found[4][1]
+        consensus = detector.weigh(found)
+        if consensus.dropped or consensus.suspects:
+            return consensus, number
+        detector.commit(found)
+    return detector, frames
+
+
+def test_a_light_that_wanders_off_loses_its_name_before_four_pixels():
+    for moved in (0.3, 0.5, 1.0, 3.0):
+        consensus, frames = follow(60, moved=moved)
+        assert 4 in (*consensus.dropped, *consensus.suspects)
+        assert 4 not in consensus.kept
+        assert frames * moved < 4.0
+
+
+def test_a_calm_flight_is_expected_to_go_on_calmly():
+    spreads = []
+    for wave in (0.0, 0.4):
+        detector, frames = follow(60, wave)
+        detector.views.predict(frames / 30)
+        spreads.append(detector.views.deviation_of(PITCH))
+    assert spreads[0] < 0.7 * spreads[1]
+
+
+def test_what_the_others_do_not_tell_is_not_verified():
+    detector, frames = follow(60)
+    for frame in range(60):
+        detector.views.predict((frames + frame) / 30)
+    every = dict(enumerate(map(tuple, SHAPE.project(view_at(60 + 59)).tolist())))
+    three = {marker: every[marker] for marker in (0, 2, 4)}
+    assert detector.unverified(three, {2}) == {2}
+    assert detector.unverified(three, set()) == set()
+    assert detector.unverified(every, {2}) == set()
+
+
+def test_nothing_is_ever_too_uncertain_to_be_computed():
+    detector, frames = follow(20)
+    for frame in range(400):
+        detector.views.predict((frames + frame) / 30)
+        detector.inflate()
+        found = {0: (100.0, 100.0), 4: (300.0, 120.0)}
+        detector.weigh(found)
+    assert np.isfinite(detector.views.look(found).parameters).all()
+    assert np.isfinite(detector.views.belief.covariance).all()
+
+
+def test_two_that_returned_to_one_need_a_fourth_marker():
+    detector, frames = follow(60)
+    for frame in range(frames, frames + 6):
+        detector.views.predict(frame / 30)
+        every = dict(enumerate(map(tuple, SHAPE.project(view_at(frame)).tolist())))
+        three = {marker: every[marker] for marker in (0, 2, 4)}
+        assert detector.unverified(three, {2, 4}) == {2, 4}
+        assert detector.unverified(three, {2}) == set(), 'its place is still known'
+        assert detector.weigh(three).kept == (0, 2, 4)
+        detector.commit(three)
+    assert detector.unverified(every, {2, 4}) == set()

@@ -1,0 +1,56 @@
+"""Views of a rig from three of its markers."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+
+from mvuav_ros.simulation.light_flights import random_rig
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import WeakPerspective, views_of_three
+from mvuav_ros.vision.rig import TANKER_747
+
+FOCAL = 554.0
+CAMERA = CameraModel(640, 480, (FOCAL, 0.0, 319.5, 0.0, FOCAL, 239.5, 0.0, 0.0, 1.0))
+LENS = Lens((640, 480), CAMERA)
+
+
+def random_views(count, seed):
+    rng = np.random.default_rng(seed)
+    views = np.zeros((count, 8))
+    views[:, 0] = rng.uniform(-math.pi, math.pi, count)
+    views[:, 1] = np.log(rng.uniform(60.0, 220.0, count))
+    views[:, 2:4] = rng.uniform((200.0, 150.0), (440.0, 330.0), (count, 2))
+    views[:, 4:6] = rng.uniform(-0.3, 0.3, (count, 2))
+    views[:, 6] = math.log(FOCAL)
+    return views
+
+
+def errors(shape, triple, truth):
+    """How far the nearer of each pair of views shows the markers from where they are, px."""
+    seen = shape.project(truth)
+    places = seen[:, list(triple), 0] + 1j * seen[:, list(triple), 1]
+    found = shape.project(views_of_three(shape, triple, places, FOCAL))
+    apart = np.abs(found.reshape(2, *seen.shape) - seen).max(axis=(2, 3))
+    return apart.min(axis=0)
+
+
+def test_one_of_both_views_is_the_one_from_which_three_markers_were_seen():
+    shape = WeakPerspective.of(TANKER_747, LENS)
+    assert shape.triangle == (0, 2, 4)
+    assert np.sort(errors(shape, shape.triangle, random_views(500, 1)))[490] < 1e-3
+
+
+def test_any_three_of_any_rig_tell_the_view_in_nearly_all_cases():
+    shape = WeakPerspective.of(random_rig(5, 4), LENS)
+    truth = random_views(200, 2)
+    for triple in combinations(range(5), 3):
+        assert (errors(shape, triple, truth) < 1e-2).mean() > 0.7
+    assert (errors(shape, shape.triangle, truth) < 1e-2).mean() > 0.9
+
+
+def test_places_that_three_markers_cannot_have_give_finite_views():
+    shape = WeakPerspective.of(TANKER_747, LENS)
+    places = np.array([[0j, 0j, 0j], [1j, 2j, 3j], [1 + 1j, 600 + 400j, 601 + 400j]])
+    assert np.isfinite(views_of_three(shape, shape.triangle, places, FOCAL)).all()

@@ -1,0 +1,122 @@
+"""The view's Kalman filter: as a fit from the same prior, and each marker against all others."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers.lights import Lens
+from mvuav_ros.vision.markers.rig_view import (
+    COUNT,
+    FOCAL,
+    ROLL,
+    NamedPlaces,
+    ViewState,
+    WeakPerspective,
+    fit,
+)
+from mvuav_ros.vision.markers.view_filter import Belief, Correction, ViewFilter
+from mvuav_ros.vision.rig import TANKER_747
+
+CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
+SHAPE = WeakPerspective.of(TANKER_747, Lens((640, 480), CAMERA))
+VIEW = np.array((0.1, math.log(150.0), 320.0, 240.0, 0.1, -0.1, 6.32, 0.0))
+SPREAD = np.array((0.02, 0.02, 3.0, 3.0, 0.05, 0.05, 0.01, 1e-4))
+NOISE = 0.2
+
+
+def prior():
+    """A view and its rates, correlated as after a step of the filter."""
+    step = np.eye(2 * COUNT)
+    step[:COUNT, COUNT:] = 0.04 * np.eye(COUNT)
+    rates = np.array((0.3, 0.1, 1e4, 1e4, 0.04, 0.04, 1e-9, 1e-9))
+    covariance = step @ np.diag(np.concatenate((SPREAD**2, rates))) @ step.T
+    return Belief(np.concatenate((VIEW, np.zeros(COUNT))), covariance)
+
+
+def places(markers, seed=0):
+    rng = np.random.default_rng(seed)
+    seen = SHAPE.project(VIEW + SPREAD * rng.normal(size=COUNT))[markers]
+    return dict(zip(markers, (seen + rng.normal(0.0, 0.2, seen.shape)).tolist(), strict=True))
+
+
+def corrected(found, before=None, variances=None):
+    variances = variances or [NOISE**2] * len(found)
+    return Correction.of(SHAPE, before or prior(), found, variances, NOISE**2)
+
+
+@pytest.mark.parametrize('markers', [[0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [3, 0, 2], [1, 4]])
+def test_a_correction_finds_what_a_fit_from_its_prior_finds(markers):
+    found = places(markers)
+    mean, covariance = prior()
+    seen = NamedPlaces(np.array([markers]), np.array([list(found.values())]), NOISE)
+    fitted = fit(SHAPE, (mean[None, :COUNT], covariance[None, :COUNT, :COUNT]), seen)
+    view = corrected(found).view
+    np.testing.assert_allclose(view.parameters, fitted.parameters[0], rtol=1e-6)
+    scale = np.sqrt(np.outer(*2 * [np.diag(fitted.covariance[0])]))
+    np.testing.assert_allclose(view.covariance / scale, fitted.covariance[0] / scale, atol=1e-6)
+    np.testing.assert_allclose(view.nis, fitted.nis[0], rtol=1e-4)
+    np.testing.assert_allclose(view.misfit, fitted.misfit[0], rtol=1e-5)
+
+
+def test_rates_follow_the_parameters():
+    moved = SHAPE.project(VIEW + np.array((0.02, 0, 0, 0, 0, 0, 0, 0)))
+    before = prior()
+    after = corrected(dict(enumerate(moved.tolist())), before).after
+    gain = before.covariance[COUNT:, :COUNT] @ np.linalg.inv(before.covariance[:COUNT, :COUNT])
+    expected = before.mean[COUNT:] + gain @ (after.mean[:COUNT] - before.mean[:COUNT])
+    np.testing.assert_allclose(after.mean[COUNT:], expected, atol=1e-9)
+    assert after.mean[COUNT + ROLL] > 0.0
+
+
+@pytest.mark.parametrize('ignored', [False, True])
+def test_a_marker_is_held_against_the_others_and_not_against_itself(ignored):
+    """In closed form as by a second filter without it, also where it has less weight."""
+    found = places([0, 1, 2, 3, 4])
+    found[2] = (found[2][0] + 1.0, found[2][1])
+    variances = [NOISE**2] * 5
+    variances[2] *= 100.0 if ignored else 1.0
+    correction = corrected(found, variances=variances)
+    others = corrected({m: place for m, place in found.items() if m != 2}).after
+    expected, slopes = SHAPE.linearize(others.mean[:COUNT])
+    spread = slopes[2] @ others.covariance[:COUNT, :COUNT] @ slopes[2].T
+    away = found[2] - expected[2]
+    square = away @ np.linalg.solve(spread + NOISE**2 * np.eye(2), away)
+    np.testing.assert_allclose(correction.nis[2], square, rtol=0.02)
+    told = math.sqrt(np.linalg.eigvalsh(spread)[-1])
+    np.testing.assert_allclose(correction.deviations_by_others()[2], told, rtol=0.02)
+
+
+def test_what_is_known_does_not_become_less_certain():
+    views = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
+    before = views.belief.covariance
+    views.inflate(100.0)
+    sizes = np.sqrt(np.diag(views.belief.covariance) / np.diag(before))
+    assert sizes[FOCAL] == 1.0
+    np.testing.assert_allclose(sizes[:FOCAL], 10.0)
+    assert np.linalg.eigvalsh(views.belief.covariance).min() > 0.0
+
+
+def test_no_variance_gets_negative():
+    """Again and again a view of which nearly nothing is known any more is told exactly."""
+    views = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
+    seen = dict(enumerate(SHAPE.project(VIEW).tolist()))
+    for frame in range(1, 60):
+        views.predict(frame / 30)
+        for _ in range(frame % 4):
+            views.inflate(1e3)
+        views.commit(views.correct({m: seen[m] for m in list(seen)[: 2 + frame % 4]}))
+        sizes = np.sqrt(np.diag(views.belief.covariance))
+        assert (sizes > 0.0).all()
+        assert np.linalg.eigvalsh(views.belief.covariance / np.outer(sizes, sizes))[0] > -1e-9
+
+
+def test_a_place_speaks_for_a_name_or_against_it():
+    found = places([0, 1, 2, 3, 4])
+    right = corrected(found).log_odds(6.0, COUNT - 2)
+    assert min(right.values()) > 0.0
+    found[2] = (found[2][0] + 5.0, found[2][1] + 5.0)
+    assert corrected(found).log_odds(6.0, COUNT - 2)[2] < -5.0
+    three = corrected(places([0, 2, 4])).log_odds(6.0, COUNT - 2)
+    assert set(three.values()) == {0.0}, 'three lights fit any view'
