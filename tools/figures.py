@@ -320,11 +320,12 @@ def _record(
         ['git', 'describe', '--always'], cwd=ROOT, capture_output=True, text=True
     ).stdout.strip()
     old = load().get(name, {})
+    measured = {'version': version or commit, 'date': date.today().isoformat()}
+    tables = {key: {**content, **measured} for key, content in tables.items()}
     content = {
         'command': command,
         'data': data,
-        'version': version or commit,
-        'date': date.today().isoformat(),
+        **measured,
         # What this run did not measure keeps its place.
         'figures': {**old.get('figures', {}), **figures},
         'tables': {**old.get('tables', {}), **tables},
