@@ -19,9 +19,8 @@ from mvuav_thesis.identity_runs import (
     NamedFlight,
     identity_task,
 )
-from mvuav_thesis.integrity_runs import IntegrityFlight, IntegrityTask
+from mvuav_thesis.integrity_runs import FlownPoses, IntegrityFlight, IntegrityTask, PoseTask
 from mvuav_thesis.plan import Plan
-from mvuav_thesis.pose_runs import FlownPoses, PoseTask
 
 EDGES = (70.0, 50.0, 40.0, 30.0, 25.0, 20.0, 15.0, 5.0)
 """m; the pose is known between each two."""

@@ -1,29 +1,244 @@
-"""Fig. 4.30 and Figures 5.12 to 5.15: the GUI's results and images of four runway scenes."""
+"""Fig. 4.30, Figures 5.12 to 5.15: four runway scenes, their lines against truth."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from mvuav_ros.offline.evaluation.metrics import DISTANCE_LIMIT, THETA_LIMIT, rms
-from mvuav_ros.offline.report import Cell, Section, Table
+from mvuav_ros.offline.evaluation.metrics import (
+    ALONG,
+    DISTANCE_LIMIT,
+    THETA_LIMIT,
+    LineErrors,
+    LineMatch,
+    TrueLine,
+    rms,
+)
+from mvuav_ros.offline.report import Cell, Figure, Section, Table
+from mvuav_ros.offline.report_figures import drawing, label
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.simulation.runway_flight import LineTruth, RunwayFlight
+from mvuav_ros.simulation.settings import RunwaySettings
+from mvuav_ros.vision.approach.detector import ApproachDetector
+from mvuav_ros.vision.runway.debug_images import draw_overlay
+from mvuav_ros.vision.runway.detector import RunwayDetector
+from mvuav_ros.vision.runway.normal_form import NormalForm
+from mvuav_ros.vision.runway.results import RunwayResult
+from mvuav_ros.vision.runway.statistics import RunwaySummary
 from mvuav_thesis import known
 from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
-from mvuav_thesis.plan import Plan, thesis_detector
-from mvuav_thesis.runway_runs import FlownRunway, RunwayRun, RunwayTask
+from mvuav_thesis.plan import Plan, thesis_detector, words
 from mvuav_thesis.runway_stages import THESIS_YAML
-from mvuav_thesis.runway_truth import (
-    APPROACH,
-    approach_claims,
-    approach_table,
-    found_table,
-    scene_figure,
-)
-from mvuav_thesis.videos import LOW_PASS
+from mvuav_thesis.stages import LOW_PASS
+
+
+@dataclass(frozen=True)
+class RunwayTask:
+    """A flight, the parameters of each detector by name, and whose images to keep when."""
+
+    flight: RunwaySettings
+    detectors: Mapping[str, RunwayDetectorParameters]
+    images: Sequence[int] = ()
+    row: float = 90.0
+
+
+class LineImage(NamedTuple):
+    """A frame's time (s), the detector's overlay, and the true lines' segments, (k, 4) px."""
+
+    time: float
+    overlay: NDArray[np.uint8]
+    segments: NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class RunwayRun(LineErrors):
+    """One detector's results on a flight.
+
+    Attributes:
+        right: by frame, whether both edges were found where they are, each in its own row of the
+            result (mode approach distinguishes them); None where an edge was not on the frame.
+        wrong: by frame, whether a row said that it holds an edge and held none.
+        images: those asked for.
+        summary: the detector's own statistics.
+    """
+
+    right: list[bool | None] = field(default_factory=list)
+    wrong: list[bool] = field(default_factory=list)
+    images: list[LineImage] = field(default_factory=list)
+    summary: RunwaySummary = field(init=False)
+
+    def add(self, found: Sequence[NormalForm], true: Sequence[TrueLine]) -> list[LineMatch]:
+        """Hold the first two rows, the edges in mode approach, against the true edges as well."""
+        matches = super().add(found, true)
+        own = [any((m.found, m.true) == (edge, edge) for m in matches) for edge in (0, 1)]
+        said = [math.isfinite(line.rho) for line in found[:2]]
+        judged = all(math.isfinite(line.line.rho) for line in true[:2])
+        self.right.append(all(own) if judged else None)
+        self.wrong.append(judged and any(s and not o for s, o in zip(said, own, strict=False)))
+        return matches
+
+
+@dataclass(frozen=True, eq=False)
+class FlownRunway:
+    """All detectors' results on one flight."""
+
+    settings: RunwaySettings
+    runs: Mapping[str, RunwayRun]
+
+
+def fly_runway(task: RunwayTask) -> FlownRunway:
+    """Draw every frame once and show it to every detector."""
+    flight = RunwayFlight(task.flight)
+    detectors = {
+        name: (ApproachDetector if p.mode == 'approach' else RunwayDetector)(p)
+        for name, p in task.detectors.items()
+    }
+    runs = {name: RunwayRun() for name in detectors}
+    for index in flight.indices:
+        frame = flight.frame(index)
+        image = frame.image.bgr()
+        lines = [frame.truth.line(role) for role in ALONG]
+        true = [_at_row(line, task.row) for line in lines]
+        for name, detector in detectors.items():
+            result = detector.process(image, frame.stamp_ns)
+            runs[name].add([NormalForm(line.rho, line.theta) for line in result.lines], true)
+            if index in task.images:
+                segments = np.array([(t.x1, t.y1, t.x2, t.y2) for t in lines if t.visible])
+                shown = draw_overlay(result) if isinstance(result, RunwayResult) else image
+                # Red first, as figures want it.
+                overlay = np.asarray(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), np.uint8)
+                kept = LineImage(flight.time(index), overlay, segments.reshape(-1, 4))
+                runs[name].images.append(kept)
+    for name, detector in detectors.items():
+        runs[name].summary = detector.statistics()
+    return FlownRunway(task.flight, runs)
+
+
+def _at_row(line: LineTruth, row: float) -> TrueLine:
+    """The line with its point in a row; NaN where it does not cross the row on the frame."""
+    if not line.visible or not min(line.y1, line.y2) <= row <= max(line.y1, line.y2):
+        return TrueLine(NormalForm(math.nan, math.nan), (math.nan, math.nan))
+    column = (line.rho - row * math.sin(line.theta)) / math.cos(line.theta)
+    return TrueLine(NormalForm(line.rho, line.theta), (column, row))
+
+
+APPROACH = 'mode approach'
+FIRST_JUDGED = 25
+"""Frames in which mode approach may still be looking."""
+RIGHT_LIMIT, WRONG_LIMIT = 60.0, 2.0
+"""Percent of frames: both edges right at least, confident and wrong at most."""
+
+
+class Shares(NamedTuple):
+    """Percent of the frames judged: both edges right, confident and wrong; and their number."""
+
+    right: float
+    wrong: float
+    frames: int
+
+    @property
+    def hold(self) -> bool | None:
+        """Whether they keep to the limits; None without a frame."""
+        return (self.right >= RIGHT_LIMIT and self.wrong <= WRONG_LIMIT) if self.frames else None
+
+
+def shares(flight: FlownRunway) -> Shares:
+    """Mode approach on a flight."""
+    run = flight.runs[APPROACH]
+    judged = [
+        (right, wrong)
+        for right, wrong in list(zip(run.right, run.wrong, strict=True))[FIRST_JUDGED:]
+        if right is not None
+    ]
+    if not judged:
+        return Shares(math.nan, math.nan, 0)
+    right, wrong = (100.0 * sum(values) / len(judged) for values in zip(*judged, strict=True))
+    return Shares(right, wrong, len(judged))
+
+
+def found_table(scenes: Mapping[str, FlownRunway]) -> Table:
+    """Which true lines the scheme finds, and how well."""
+    return Table.of(
+        'runway_truth',
+        'What truth adds to Figures 5.12 to 5.15: lines found, and their error',
+        'scene | by | line | found [% of frames] .1 | distance, RMS [px] .2 '
+        '| direction, RMS [°] .2',
+        [
+            (scene, name, words(role.name.lower()), *flight.runs[name].numbers(number))
+            for scene, flight in scenes.items()
+            for name in (THESIS_YAML, SHIPPED, APPROACH)
+            for number, role in enumerate(ALONG)
+        ],
+        'Of the frames in which the line crosses the middle of the rows. Errors are those of '
+        'the lines found, at that row.',
+    )
+
+
+def approach_table(scenes: Mapping[str, FlownRunway]) -> Table:
+    """Mode approach on every scene, against its limits."""
+    judged = {scene: shares(flight) for scene, flight in scenes.items()}
+    failing = [scene for scene, share in judged.items() if not share.hold]
+    said = f'Outside of the limits: {", ".join(failing)}.' if failing else 'All within the limits.'
+    return Table.of(
+        'approach',
+        'Mode approach: both edges of the runway, each told apart',
+        'scene | frames | both edges right [%] .1 | at least [%] .0 '
+        '| confident and wrong [%] .1 | at most [%] .0',
+        [
+            (scene, count, right, RIGHT_LIMIT, wrong, WRONG_LIMIT)
+            for scene, (right, wrong, count) in judged.items()
+        ],
+        f'From frame {FIRST_JUDGED + 1} on, of frames in which both edges cross the middle of '
+        f'the rows; no attitude is given. {said}',
+    )
+
+
+def approach_claims(scenes: Mapping[str, FlownRunway]) -> list[Claim]:
+    """A row of the summary for each scene."""
+    return [
+        Claim(
+            f'Mode approach finds both edges: {scene}',
+            f'right at least {RIGHT_LIMIT:g} %, wrong at most {WRONG_LIMIT:g} % (ours)',
+            f'{share.right:.1f} % right, {share.wrong:.1f} % confident and wrong'
+            if share.frames
+            else 'no frame to judge',
+            share.hold,
+        )
+        for scene, share in ((scene, shares(flight)) for scene, flight in scenes.items())
+    ]
+
+
+def scene_figure(key: str, title: str, flight: FlownRunway) -> Figure:
+    """Three frames of a scene with the lines found and the true ones."""
+    run = flight.runs[THESIS_YAML]
+    with drawing(9.6, 2.9) as canvas:
+        panels = canvas.figure.subplots(1, len(run.images), sharey=True, squeeze=False)[0]
+        for number, (axes, image) in enumerate(zip(panels, run.images, strict=True)):
+            height, width = image.overlay.shape[:2]
+            axes.imshow(image.overlay, interpolation='lanczos')
+            for x1, y1, x2, y2 in image.segments:
+                axes.plot([x1, x2], [y1, y2], ':', color='white', lw=2.0)
+                axes.plot([x1, x2], [y1, y2], ':', color='#0072b2', lw=1.2)
+            axes.set_xlim(-0.5, width - 0.5)
+            axes.set_ylim(height - 0.5, -0.5)
+            axes.grid(visible=False)
+            label(axes, f'{image.time:.1f} s', 'x [px]', '' if number else 'y [px], down')
+    return canvas.as_figure(
+        key,
+        title,
+        f'{title}: three frames with lines',
+        f'With {THESIS_YAML}. Solid green: lines believed; dashed: held by the rho/theta '
+        'correction, in the colour of their flags. Dotted blue on white: the true edges and '
+        'centreline. Brackets: the rows searched.',
+    )
+
 
 _SCENES: Mapping[str, Mapping[str, Value]] = {
     'low pass': LOW_PASS,

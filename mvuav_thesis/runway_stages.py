@@ -21,9 +21,7 @@ from mvuav_ros.vision.runway.results import RunwayWorkings
 from mvuav_thesis import known
 from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
 from mvuav_thesis.plan import Plan, thesis_detector
-from mvuav_thesis.stages import sum_text
-from mvuav_thesis.stopwatch import Stopwatch
-from mvuav_thesis.videos import read_avi, runway_images, write_avi
+from mvuav_thesis.stages import Stopwatch, read_avi, runway_images, sum_text, write_avi
 
 INITIALISING, READING, PREPARING, HOUGH, CORRECTING, DRAWING, REST, TOTAL = known.RUNWAY_STAGES
 _PROCESSING = 'processing'

@@ -1,31 +1,125 @@
-"""Table 5.2: time per stage of the marker programs over 150 frames of trial 1.
-
-The stages are timed by calling the programs' own functions one after the other on the same frames;
-the total is the program's own call and the reading of the video. What the stages leave is the rest.
-"""
+"""Table 5.2: time by stage of the marker programs, over videos like those of the thesis."""
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TypeVar, TypeVarTuple
+
+import cv2
 
 from mvuav_ros.messages.frame import Frame
 from mvuav_ros.offline.report import Cell, Table
+from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+from mvuav_ros.simulation.runway_flight import RunwayFlight
+from mvuav_ros.simulation.settings import TRIALS
+from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.grouping import area_fits, bright_pixels, group_pixels, label_five
 from mvuav_ros.vision.markers.results import TANKER_LABELS, Cluster, Window
 from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES, Motion, measure_window
 from mvuav_ros.vision.markers.tracker import MarkerTracker
-from mvuav_ros.vision.point_operations import Mask, threshold
+from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 from mvuav_thesis import known
 from mvuav_thesis.comparison import SHIPPED, Compared
 from mvuav_thesis.plan import PROGRAM_OF, Plan, tracker
-from mvuav_thesis.stopwatch import Stopwatch
-from mvuav_thesis.videos import read_avi, write_avi
+
+ResultT = TypeVar('ResultT')
+Given = TypeVarTuple('Given')
+
+
+class Stopwatch:
+    """Times stages of a frame; several passes over the same frames, of which the least counts.
+
+    On a machine with other work the least time is the one that says how long the code takes.
+    """
+
+    def __init__(self) -> None:
+        self._times: dict[str, dict[int, float]] = {}
+
+    def time(
+        self, stage: str, frame: int, work: Callable[[*Given], ResultT], *given: *Given
+    ) -> ResultT:
+        """Call the work with what is given and note how long it took."""
+        start = time.perf_counter()
+        result = work(*given)
+        self.note(stage, frame, time.perf_counter() - start)
+        return result
+
+    def note(self, stage: str, frame: int, elapsed: float) -> None:
+        """Take in a time (s) that was measured elsewhere."""
+        times = self._times.setdefault(stage, {})
+        times[frame] = min(elapsed, times.get(frame, elapsed))
+
+    @property
+    def stages(self) -> list[str]:
+        """In order of first use."""
+        return list(self._times)
+
+    def frames(self, stage: str) -> int:
+        """Frames in which the stage ran."""
+        return len(self._times[stage])
+
+    def total_s(self, stage: str) -> float:
+        """Sum over the frames, s."""
+        return sum(self._times[stage].values())
+
+
+_UNCOMPRESSED = 'RGBA'
+LOW_PASS: Mapping[str, Value] = {
+    'motion': 'low_pass',
+    'start_distance': -20.0,
+    'speed': 25.0,
+    'camera_pitch_deg': 20.0,
+}
+
+
+def trial_images(plan: Plan, number: int) -> list[tuple[Image, int]]:
+    """The frames of a trial (1 to 4) and their stamps."""
+    flight = TankerFlight(plan.trial(TRIALS[number - 1]))
+    return [(frame.image, frame.stamp_ns) for frame in flight]
+
+
+def runway_images(plan: Plan) -> list[Pixels]:
+    """The frames of a low pass over the runway, blue first."""
+    return [frame.image.bgr() for frame in RunwayFlight(plan.runway(LOW_PASS))]
+
+
+def write_avi(path: Path, images: Iterable[Pixels], fps: float) -> None:
+    """Write colour frames without compression, as the thesis's file of 150 MB."""
+    writer: cv2.VideoWriter | None = None
+    for image in images:
+        if writer is None:
+            size = (image.shape[1], image.shape[0])
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*_UNCOMPRESSED), fps, size)
+        writer.write(image)
+    if writer is not None:
+        writer.release()
+
+
+def read_avi(path: Path, fps: float) -> tuple[list[Frame], list[float]]:
+    """Every frame of a video, and the time that reading each took, s.
+
+    With OpenCV, which wrote it: so that the report needs no other library for videos.
+    """
+    frames: list[Frame] = []
+    taken: list[float] = []
+    capture = cv2.VideoCapture(str(path))
+    while True:
+        start = time.perf_counter()
+        ok, pixels = capture.read()
+        if not ok:
+            capture.release()
+            return frames, taken
+        taken.append(time.perf_counter() - start)
+        stamp_ns = round(len(frames) * 1e9 / fps)
+        frames.append(Frame(stamp_ns, 'camera', Image(pixels, 'bgr8')))
+
 
 WHOLE = 'whole'
 READING, PREPARING, SCANNING, WINDOWS, CENTROIDS, NAMING, REST, TOTAL = known.STAGES

@@ -32,8 +32,7 @@ from mvuav_thesis import known
 from mvuav_thesis.comparison import SHIPPED, Claim, Compared
 from mvuav_thesis.plan import Plan, tracker
 from mvuav_thesis.runway_stages import runway_rate_claim, table_5_7, time_runway
-from mvuav_thesis.stages import PARAMETERS, ProgramTimes, table_5_2, time_programs
-from mvuav_thesis.videos import trial_images
+from mvuav_thesis.stages import PARAMETERS, ProgramTimes, table_5_2, time_programs, trial_images
 
 Frames = Sequence[tuple[Image, int]]
 NO_ESTIMATION, VELOCITY, FULL = known.PROGRAMS

@@ -12,10 +12,9 @@ from mvuav_ros.offline.evaluation.metrics import Array, distance_rms, rms
 from mvuav_ros.offline.report import Cell, Section, Table
 from mvuav_thesis import known
 from mvuav_thesis.comparison import METHOD, SHIPPED, Claim, Compared
-from mvuav_thesis.marker_runs import FlownMarkers
 from mvuav_thesis.plan import PROGRAM, PROGRAM_OF, RUNS, Plan, words
 from mvuav_thesis.tracking_figures import inside_text, tracking_figures
-from mvuav_thesis.trials import Trial, lengths, trials_of
+from mvuav_thesis.trials import FlownMarkers, Trial, lengths, trials_of
 
 _RUN_COLUMNS = ' | '.join(f'{words(name)} [px]' for name in RUNS)
 _MARKERS = known.MARKERS

@@ -19,9 +19,8 @@ from mvuav_ros.offline.report_figures import (
 )
 from mvuav_thesis import known
 from mvuav_thesis.comparison import SHIPPED
-from mvuav_thesis.marker_runs import FlownMarkers
 from mvuav_thesis.plan import PROGRAM, PROGRAM_OF
-from mvuav_thesis.trials import Trial, lengths
+from mvuav_thesis.trials import FlownMarkers, Trial, lengths
 
 LEFT_WING = 0
 ESTIMATED, ACTUAL = COLORS[1], COLORS[0]

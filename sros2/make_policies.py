@@ -40,11 +40,16 @@ def detector_policy(processor: type[Processor]) -> str:
     if processor.uses_attitude:
         inputs.append('imu')
     # Where vision_msgs is installed.
-    results += ['detections', *(['detections_3d'] if 'markers' in processor.topics else [])]
+    results += [name for name in ('detections', 'detections_3d') if name in processor.descriptions]
+    has_pose = 'pose' in processor.topics
     services = ['reset', 'enable', *processor.triggers]
     return policy(
         processor.name,
-        publish=[*MANAGED_NODE_PUBLISHES, 'tf', *(f'~/{topic}' for topic in results)],
+        publish=[
+            *MANAGED_NODE_PUBLISHES,
+            *(['tf'] if has_pose else []),
+            *(f'~/{topic}' for topic in results),
+        ],
         subscribe=inputs,
         reply=[*MANAGED_NODE_ANSWERS, *(f'~/{service}' for service in services)],
     )

@@ -32,7 +32,7 @@ RUNWAY = 'mvuav_ros/vision/runway'
 MUTATIONS = (
     Mutation(
         'sign of roll',
-        f'{MARKERS}/labelling.py',
+        f'{MARKERS}/grouping.py',
         'math.atan2(right.y - left.y, right.x - left.x)',
         'math.atan2(left.y - right.y, right.x - left.x)',
         ('test/vision/markers/test_reference.py', 'test/vision/markers/test_thesis_tracker.py'),
@@ -47,8 +47,8 @@ MUTATIONS = (
     Mutation(
         'order of peaks',
         f'{RUNWAY}/peaks.py',
-        'divmod(int(votes_left.argmax()), cells)',
-        'divmod(votes_left.size - 1 - int(votes_left.ravel()[::-1].argmax()), cells)',
+        'divmod(int(accumulator.argmax()), cells)',
+        'divmod(accumulator.size - 1 - int(accumulator.ravel()[::-1].argmax()), cells)',
         ('test/vision/runway/test_peaks.py', 'test/vision/runway/test_reference.py'),
     ),
     Mutation(
@@ -82,13 +82,13 @@ MUTATIONS = (
     Mutation(
         'index order of the Hough grid',
         f'{RUNWAY}/hough.py',
-        'self._column_starts = np.arange(self.theta.size) * self.rho.size',
-        'self._column_starts = np.arange(self.theta.size)[::-1] * self.rho.size',
+        'self._column_starts = np.arange(self.theta.size) * self.shape[1]',
+        'self._column_starts = np.arange(self.theta.size)[::-1] * self.shape[1]',
         ('test/vision/runway/test_hough.py', 'test/vision/runway/test_reference.py'),
     ),
     Mutation(
         'label order',
-        f'{MARKERS}/labelling.py',
+        f'{MARKERS}/grouping.py',
         'return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing',
         'return left_wing, right_stabilizer, rudder, left_stabilizer, right_wing',
         ('test/vision/markers/test_reference.py',),

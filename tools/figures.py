@@ -1,7 +1,7 @@
 """Measured figures: the documentation's pages take them from docs/figures by name.
 
     python tools/figures.py markers FILE [NAME]   what tools/compare_markers.py --json wrote
-    python tools/figures.py approach FILE         what tools/evaluate_approach.py --json wrote
+    python tools/figures.py approach FILE [NAME]  what tools/evaluate_approach.py --json wrote
     python tools/figures.py speed FILE...         what mvuav bench --json wrote
     python tools/figures.py write                 put the figures of docs/figures into the pages
     python tools/figures.py check                 what differs, and which numbers nobody stated
@@ -14,9 +14,11 @@ date; `figures` with a value, a unit and the text for the page; `tables` of such
     <!-- figure: markers.wrong -->9<!-- /figure -->        is a figure's text,
     <!-- table: markers.kept_back --> … <!-- /table -->    is a table.
 
-`write` renews both. A number with a unit that is in neither is not measured: a limit, a constant,
-the thesis's, or an example's. Those stand in docs/figures/stated.txt, a line for each page, so
-that a new one is looked at before it is taken in with `state`.
+NAME is the version that was measured: of `markers` one of those in the file, else the checkout's
+unless it is given. `write` renews the pages. A number with a unit that is neither a figure nor in a
+table is not measured: a limit, a constant, the thesis's, or an example's. Those stand in
+docs/figures/stated.txt, a line for each page, so that a new one is looked at before `state` takes
+it in.
 """
 
 from __future__ import annotations
@@ -234,7 +236,7 @@ def _totals(rows: list[dict[str, Any]], counts: list[int]) -> dict[str, Any]:
     return found
 
 
-def approach(path: Path) -> None:
+def approach(path: Path, version: str = '') -> None:
     """Shares of right and wrong frames of mode approach."""
     from approach_rows import Frame, Row
 
@@ -280,6 +282,7 @@ def approach(path: Path) -> None:
         'real approaches, roads and fields by flights, and simulated flights',
         figures,
         {kind: table(columns, cells) for kind, cells in shown.items()},
+        version=version,
     )
 
 
@@ -317,11 +320,12 @@ def _record(
         ['git', 'describe', '--always'], cwd=ROOT, capture_output=True, text=True
     ).stdout.strip()
     old = load().get(name, {})
+    measured = {'version': version or commit, 'date': date.today().isoformat()}
+    tables = {key: {**content, **measured} for key, content in tables.items()}
     content = {
         'command': command,
         'data': data,
-        'version': version or commit,
-        'date': date.today().isoformat(),
+        **measured,
         # What this run did not measure keeps its place.
         'figures': {**old.get('figures', {}), **figures},
         'tables': {**old.get('tables', {}), **tables},
@@ -335,7 +339,7 @@ def main() -> None:
     if action == 'markers' and rest:
         markers(Path(rest[0]), *rest[1:2])
     elif action == 'approach' and rest:
-        approach(Path(rest[0]))
+        approach(Path(rest[0]), *rest[1:2])
     elif action == 'speed' and rest:
         speed(*map(Path, rest))
     elif action == 'write':

@@ -208,8 +208,9 @@ class VisionNode(ManagedNode):
     def _announce(self, topic: str) -> None:
         values = self._live.current.as_dict()
         files = ', '.join(parameter_files(self, sys.argv)[0]) or 'none'
-        words = f'mode {values["mode"]}, images from {topic}, parameter files: {files}'
-        if values['publish_tf'] != 'off' and TF_TOPIC not in self._processor.topics:
+        mode = f'mode {values["mode"]}, ' if 'mode' in values else ''
+        words = f'{mode}images from {topic}, parameter files: {files}'
+        if values.get('publish_tf', 'off') != 'off' and TF_TOPIC not in self._processor.topics:
             words += '; no /tf, as tf2_msgs is not installed'
         self.get_logger().info(words)
 

@@ -90,6 +90,12 @@ class Recording:
         self.close()
 
     @property
+    def message_count(self) -> int | None:
+        """The number of messages of all topics; None where the recording does not say."""
+        counts = [topic.message_count for topic in self.topics]
+        return None if None in counts else sum(count or 0 for count in counts)
+
+    @property
     def errors(self) -> list[str]:
         """What could not be read, in words; more may come while messages are read."""
         return self.account.errors

@@ -54,11 +54,10 @@ def repair(
     messages: Counter[str] = Counter()
     with open_recording(source) as recording:
         account = recording.account
-        counts = [topic.message_count for topic in recording.topics]
-        total = None if None in counts else sum(count or 0 for count in counts)
+        total = recording.message_count
         with open_writer(output, split_bytes, overwrite) as writer:
             for number, message in enumerate(recording.messages()):
-                writer.copy(message)
+                writer.write(*message)
                 messages[message.topic] += 1
                 if number % _PROGRESS_STEP == 0:
                     progress(number, total)

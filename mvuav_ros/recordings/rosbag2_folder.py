@@ -14,7 +14,6 @@ from mcap.records import Attachment, Metadata
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.layout import METADATA
-from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
 
 _VERSION = 5
@@ -108,14 +107,6 @@ class Rosbag2Writer:
     def moved(self) -> int:
         """Messages from before 1970, which were given the time 0."""
         return sum(part.writer.moved for part in self._parts)
-
-    def copy(self, message: RecordedMessage) -> None:
-        """Write a message of another recording with its own definition and QoS.
-
-        Raises:
-            RecordingError: the file cannot be written, such as when the disk is full.
-        """
-        self.write(*message)
 
     def _begin_part(self) -> None:
         name = f'{self._folder.resolve().name}_{len(self._parts)}.mcap'

@@ -120,8 +120,7 @@ def summarise_recording(
     recording: Recording, progress: Callable[[int, int | None], None] = lambda *_: None
 ) -> RecordingSummary:
     """As `summarise`, for a recording that is open."""
-    counts = [topic.message_count for topic in recording.topics]
-    total = None if None in counts else sum(count for count in counts if count is not None)
+    total = recording.message_count
     tallies = {
         (topic.name, topic.type): _Tally(topic.name, topic.type) for topic in recording.topics
     }

@@ -38,7 +38,6 @@ from mvuav_ros.messages.definitions import Schema, schema_of, type_hash
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC, MESSAGE_HEADER
-from mvuav_ros.recordings.recording import RecordedMessage
 
 
 class OutputFile:
@@ -429,7 +428,7 @@ class RecordingWriter:
         publish_ns: int | None = None,
         sequence: int | None = None,
     ) -> None:
-        """Write one message.
+        """Write one message; that of another recording as ``write(*message)``.
 
         Args:
             topic: the topic's full name.
@@ -466,14 +465,6 @@ class RecordingWriter:
             chunk.add(channel.id, number, (stamp_ns, publish_ns), cdr)
             if chunk.size >= _CHUNK_BYTES:
                 self._hand_over()
-
-    def copy(self, message: RecordedMessage) -> None:
-        """Write a message of another recording with its own definition and QoS.
-
-        Raises:
-            RecordingError: the file cannot be written, such as when the disk is full.
-        """
-        self.write(*message)
 
     def close(self) -> None:
         """Write what is left, and the end that makes the file complete.

@@ -24,17 +24,12 @@ _DECODER = ImageDecoder()
 
 @dataclass(frozen=True)
 class EncodedFrame:
-    """A frame whose image is still the message that was recorded."""
+    """A frame whose image is still the message that was recorded, for whoever decodes it."""
 
     recorded: RecordedMessage  # the message
     stamp_ns: int  # the image's own, or the recording's where the driver set none
     camera: CameraModel | None = None  # as in `Frame`
     attitude: Attitude | None = None  # as in `Frame`
-
-    @property
-    def is_compressed(self) -> bool:
-        """Whether decoding takes its time."""
-        return self.recorded.type.endswith('CompressedImage')
 
     def decoded(self) -> Frame | BadFrame:
         """The frame, or why there is none."""
@@ -45,16 +40,6 @@ class EncodedFrame:
         except ImageError as error:
             return BadFrame(self.stamp_ns, str(error))
         return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
-
-    def without_data(self) -> EncodedFrame:
-        """All but the message's bytes."""
-        return self.with_data(b'')
-
-    def with_data(self, data: bytes | memoryview) -> EncodedFrame:
-        """With the message's bytes."""
-        recorded = self.recorded
-        bare = RecordedMessage(recorded.topic, recorded.type, recorded.stamp_ns, data)
-        return replace(self, recorded=bare)
 
 
 def stamp_ns_of_image(recorded: RecordedMessage) -> int:

@@ -34,7 +34,7 @@ class PoseTuning:
     which other lights take the markers' names.
     """
 
-    # s, for which the last pose tells which of several solutions is the right one.
+    # s, for which the last pose decides which of several solutions is the right one.
     holds: float = 1.0
     # px, root mean square per axis, above which the names or the calibration must be wrong, in any
     # frame.
@@ -145,7 +145,7 @@ class PoseEstimator:
             stamp_ns: the frame's time, ns, later than the last one's.
 
         Returns:
-            The pose, or None where the markers are too few, do not fit or do not tell it well
+            The pose, or None where the markers are too few, do not fit or do not determine it well
             enough; `reason` says which.
         """
         # A float would be seconds, of which a caller would never hear.
@@ -168,7 +168,7 @@ class PoseEstimator:
         if pose is not None:
             self._last, self._last_time = solution[:2], time
         elif len(chosen) == MIN_MARKERS:
-            # Where two solutions of three lights meet, nothing tells which one goes on.
+            # Where two solutions of three lights meet, nothing says which one goes on.
             self._last = None
         return pose
 
@@ -228,7 +228,7 @@ class PoseEstimator:
     def _pose(
         self, camera: CameraModel, view: Reprojection, labels: list[int], solution: Solution
     ) -> Pose | None:
-        """What is told of a solution, if it is known well enough."""
+        """What is published of a solution, if it is known well enough."""
         rvec, tvec, squares = solution
         count = 2 * len(view.image)
         jacobian = view.jacobian(rvec, tvec)
@@ -292,7 +292,7 @@ def _most_misfit(view: Reprojection) -> float:
 
 
 def _is_known(covariance: Array, tvec: Array, share: float) -> bool:
-    """Whether a pose with this covariance is good enough to be told, in a share of the limits."""
+    """Whether a pose with this covariance is good enough to publish, in a share of the limits."""
     variances: list[float] = covariance.diagonal().tolist()
     if not all(math.isfinite(variance) for variance in variances):
         return False

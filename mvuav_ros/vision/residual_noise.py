@@ -1,4 +1,4 @@
-"""How exactly markers are seen, as the residuals of earlier frames tell."""
+"""How exactly markers are seen, as the residuals of earlier frames show."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class NoiseTuning:
     Chosen with `mvuav_ros.vision.pose.PoseTuning`.
     """
 
-    first_noise: float = 0.3  # px, assumed before residuals tell
+    first_noise: float = 0.3  # px, assumed before there are residuals
     first_weight: float = 4.0  # degrees of freedom that this assumption is worth
     first_memory: float = 0.9  # of that, per frame
     memory: float = 0.999  # of the residuals, per frame
-    recent_memory: float = 0.6  # of those that tell of a sudden rise: back to normal in 15 frames
+    recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
     rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
     max_rise: int = 60  # frames after which it is the usual noise that has changed
     # px, of a centroid, the same from frame to frame: the residuals do not show all of it.

@@ -30,7 +30,7 @@ class CalibrationTuning:
     Chosen on seeds 100 to 105 and 20000 to 20008 of `test/support/marker_flights.py`.
     """
 
-    fewest: int = 4  # markers of a frame that tells anything: it has eight numbers, a pose six
+    fewest: int = 4  # markers of a frame that says anything: it has eight numbers, a pose six
     noise: float = 0.15  # px (1 sigma), of a light's place per axis
     # Of a marker's place on the rig per axis, in parts of the rig's size (1 sigma): as a rig is
     # measured well, and, where the lights do not fit that, badly.
@@ -54,7 +54,7 @@ class CalibrationTuning:
 
 
 TUNING = CalibrationTuning()
-_MOST_ITERATIONS = 12
+_MAX_ITERATIONS = 12
 _MAX_STEP, _FARTHEST = 0.25, 3.0
 _PINHOLE: Array = np.eye(3)
 
@@ -73,7 +73,7 @@ class Keyframe(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What lights tell of the focal length.
+    """What lights say of the focal length.
 
     Attributes:
         shift: logarithm of the focal length over that of the calibration.
@@ -127,14 +127,14 @@ class SelfCalibration:
     Examples:
         >>> from mvuav_ros.vision.frames import OPTICAL_FROM_BODY
         >>> from mvuav_ros.vision.rig import TANKER_747
-        >>> told = CameraModel(640, 480, (700.0, 0.0, 320.0, 0.0, 700.0, 240.0, 0.0, 0.0, 1.0))
+        >>> given = CameraModel(640, 480, (700.0, 0.0, 320.0, 0.0, 700.0, 240.0, 0.0, 0.0, 1.0))
         >>> true = np.array([(600.0, 0.0, 320.0), (0.0, 600.0, 240.0), (0.0, 0.0, 1.0)])
         >>> rvec, tvec = cv2.Rodrigues(OPTICAL_FROM_BODY)[0], np.array((2.0, -1.0, 120.0))
         >>> seen = cv2.projectPoints(TANKER_747.positions, rvec, tvec, true, None)[0]
-        >>> check = SelfCalibration(TANKER_747.positions, told)
+        >>> check = SelfCalibration(TANKER_747.positions, given)
         >>> _ = check.add(range(5), seen.reshape(-1, 2))
         >>> estimate = check.estimate()
-        >>> estimate.contradicts, round(estimate.of_camera(told).k[0])
+        >>> estimate.contradicts, round(estimate.of_camera(given).k[0])
         (True, 600)
     """
 
@@ -149,8 +149,8 @@ class SelfCalibration:
         self._refused = 0
         # What the frames share: the logarithm of the focal length over the calibration's, and the
         # markers' offsets, m.
-        self._told: Array = np.zeros(1 + self._points.size)
-        self._covariance: Array = np.zeros((len(self._told), len(self._told)))
+        self._value: Array = np.zeros(1 + self._points.size)
+        self._covariance: Array = np.zeros((len(self._value), len(self._value)))
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -159,7 +159,7 @@ class SelfCalibration:
         """Take a frame's named lights: their places in the rig, and where they are seen, px.
 
         Of many frames the newest are kept. Not taken are frames with too few lights, and such as do
-        not fit what the others tell, unless they keep coming: a light may be another one.
+        not fit what the others say, unless they keep coming: a light may be another one.
 
         Returns:
             Whether it was taken.
@@ -196,10 +196,10 @@ class SelfCalibration:
         return np.array(found)
 
     def _is_odd(self, frame: Keyframe, pose: tuple[Array, Array]) -> bool:
-        told = self.estimate()
-        if len(self._frames) < TUNING.known or told is None or not told.fits:
+        estimated = self.estimate()
+        if len(self._frames) < TUNING.known or estimated is None or not estimated.fits:
             return False
-        model = self._model(self._told)
+        model = self._model(self._value)
         residual, own, common = self._linearize(frame, *pose, *model)
         step = np.linalg.lstsq(own, residual, rcond=None)[0]
         pose = pose[0] + step[:3], pose[1] + step[3:]
@@ -209,10 +209,10 @@ class SelfCalibration:
         rest, left = common - own @ (back @ common), residual - own @ (back @ residual)
         spread = np.eye(len(left)) + rest @ self._covariance @ rest.T
         misfit = float(left @ np.linalg.solve(spread, left)) / max(len(left) - 6, 1)
-        return misfit > max(TUNING.max_odd, TUNING.odd * told.misfit)
+        return misfit > max(TUNING.max_odd, TUNING.odd * estimated.misfit)
 
     def _first_pose(self, frame: Keyframe) -> tuple[Array, Array] | None:
-        camera, points = self._model(self._told)
+        camera, points = self._model(self._value)
         points = np.ascontiguousarray(points[frame.labels])
         try:
             found, rvec, tvec = cv2.solvePnP(
@@ -225,7 +225,7 @@ class SelfCalibration:
         return np.asarray(rvec, np.float64).reshape(3), np.asarray(tvec, np.float64).reshape(3)
 
     def estimate(self) -> Estimate | None:
-        """What the frames tell; None where there are none, or nothing follows from them."""
+        """What the frames say; None where there are none, or nothing follows from them."""
         if self._estimate is None and self._frames:
             for rig_error in TUNING.rig_errors:
                 self._estimate = self._adjust(rig_error)
@@ -239,12 +239,12 @@ class SelfCalibration:
 
     def _adjust(self, rig_error: float) -> Estimate | None:
         """Gauss-Newton steps in which the poses are eliminated."""
-        deviations = np.full(len(self._told), rig_error * self._size)
+        deviations = np.full(len(self._value), rig_error * self._size)
         deviations[0] = TUNING.focal_error
         weight = deviations**-2
-        value = self._told
+        value = self._value
         poses = [(rvec, tvec) for _, rvec, tvec in self._frames]
-        for _ in range(_MOST_ITERATIONS):
+        for _ in range(_MAX_ITERATIONS):
             normal, towards = np.diag(weight), -weight * value
             squares, eliminated = float((weight * value**2)[1:].sum()), []
             model = self._model(value)
@@ -279,13 +279,13 @@ class SelfCalibration:
         misfit = squares / max(freedom, 1)
         deviation = math.sqrt(float(covariance[0, 0])) * max(1.0, math.sqrt(misfit))
         offsets = value[1:].reshape(-1, 3)
-        told = Estimate(float(value[0]), deviation, offsets, misfit)
-        if told.fits:
+        estimated = Estimate(float(value[0]), deviation, offsets, misfit)
+        if estimated.fits:
             # The next frames begin here.
             kept = zip(self._frames, poses, strict=True)
             self._covariance = covariance
-            self._told, self._frames = value, [(frame, *pose) for (frame, _, _), pose in kept]
-        return told
+            self._value, self._frames = value, [(frame, *pose) for (frame, _, _), pose in kept]
+        return estimated
 
     def _linearize(
         self, frame: Keyframe, rvec: Array, tvec: Array, camera: CameraModel, points: Array

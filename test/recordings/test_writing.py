@@ -96,7 +96,7 @@ def test_copies_keep_their_definition_and_qos(tmp_path: Path) -> None:
     with open_recording(source) as recording, RecordingWriter(tmp_path / 'out.mcap') as writer:
         messages = list(recording.messages())
         for message in messages:
-            writer.copy(message)
+            writer.write(*message)
     with open_recording(tmp_path / 'out.mcap') as recording:
         assert list(recording.messages()) == messages
         own, unknown = recording.topics
@@ -114,7 +114,7 @@ def test_copies_from_other_storages_decode(tmp_path: Path, kind: str) -> None:
     target = tmp_path / 'out.mcap'
     with open_recording(source) as recording, RecordingWriter(target) as writer:
         for message in recording.messages():
-            writer.copy(message)
+            writer.write(*message)
     assert read(target) == (samples, [])
     with rosbag2.Reader(target) as reader:
         (connection,) = reader.connections

@@ -25,7 +25,7 @@ def write_bag(path, results):
     processor = MarkerTrackerProcessor()
     with RecordingWriter(path) as writer, open_recording(flight) as recording:
         for message in recording.messages():
-            writer.copy(message)
+            writer.write(*message)
         for frame in open_source(str(flight)).frames():
             for topic, make in processor.process(frame):
                 kind = TYPES.get(topic.partition('/')[0])

@@ -17,7 +17,7 @@ from mvuav_thesis.identity_runs import (
     fly_names,
     identity_task,
 )
-from mvuav_thesis.pose_runs import PoseTask, fly_poses
+from mvuav_thesis.integrity_runs import PoseTask, fly_poses
 
 
 class Exchanging(MarkerTracker):

@@ -10,10 +10,9 @@ from mvuav_ros.vision.markers.results import MarkerState
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import known
 from mvuav_thesis.comparison import Compared
-from mvuav_thesis.marker_runs import MarkerTask, fly_markers
 from mvuav_thesis.plan import RUNS, Plan, tracker, tracking_pipelines
 from mvuav_thesis.tracking import claims_of, table_5_3
-from mvuav_thesis.trials import trials_of
+from mvuav_thesis.trials import MarkerTask, fly_markers, trials_of
 
 # Left wing, left stabilizer, rudder, right stabilizer, right wing.
 PLACES = ((60, 200), (150, 180), (200, 120), (250, 180), (340, 200))

@@ -11,22 +11,25 @@ from mvuav_ros.simulation.shake import ROLL_DEG_PER_MAGNITUDE, VIBRATIONS, Shake
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.runway.detector import RunwayDetector
 from mvuav_thesis import known
-from mvuav_thesis.marker_runs import fly_markers
 from mvuav_thesis.plan import RUNS, Plan
-from mvuav_thesis.roll_cells import cells_of, roll_tables, roll_tasks
-from mvuav_thesis.runway import figure_4_30, flags_table, runway_tasks
-from mvuav_thesis.runway_runs import fly_runway
+from mvuav_thesis.runway import (
+    APPROACH,
+    approach_table,
+    figure_4_30,
+    flags_table,
+    fly_runway,
+    found_table,
+    runway_tasks,
+)
 from mvuav_thesis.runway_stages import THESIS_YAML
-from mvuav_thesis.runway_truth import APPROACH, approach_table, found_table
-from mvuav_thesis.stages import time_programs
+from mvuav_thesis.stages import time_programs, trial_images
 from mvuav_thesis.tracking import (
     found_table as places_table,
 )
 from mvuav_thesis.tracking import predicted_table, table_5_3, vibration_table
 from mvuav_thesis.tracking_figures import mean_and_deviation
-from mvuav_thesis.trials import tracking_tasks, trials_of
-from mvuav_thesis.vibration import measure, table_5_4
-from mvuav_thesis.videos import trial_images
+from mvuav_thesis.trials import fly_markers, tracking_tasks, trials_of
+from mvuav_thesis.vibration import cells_of, measure, roll_tables, roll_tasks, table_5_4
 
 PLAN = Plan(
     seed=9,

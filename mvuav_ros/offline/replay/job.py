@@ -316,7 +316,7 @@ class _Output:
             said = f'{step.topic} of the input is not copied, because the replay writes it'
             self._account.note(('left out', step.topic), said)
         else:
-            self._writer.copy(step)
+            self._writer.write(*step)
 
 
 def is_own_input(job: ReplayJob) -> bool:

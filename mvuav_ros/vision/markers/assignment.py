@@ -129,7 +129,7 @@ def extend(
     spots: Sequence[Detection],
     fits: Fits,
 ) -> dict[int, Detection]:
-    """The markers found, and more where those do not tell the others' places well.
+    """The markers found, and more where those do not determine the others' places well.
 
     All ways of giving the spots without a name (px without distortion) to the missing markers are
     weighed, each by the view that follows; a marker is named where every way that is about as
@@ -165,7 +165,7 @@ class RecoveryTuning:
     # Lights that must fit at once: a single one that does not go with the others may as well be
     # another light.
     min_new: int = 2
-    # Frames in a row that must name the lights alike, where they are as few as can tell.
+    # Frames in a row that must name the lights alike, where they are as few as can decide.
     confirmed: int = 2
     same: float = 40.0  # px, within which a marker may move between two frames
 

@@ -19,16 +19,16 @@ from mvuav_ros.vision.self_calibration import Estimate, SelfCalibration
 
 Array = NDArray[np.float64]
 
-AGREED = 3  # Frames that must tell another focal length before names are given by it
+AGREED = 3  # Frames that must give another focal length before names are given by it
 ANOTHER = 0.006  # Part by which it must differ from the one in use, or half a deviation; and
 ANOTHER_RIG = 0.001  # in parts of its size what the rig is taken for (root mean square)
-SAME_LIGHT = 1.0  # px, between the places of a light as two trackers tell it
+SAME_LIGHT = 1.0  # px, between the places of a light as two trackers place it
 NEEDED = 0.25
-"""Squared residuals over their variances per degree of freedom up to which those told will do."""
+"""Squared residuals over their variances per degree of freedom up to which those given will do."""
 FIRST_STEP, MAX_STEP = 0.1, 8.0
 """s between two frames that are taken for the estimate: while it is young, and when settled."""
 MIN_MARKERS = 5
-"""Markers of a rig that can be named without a calibration, and then tell one; four fit any."""
+"""Markers of a rig that can be named without a calibration, and then give one; four fit any."""
 MAX_OTHERS = 3
 """Lights beside the rig's with which they are tried without the calibration, which takes time."""
 TRIED, RESTED = 30, 5
@@ -39,7 +39,7 @@ afterwards in one of so many, as they may not be the rig's."""
 class CalibratedTracker:
     """Follows a rig before a calibrated camera, even if the calibration is wrong.
 
-    The lights that have names tell the focal length (see `SelfCalibration`). Where that contradicts
+    Lights with names determine the focal length (see `SelfCalibration`). Where that contradicts
     the calibration, the names go on with what the lights show, and every result says so: a pose by
     that calibration would be wrong. Where the calibration is so wrong that no names are found, they
     are looked for without it.
@@ -118,7 +118,7 @@ class CalibratedTracker:
         if not taken or estimate is None or not estimate.fits:
             self._next = time + 2.0 * FIRST_STEP
             return result
-        self._tell(estimate)
+        self._report(estimate)
         differing = self._differs(check, estimate)
         self._differing = self._differing + 1 if differing else 0
         self._step = FIRST_STEP if differing else min(2.0 * self._step, MAX_STEP)
@@ -136,7 +136,7 @@ class CalibratedTracker:
     def _differs(self, check: SelfCalibration, estimate: Estimate) -> bool:
         """Whether camera and rig are others than those in use.
 
-        That they are not what they are told to be, most frames must show: in a few a light may be
+        That they are not what they are said to be, most frames must show: in a few a light may be
         another one.
         """
         shift, offsets = self._learnt
@@ -178,7 +178,7 @@ class CalibratedTracker:
             return result
         self._has_named, self._trial = True, None
         self._take(estimate)
-        self._tell(estimate)
+        self._report(estimate)
         self._next = time + FIRST_STEP
         return again
 
@@ -196,14 +196,14 @@ class CalibratedTracker:
         self._tracker, self._learnt = self._other, (estimate.shift, estimate.offsets)
         self._differing = 0
 
-    def _tell(self, estimate: Estimate) -> None:
+    def _report(self, estimate: Estimate) -> None:
         """Say what contradicts the calibration."""
         self._doubt = ''
         if estimate.contradicts and self._camera is not None:
-            told = math.sqrt(self._camera.matrix[0, 0] * self._camera.matrix[1, 1])
-            shown = math.exp(estimate.shift) * told
+            ours = math.sqrt(self._camera.matrix[0, 0] * self._camera.matrix[1, 1])
+            shown = math.exp(estimate.shift) * ours
             self._doubt = (
-                f'camera_info says a focal length of {told:.0f} px, the lights show {shown:.0f} px '
+                f'camera_info says a focal length of {ours:.0f} px, the lights show {shown:.0f} px '
                 '(if the rig is measured right)'
             )
 

@@ -76,7 +76,7 @@ def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
 
     The thesis's program takes the first five groups of the scan, so that one hot pixel at the
     left pushes the right wing out; here the five of greatest area are taken. With exactly five
-    groups the two are the same. All five are lost where labels cannot be told: with fewer
+    groups the two are the same. All five are lost where labels cannot be known: with fewer
     groups, and where the sixth largest is too much like the fifth.
     """
     try:
@@ -104,7 +104,7 @@ def detect(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
 def detect_any(image: Image, parameters: MarkerTrackerParameters) -> MarkerResult:
     """Find any number of clusters, without names (the purpose of Appendix B).
 
-    The thesis's program works for five or six markers and loops for ever when two clusters
+    The thesis's program works for five or six markers and loops forever when two clusters
     interleave in the scan; this one ends on every input.
     """
     try:

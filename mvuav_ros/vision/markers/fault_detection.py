@@ -28,21 +28,21 @@ class FaultTuning:
     # px (1 sigma), of a marker's place by the others, up to which they would contradict another
     # light there.
     protected: float = 4.0
-    # The same where too few are in sight to tell each other's places later.
+    # The same where too few are in sight to determine each other's places later.
     protected_by_few: float = 1.3
-    # Markers not out of sight before, by which alone others' places are told.
-    min_telling: int = 2
-    min_agreeing: int = 4  # markers that tell each other's places
+    # Markers not out of sight before, by which alone others' places are determined.
+    min_determining: int = 2
+    min_agreeing: int = 4  # markers that determine each other's places
     # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
     beside: float = 6.0
-    inflate: float = 4.0  # by which all variances grow where what is seen makes no sense
+    inflate: float = 4.0  # by which the covariance is inflated where what is seen makes no sense
     # By which they grow to find out whether it is only the motion that was not foreseen.
     free: float = 1e3
     min_free: int = 8  # coordinates for that
     # Squared residuals over their variances up to which markers then fit the rig, which are more
     # than can fit any other.
     fitting: float = 12.0
-    fitting_few: float = 4.0  # the same of as few as can tell
+    fitting_few: float = 4.0  # the same of as few as can decide
 
 
 TUNING = FaultTuning()
@@ -53,10 +53,10 @@ _PAIRS_UP_TO = 8
 class Consensus:
     """What a set of named lights agrees on."""
 
-    seen: ViewState | Correction  # the view by the markers that agree, or what tells it
+    seen: ViewState | Correction  # the view by the markers that agree, or what gives it
     kept: tuple[int, ...]  # those markers
     dropped: tuple[int, ...] = ()  # the ones that contradict them
-    # one of which, or some, must be another light; which ones, later frames tell.
+    # one of which, or some, must be another light; which ones, later frames show.
     suspects: tuple[int, ...] = ()
 
     @property
@@ -155,7 +155,7 @@ class FaultDetector:
     def unverified(
         self, found: Mapping[int, Point], returned: Collection[int], untrusted: Collection[int] = ()
     ) -> set[int]:
-        """Which of the markers found lie where the others do not tell their places.
+        """Which of the markers found lie where the others do not determine their places.
 
         Asked are those that were out of sight shortly before, and where few are in sight also those
         that were not alone.
@@ -164,11 +164,11 @@ class FaultDetector:
         doubtful = {m for m in found if m in returned or (few and m in untrusted)}
         if not doubtful:
             return set()
-        if few and len(found) - len(doubtful) < TUNING.min_telling:
+        if few and len(found) - len(doubtful) < TUNING.min_determining:
             return doubtful
-        told = self._correct(found).deviations_by_others()
+        deviations = self._correct(found).deviations_by_others()
         limit = TUNING.protected_by_few if few else TUNING.protected
-        return {marker for marker in doubtful if told[marker] > limit}
+        return {marker for marker in doubtful if deviations[marker] > limit}
 
     def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""

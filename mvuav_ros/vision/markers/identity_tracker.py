@@ -60,7 +60,7 @@ class Reporter:
         windows: Sequence[Window] = (),
         remark: str = '',
     ) -> MarkerResult:
-        """What is told of a frame, by the memory that holds it already.
+        """What is reported of a frame, by the memory that holds it already.
 
         A marker without a spot is predicted where it is expected (px) if it was seen since the
         earliest time (s).
@@ -86,7 +86,7 @@ class Reporter:
         status = remark
         if None in spots:
             status = counts_of(markers) + (f' ({remark})' if remark else '')
-        predictions = tuple(zip(memory.told[::2], memory.told[1::2], strict=True))
+        predictions = tuple(zip(memory.reported[::2], memory.reported[1::2], strict=True))
         has_wings = self._wings is not None
         return MarkerResult(tuple(markers), roll, status, tuple(windows), predictions, has_wings)
 
@@ -105,7 +105,7 @@ before is another one."""
 class IdentityTracker:
     """The whole frame at the start, then a window for each marker; the whole frame in doubt.
 
-    Every frame is held against the rig: the markers in sight tell how it is seen (see
+    Every frame is held against the rig: the markers in sight determine how it is seen (see
     `ViewFilter`), and a marker that the others contradict loses its name (see `FaultDetector`).
     Markers that are alone in their windows, as they usually look, and agree are taken (the fast
     way, and the usual one). If any is not, the bright pieces of the whole frame are named by the
@@ -218,7 +218,7 @@ class IdentityTracker:
         faults.untrusted = memory.untrusted
         motion = memory.motion(self._lens)
         search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
-        around = memory.told if consensus.kept else ()
+        around = memory.reported if consensus.kept else ()
         status = self._search(frame, search, in_image, around)
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
@@ -234,7 +234,7 @@ class IdentityTracker:
         windows: list[Window],
         status: str,
     ) -> MarkerResult:
-        """Remember and tell what a search has found."""
+        """Remember and report what a search has found."""
         assert self._body is not None
         memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
@@ -283,7 +283,7 @@ class IdentityTracker:
         return ''
 
     def _name_afresh(self, search: Search, lights: Lights) -> None:
-        """Name a body that is not quite its rig as at the start: its old view tells too little."""
+        """Name a body that is not quite its rig as at the start: its old view says too little."""
         search.found.clear()
         named = initialize(self._shape, lights, self._rig.names)
         if named.view is not None and named.certain:

@@ -46,7 +46,7 @@ _TYPICAL_FOCAL, _FOCAL_DEVIATION = 1.4, 0.6
 """Focal length of a camera that is not calibrated, in half diagonals of the image (1.4: 71 degrees
 across), and how far its logarithm may be off (1 sigma)."""
 _REACH = 0.17  # How far from its expected place a light is looked for, in units of the body's size
-_ROUGH = 0.02  # The same, 1 sigma, where three lights tell the view
+_ROUGH = 0.02  # The same, 1 sigma, where three lights determine the view
 _MAX_TILTED = 1.2  # rad, from straight behind
 _TRIED = 16
 _FEW_SPOTS = 5
@@ -72,7 +72,7 @@ def guess_start(
     """All probable ways of seeing the whole body in a number of spots, most probable first.
 
     Three markers are tried on all threes of spots (`MAX_CANDIDATES` at most, px without
-    distortion), in every order; the two views of each that follow tell where the other markers
+    distortion), in every order; the two views of each that follow say where the other markers
     are, and the best are fitted. The roll is the expected one, with its deviation (1 sigma), rad.
     """
     places = np.array([complex(spot.x, spot.y) for spot in spots])

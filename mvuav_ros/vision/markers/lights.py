@@ -287,7 +287,7 @@ class Lights:
         """Measure the lights of a frame.
 
         Of very many the nearest to some places (x and y in turn, px) are measured; the largest,
-        which tell what is small, if there are none.
+        which show what is small, if there are none.
 
         Raises:
             GroupingError: it is too bright or too noisy to hold markers.

@@ -106,7 +106,7 @@ class JumpTuning:
     Chosen on seeds 9500 to 9529, 9900 to 9929 and 9982 of `offline.evaluation.integrity_runs`.
     """
 
-    fewest: int = 3  # lights whose middle one tells how all have moved
+    fewest: int = 3  # lights whose middle one shows how all have moved
     deviations: float = 4.5  # of what is usual, from which on it has
     least: float = 0.03  # px, of what is usual at least
     alone: float = 0.5  # part of its jump by which all others must be nearer to their places
@@ -156,12 +156,12 @@ class Jumps:
 RETURNING = 2
 """Frames after its return in which a marker is named by the geometry: its motion, by which its
 window is placed, is not known yet."""
-KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even a stranger may be it
+KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even clutter may be it
 SURE_PLACE = 2.0  # px (1 sigma): a place known this well stands in for a measurement
 PROBATION = 15
 """Frames after a marker was out of sight or not alone in which its light may be another one."""
 EDGE = 4.0  # px of dark that a window shows around a light
-FORGOTTEN = 10  # Frames unseen after which a light's own motion tells nothing any more
+FORGOTTEN = 10  # Frames unseen after which a light's own motion says nothing any more
 
 
 class Motion(NamedTuple):
@@ -171,8 +171,8 @@ class Motion(NamedTuple):
     unseen: Sequence[int]  # frames since each marker was seen; 0 where its motion is known
 
     def refine(self, index: int, by_view: Expectation) -> Expectation:
-        """Where a marker should be by its own motion, if that tells more than the view."""
-        # The others tell how the camera shakes; a marker's own motion does not, when it is old.
+        """Where a marker should be by its own motion, if that says more than the view."""
+        # The others show how the camera shakes; a marker's own motion does not, when it is old.
         unseen, far = self.unseen[index], by_view.deviation
         if unseen == 0 or (far > KNOWN_PLACE and unseen < FORGOTTEN):
             moved = self.expected[index]
@@ -235,7 +235,7 @@ class MarkerMemory:
         self.predict(time)
         # x and y of every marker in turn in the newest frame, px, by its own motion; and where
         # those out of sight should be by all that is known.
-        self.predicted = self.told = [math.nan] * (2 * len(spots))
+        self.predicted = self.reported = [math.nan] * (2 * len(spots))
         self.remember(time, spots, {}, {})
 
     @property
@@ -260,15 +260,15 @@ class MarkerMemory:
 
     def predict(self, time: float) -> None:
         """Go on to the next frame, s."""
-        self.predicted = self.told = self.predictor.predict(time)
+        self.predicted = self.reported = self.predictor.predict(time)
 
     def tell(self, places: Array, deviations: Array) -> None:
         """Where the view has the markers (n, 2), px, and how surely (n,): better, or not."""
         own = self.predictor.deviations()
-        self.told = list(self.predicted)
+        self.reported = list(self.predicted)
         for index, marker in enumerate(self.markers):
             if marker.unseen and deviations[index] < own[index]:
-                self.told[2 * index : 2 * index + 2] = places[index].tolist()
+                self.reported[2 * index : 2 * index + 2] = places[index].tolist()
 
     def motion(self, lens: Lens) -> Motion:
         """What the markers' own motion says of the newest frame."""

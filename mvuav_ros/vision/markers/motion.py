@@ -44,7 +44,7 @@ class TrackRecord:
     def __init__(self, count: int) -> None:
         self.seen = np.zeros(count, np.intp)  # (n,), measurements since its first
         self.unseen = np.zeros(count, np.intp)  # (n,), frames since the last one
-        # (n,), measurements without a gap, less the first three, whose innovations tell of the new
+        # (n,), measurements without a gap, less the first three, whose innovations are of the new
         # filter and not of the camera.
         self.in_row = np.zeros(count, np.intp)
         # (2 n,) px², of its predictions, x and y in turn.
@@ -92,7 +92,7 @@ class TrackRecord:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis.
 
         Before it some frames were skipped; the level (px²) is of what vibrates, which can be
-        foretold for the next frame only.
+        predicted for the next frame only.
         """
         frames = 1 + self.unseen + skipped
         least = np.where(frames > 1, level, RECORD.min_deviation**2)
@@ -172,7 +172,7 @@ class Competition:
     """The predictions, and how far each of them counts by its errors so far on all lights."""
 
     def __init__(self, count: int) -> None:
-        self.kalman = KalmanFilter(count)  # one of them, which also tells places and motions
+        self.kalman = KalmanFilter(count)  # one of them, which also estimates places and motions
         self.vibration = VibrationPredictor(count)  # what a vibrating camera will do
         self.frames = 0  # seen
         self._extrapolation = Extrapolation(count)
@@ -414,7 +414,7 @@ class MotionPredictor:
             predictions.learn_vibration(columns, innovation)
 
     def _correct(self, measured: Array, visible: Mask, known: Mask) -> Array:
-        """Correct the Kalman filter, and tell the innovations, (2 n,) px."""
+        """Correct the Kalman filter, and return the innovations, (2 n,) px."""
         record, kalman = self._record, self._predictions.kalman
         columns = np.repeat(visible, 2)
         innovation = VIBRATION.fading * self._predictions.vibration.stand_in()

@@ -132,7 +132,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class MultiObjectTuning:
-    """What tells a known light from a new one.
+    """What distinguishes a known light from a new one.
 
     Chosen on the test scenes and on the two LED videos with three and five lights.
     """
@@ -187,14 +187,14 @@ class MultiObjectTracker:
         except GroupingError as error:
             status = str(error)
             found = np.empty((0, 3))
-        given = self._give(predicted, found, parameters.search_radius)
+        given = self._assign(predicted, found, parameters.search_radius)
         self._update(time, given, found)
         given = self._forget(time - parameters.lost_timeout, given, TUNING.most - len(found))
         new = np.setdiff1d(np.arange(len(found)), given)
         self._add(time, found[new])
         return self._result(np.concatenate((given, new)), found, status)
 
-    def _give(self, predicted: Array, found: Array, search_radius: int) -> Integers:
+    def _assign(self, predicted: Array, found: Array, search_radius: int) -> Integers:
         """Which detection each known light has; -1 for none."""
         if len(predicted) == 0 or len(found) == 0:
             return np.full(len(predicted), -1)
@@ -220,7 +220,7 @@ class MultiObjectTracker:
         return assign(cost, number)
 
     def _voters(self) -> Integers:
-        """The lights that can tell a jump of all: well known, and seen in the last frame."""
+        """The lights that can show a jump of all: well known, and seen in the last frame."""
         known = (self._sightings >= TUNING.confirmed) & (self._last_seen == self._last_seen.max())
         voters = np.flatnonzero(known)
         return voters[np.argsort(-self._sightings[voters], kind='stable')[: TUNING.max_voters]]

@@ -300,15 +300,15 @@ def deviations_of(jacobian: Array, covariance: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(mean + half, 0.0)))
 
 
-_LEAST = np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6))
-_MOST = np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3))
+_MIN = np.array((-np.inf, -5.0, -1e5, -1e5, -1.4, -1.4, 0.0, -0.6))
+_MAX = np.array((np.inf, 12.0, 1e5, 1e5, 1.4, 1.4, 20.0, 0.3))
 """What parameters can become when nothing has been seen for long."""
 _SHARED: Array = np.zeros(COUNT)
 _SHARED[[ROLL, SCALE, PITCH, YAW, FOCAL]] = 1.0
 SETTLED = 5e-3
 """rad, and logarithms: after a step this small the next one would be a thousandth of it."""
 _MAX_STEP = 0.5  # rad, and logarithms
-_SINGULAR = 1e-16  # Determinant of what other markers tell of a place over what all tell, at least
+_SINGULAR = 1e-16  # Determinant of what other markers say of a place over what all say, at least
 
 
 class NamedPlaces(NamedTuple):
@@ -401,7 +401,7 @@ def limited(step: Array) -> tuple[Array, float]:
 
 def possible(parameters: Array) -> Array:
     """Parameters (m, 8) within what they can become."""
-    return np.asarray(np.minimum(np.maximum(parameters, _LEAST), _MOST))
+    return np.asarray(np.minimum(np.maximum(parameters, _MIN), _MAX))
 
 
 def inverse(matrices: Array) -> Array:

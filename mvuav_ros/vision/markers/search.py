@@ -29,9 +29,9 @@ from mvuav_ros.vision.markers.marker_memory import (
 )
 from mvuav_ros.vision.markers.rig_view import COUNT, ViewState
 
-STRANGE = 3  # Frames without a name after which a light is a stranger
-REMEMBERED = 150  # Frames for which lights may be strangers after one has been seen
-STRANGER_STEP = 8.0  # px that a stranger may move in a frame, as the camera shakes
+STRANGE = 3  # Frames without a name after which a light is clutter
+REMEMBERED = 150  # Frames for which lights may be clutter after one has been seen
+CLUTTER_STEP = 8.0  # px that clutter may move in a frame, as the camera shakes
 REJECTED_FOR = 45  # Frames for which a light is not taken again for the marker that it was not
 STEP = 10.0  # px that it may move in a frame
 RELEASED = 2.0
@@ -44,7 +44,7 @@ class Clutter:
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, float, int]] = []
-        self._strangers: list[tuple[float, float]] = []
+        self._places: list[tuple[float, float]] = []
         self._frames_without = REMEMBERED
 
     @property
@@ -56,9 +56,9 @@ class Clutter:
         """Whether a light has stood there, or close by, for long."""
         return any(age >= STRANGE and _is_beside(spot, x, y) for x, y, age in self._seen)
 
-    def is_stranger(self, spot: Detection) -> bool:
+    def is_clutter(self, spot: Detection) -> bool:
         """Whether a light was there already while all markers were elsewhere."""
-        return any(_is_beside(spot, x, y) for x, y in self._strangers)
+        return any(_is_beside(spot, x, y) for x, y in self._places)
 
     def update(
         self, spots: Sequence[Detection], expected: Mapping[int, Expectation] | None
@@ -76,8 +76,8 @@ class Clutter:
                 ages.append(0 if near else max(ages, default=0) + STRANGE)
             if ages:
                 seen.append((spot.x, spot.y, max(ages)))
-        self._strangers = [
-            (spot.x, spot.y) for spot in spots if expected == {} or self.is_stranger(spot)
+        self._places = [
+            (spot.x, spot.y) for spot in spots if expected == {} or self.is_clutter(spot)
         ]
         self._seen = seen
         strange = any(age >= STRANGE for *_, age in seen)
@@ -126,11 +126,11 @@ class Rejections:
 
 
 def _is_beside(spot: Detection, x: float, y: float) -> bool:
-    return abs(x - spot.x) < STRANGER_STEP and abs(y - spot.y) < STRANGER_STEP
+    return abs(x - spot.x) < CLUTTER_STEP and abs(y - spot.y) < CLUTTER_STEP
 
 
 def _may_be_at(spot: Detection, place: Expectation) -> bool:
-    reach = STRANGER_STEP + 4.0 * place.deviation
+    reach = CLUTTER_STEP + 4.0 * place.deviation
     return math.hypot(spot.x - place.x, spot.y - place.y) < reach
 
 
@@ -141,7 +141,7 @@ def _apart(a: Detection, b: Detection) -> float:
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
 GATE_OF_FEW = 6.0
-"""Squared distance over variance at which a light is too far where later frames could not tell."""
+"""Squared distance over variance at which a light is too far where later frames cannot help."""
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
@@ -293,7 +293,7 @@ class Search:
         offset = offset_in(spot, areas, places, spread)
         by_view = self.views.places(self._view)[1][pair]
         if offset is None and len(self.found) >= 2 and by_view.max() <= KNOWN_PLACE:
-            # Not as they moved, or their motions do not tell the sides; the others' places may.
+            # Not as they moved, or their motions do not show the sides; the others' places may.
             seen, jacobian = self.views.shape.linearize(self._view.parameters)
             slopes = jacobian[pair].reshape(4, COUNT)
             spread = slopes @ self._view.covariance @ slopes.T
@@ -302,15 +302,15 @@ class Search:
         return None if offset is None or math.hypot(*offset) > touching else offset
 
     def _name_together(self) -> None:
-        """Name lights where the markers in sight hardly tell where the others are."""
+        """Name lights where the markers in sight hardly determine where the others are."""
         expected = self._expectations(self.missing).values()
         new = [spot for spot in self._free if not self._clutter.include(spot)]
         if new and any(place.deviation > KNOWN_PLACE for place in expected):
             self._take({**self.found, **extend(self.views, self.found, new, self._is_likely)})
 
     def _recover(self, recovery: Recovery) -> None:
-        """Name lights that are not where they were expected, as the rig alone tells."""
-        new = [spot for spot in self._free if not self._clutter.is_stranger(spot)]
+        """Name lights that are not where they were expected, as the rig alone determines."""
+        new = [spot for spot in self._free if not self._clutter.is_clutter(spot)]
         # Lights that fit the rig together are its markers, whatever was thought of one of them.
         found = recovery.name(self.views, self.found, new, lambda m, s: self._looks[m].is_likely(s))
         if len(found) > len(self.found):

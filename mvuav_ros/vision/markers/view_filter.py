@@ -59,7 +59,7 @@ class ViewTuning:
     # Per frame, of a rig error that turns out less, or more.
     learning: float = 0.25
     unlearning: float = 0.003
-    # Per frame, by which the variances of jitter and unrest follow the motion.
+    # Per frame, by which the variances of jitter and process noise follow the motion.
     motion_learning: float = 0.1
     # Per frame in which too few markers are seen, by which they grow again.
     motion_forgetting: float = 1.2
@@ -92,7 +92,7 @@ for _pair in ((X, Y), (PITCH, YAW)):
 _NOTHING_KNOWN = 6.0, 3000.0
 """rad and px (1 sigma), of roll and place: there is nothing left to be less certain of."""
 _MIN_HOLDING = 3  # Markers in a frame with which the motion is not forgotten
-_MIN_EXACT = 4  # Markers by which a frame tells how the view moves, and how exact the rig is
+_MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exact the rig is
 
 
 class Belief(NamedTuple):
@@ -135,7 +135,7 @@ class ViewFilter:
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
         self._is_calibrated = shape.lens.focal is not None
         self._seen = len(shape.points)
-        self._liveliest: Array = before._liveliest if before else np.zeros(COUNT)
+        self._max_motion: Array = before._max_motion if before else np.zeros(COUNT)
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
     @property
@@ -156,7 +156,7 @@ class ViewFilter:
 
     @property
     def unknowns(self) -> int:
-        """Parameters that the lights alone tell."""
+        """Parameters that the lights alone give."""
         return COUNT - 2 if self._is_calibrated else COUNT
 
     def deviation_of(self, parameter: int) -> float:
@@ -171,7 +171,7 @@ class ViewFilter:
         self.belief = _predicted(self.belief, time - self.time, walk, rate_noise)
         self.time = time
         if self._seen < _MIN_HOLDING:
-            usual = np.clip(self._liveliest, TUNING.min_unseen, TUNING.max_unseen)
+            usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
             grown = np.minimum(TUNING.motion_forgetting * self._motion, usual)
             self._motion = np.maximum(self._motion, grown)
         self._seen = 0
@@ -197,7 +197,7 @@ class ViewFilter:
     def correct(self, found: Mapping[int, Point], untrusted: Collection[int] = ()) -> Correction:
         """What the named lights, px without distortion, make of the view.
 
-        The contested ones are all but ignored.
+        Those on probation are all but ignored.
         """
         own = self.deviation**2
         variances = [own] * len(found)
@@ -228,7 +228,7 @@ class ViewFilter:
             self._learn_rig_error(correction)
 
     def _learn_motion(self, correction: Correction) -> None:
-        """The steps from the predicted views over their variances tell how lively the motion is."""
+        """The steps from the predicted views over their variances give the process noise."""
         before, after = correction.before, correction.after
         step = correction.change[:COUNT]
         expected = (before.covariance - after.covariance).diagonal()[:COUNT]
@@ -237,10 +237,10 @@ class ViewFilter:
         motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
         rates = before.mean[COUNT:]
-        self._liveliest = np.maximum(0.998 * self._liveliest, rates * rates * _LIVELY)
+        self._max_motion = np.maximum(0.998 * self._max_motion, rates * rates * _LIVELY)
 
     def _learn_rig_error(self, correction: Correction) -> None:
-        """How well markers that agree fit tells how exact the rig is; less exact only slowly."""
+        """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
         seen, scale = len(correction.found), math.exp(float(correction.after.mean[SCALE]))
         shown = correction.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
@@ -336,7 +336,7 @@ class Correction:
             if largest < SETTLED:
                 break
         else:
-            # What the last slopes foretell of the residuals cannot be trusted.
+            # What the last slopes predict of the residuals cannot be trusted.
             expected = shape.linearize_one(parameters)[0]
             weighed = (places - (expected if columns is None else expected[columns])) / noise
         change[:COUNT] = parameters - prior
@@ -370,13 +370,13 @@ class Correction:
         flat, weighed = self.weight.ravel(), self.weighed.tolist()
         rows = flat[:: 2 * step].tolist(), flat[1 :: 2 * step].tolist()
         lower = flat[step :: 2 * step].tolist()
-        told = []
+        terms = []
         for i, (xx, xy, yy, variance) in enumerate(zip(*rows, lower, self.variances, strict=False)):
             determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
             x, y = weighed[2 * i], weighed[2 * i + 1]
             xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
-            told.append((xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance))
-        return told
+            terms.append((xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance))
+        return terms
 
     @cached_property
     def _distances(self) -> list[tuple[float, float]]:
@@ -392,12 +392,12 @@ class Correction:
         return [square for square, _ in self._distances]
 
     def deviations_by_others(self) -> dict[int, float]:
-        """How exactly all others tell each marker's place (1 sigma, px): the larger axis."""
-        told = {}
+        """How exactly all others determine each marker's place (1 sigma, px): the larger axis."""
+        deviations = {}
         for marker, (_, _, xx, xy, yy) in zip(self.found, self._others, strict=True):
             largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-            told[marker] = math.sqrt(max(largest, 0.0))
-        return told
+            deviations[marker] = math.sqrt(max(largest, 0.0))
+        return deviations
 
     def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
         """What each marker's place says for its name: the log of a ratio of two likelihoods.

@@ -11,7 +11,7 @@ from mvuav_ros.offline.evaluation.metrics import (
     rms,
 )
 from mvuav_ros.vision.runway.normal_form import NormalForm as Line
-from mvuav_thesis.statistics_of_flights import pooled_rms, spectrum
+from mvuav_thesis.comparison import pooled_rms, spectrum
 
 
 def test_rms_of_distances_by_hand():
