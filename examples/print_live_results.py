@@ -5,9 +5,6 @@ import sys
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
-from rclpy.qos import qos_profile_sensor_data as sensor_data
-
-count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
 
 
 def show_roll(message: Vector3Stamped) -> None:
@@ -24,10 +21,9 @@ def show_pose(message: PoseWithCovarianceStamped) -> None:
 try:
     rclpy.init()
     node = rclpy.create_node('print_live_results')
-    node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, sensor_data)
-    pose = '/marker_tracker/pose'
-    node.create_subscription(PoseWithCovarianceStamped, pose, show_pose, sensor_data)
-    for _ in range(count):
+    node.create_subscription(Vector3Stamped, '/marker_tracker/rpy', show_roll, 10)
+    node.create_subscription(PoseWithCovarianceStamped, '/marker_tracker/pose', show_pose, 10)
+    for _ in range(int(sys.argv[1]) if len(sys.argv) > 1 else 10):
         rclpy.spin_once(node)
 except KeyboardInterrupt:
     pass

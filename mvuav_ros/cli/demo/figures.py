@@ -157,7 +157,7 @@ def _draw_edge(axis: Axes, row: Any) -> None:
     (x, y), (x2, y2) = (row['x'], row['y']), (row['x2'], row['y2'])
     axis.plot((x, x2), (y, y2), color=color, lw=2.5, path_effects=_SHADOW)
     beside = {LineRole.LEFT_EDGE: -30.0, LineRole.RIGHT_EDGE: 30.0}.get(LineRole(row['role']), 0.0)
-    place = np.array([x + 0.75 * (x2 - x) + beside, y + 0.75 * (y2 - y)])
+    place = np.array([x + 0.6 * (x2 - x) + beside, y + 0.6 * (y2 - y)])
     _write(axis, name, place, color)
 
 
