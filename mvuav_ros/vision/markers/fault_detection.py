@@ -25,6 +25,16 @@ class FaultTuning:
     gate: float = 16.0
     doubt: float = 6.0  # two explanations whose costs differ by less than this are both possible
     min_firm: int = 3  # markers, without which none can be doubted
+    # Of a squared distance over variance, per frame: what is more is evidence.
+    allowance: float = 6.0
+    enough: float = 20.0  # evidence from which on a marker contradicts the others
+    max_evidence: float = 100.0  # to which the evidence against any marker can add up
+    forgetting: float = 0.9  # per frame, of the evidence against a marker that is out of sight
+    # Of the evidence against the worst marker, by which another must have less so that it is not a
+    # suspect as well.
+    doubtful_share: float = 0.1
+    # Evidence that a marker has against it that was out of sight shortly before.
+    returned: float = 50.0
     # px (1 sigma), of a marker's place by the others, up to which they would contradict another
     # light there.
     protected: float = 4.0
@@ -66,7 +76,12 @@ class Consensus:
 
 
 class FaultDetector:
-    """Holds every frame's named lights against the rig: each marker against all the others."""
+    """Holds every frame's named lights against the rig: each marker against all the others.
+
+    A light that drifts with the view does not stand out in a frame. Where the body has few lights,
+    its distance from where the filter that ignores it expects it adds up over frames (CUSUM); when
+    that is enough, that filter has not been bent by it.
+    """
 
     def __init__(self, views: ViewFilter) -> None:
         self.views = views  # how the rig is seen
@@ -75,38 +90,50 @@ class FaultDetector:
         self.untrusted: set[int] = set()
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
-        self._corrected: tuple[Belief, object, Correction] | None = None
+        self._evidence: dict[int, float] = {}
+        self._corrected: tuple[Belief, object, Correction, list[Correction]] | None = None
 
-    def _correct(self, found: Mapping[int, Point]) -> Correction:
+    def _correct(self, found: Mapping[int, Point]) -> tuple[Correction, list[Correction]]:
+        """By all lights, and by the filters that ignore one each."""
         belief, key = self.views.belief, (self.untrusted, list(found.items()))
         last = self._corrected
         if last is not None and last[0] is belief and last[1] == key:
-            return last[2]
+            return last[2:]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
             untrusted.clear()
         correction = self.views.correct(found, untrusted)
-        self._corrected = belief, key, correction
-        return correction
+        without = self.views.correct_without(found, untrusted)
+        self._corrected = belief, key, correction, without
+        return correction, without
 
     def nis_of(self, found: Mapping[int, Point]) -> dict[int, float]:
         """For each named light how far it lies from where the others put it (see `Correction`)."""
-        return dict(zip(found, self._correct(found).nis, strict=True))
+        return dict(zip(found, self._correct(found)[0].nis, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
-        """Which of the named lights agree.
+        """Which of the named lights agree, by this frame and by those before it.
 
         The fewest are dropped without which the others fit; while it is not clear which those
         are, all that they may be are suspects.
         """
         if not found:
             return Consensus(self.views.view, ())
-        correction = self._correct(found)
+        correction, without = self._correct(found)
         markers = tuple(found)
-        if max(correction.nis) <= TUNING.gate:
+        contradicted = max(correction.nis) > TUNING.gate
+        evidence = self._added(found, without)
+        most = max(evidence.values(), default=0.0)
+        if not contradicted and most < TUNING.enough:
             return Consensus(correction, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
+        if len(markers) > 2 and most > TUNING.doubt:
+            consensus = self._without_suspects(found, evidence, without)
+            if consensus is not None:
+                return consensus
+        if not contradicted:
+            return Consensus(correction, markers)
         for dropped in (1, 2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
@@ -114,6 +141,40 @@ class FaultDetector:
             if consensus is not None:
                 return consensus
         return self._greedy(found)
+
+    def _added(self, found: Mapping[int, Point], without: list[Correction]) -> dict[int, float]:
+        """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
+        if not without:
+            return {}
+        evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
+        for index, marker in enumerate(found):
+            shown = without[marker].nis[index] - TUNING.allowance
+            evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
+        return evidence
+
+    def _without_suspects(
+        self, found: Mapping[int, Point], evidence: dict[int, float], without: list[Correction]
+    ) -> Consensus | None:
+        """What the others agree on, by the filter that has ignored the worst marker all along."""
+        score = {
+            m: evidence[m] + TUNING.returned * (m in self.untrusted) + self.jumps.get(m, 0.0)
+            for m in found
+            if evidence[m] > TUNING.doubt
+        }
+        if not score:
+            return None
+        worst = max(score, key=lambda marker: score[marker])
+        margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
+        suspects = tuple(m for m in score if score[m] > score[worst] - margin)
+        seen = without[worst]
+        if max(n for m, n in zip(found, seen.nis, strict=True) if m != worst) > TUNING.gate:
+            return None
+        if len(suspects) > 1:
+            return Consensus(seen, tuple(m for m in found if m not in suspects), (), suspects)
+        kept = {m: place for m, place in found.items() if m != worst}
+        self.views.exclude(worst)
+        self._evidence = {}
+        return Consensus(self.views.look(kept), tuple(kept), (worst,))
 
     def _without(self, found: Mapping[int, Point], number: int) -> Consensus | None:
         """The consensus of all but a number of markers; None where none agree."""
@@ -166,9 +227,13 @@ class FaultDetector:
             return set()
         if few and len(found) - len(doubtful) < TUNING.min_determining:
             return doubtful
-        deviations = self._correct(found).deviations_by_others()
+        correction, without = self._correct(found)
         limit = TUNING.protected_by_few if few else TUNING.protected
-        return {marker for marker in doubtful if deviations[marker] > limit}
+        return {
+            marker
+            for marker in doubtful
+            if (without[marker] if without else correction).deviations_by_others()[marker] > limit
+        }
 
     def inflate(self) -> None:
         """What was seen contradicts the view as a whole."""
@@ -181,6 +246,9 @@ class FaultDetector:
         """
         if not found:
             return {}
-        correction = self._correct(found)
-        self.views.commit(correction)
+        correction, without = self._correct(found)
+        self._evidence = self._added(found, without)
+        over = max(max(self._evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
+        self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
+        self.views.commit(correction, without)
         return correction.log_odds(TUNING.beside, self.views.unknowns)

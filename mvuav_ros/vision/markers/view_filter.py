@@ -75,6 +75,10 @@ class ViewTuning:
     doubted: float = 10.0  # times the usual deviation at which a marker that is doubted takes part
     min_doubted: float = 2.0  # px, of that at least
     rates_last: float = 1.0  # s, after which a motion has changed
+    # Coordinates of all markers less the unknowns of the view, with which a light that slowly
+    # drifts away from its marker bends the view instead of standing out: four lights, and five
+    # without a calibration. With more it stands out in a frame, with less nothing can be checked.
+    bending: tuple[int, int] = (1, 2)
 
 
 TUNING = ViewTuning()
@@ -106,7 +110,9 @@ class ViewFilter:
     """A Kalman filter of a view and its rates, whose measurements are named lights.
 
     How far each marker lies from where all the others put it follows in closed form from the
-    innovations and their covariance (see `Correction.nis`).
+    innovations and their covariance (see `Correction.nis`). A body with just enough lights has a
+    second filter for each marker, which has all but ignored that marker in all frames: a light that
+    drifts slowly with the view is seen by that filter alone.
     """
 
     def __init__(
@@ -126,6 +132,12 @@ class ViewFilter:
         covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
         covariance[:COUNT, :COUNT] = view.covariance
         self.belief = Belief(np.concatenate((view.parameters, np.zeros(COUNT))), covariance)
+        self._is_calibrated = shape.lens.focal is not None
+        count = len(shape.points)
+        least, most = TUNING.bending
+        few = least <= 2 * count - self.unknowns <= most
+        # By each marker's filter that all but ignores it; none where that is of no use.
+        self.without = [self.belief] * count if few else []
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
@@ -133,8 +145,7 @@ class ViewFilter:
             self._rig_errors = (TUNING.other_rig_error, TUNING.other_rig_error)
         # Of a marker's place on the rig, in units of its size (1 sigma).
         self.rig_error: float = before.rig_error if before else self._rig_errors[1]
-        self._is_calibrated = shape.lens.focal is not None
-        self._seen = len(shape.points)
+        self._seen = count
         self._max_motion: Array = before._max_motion if before else np.zeros(COUNT)
         self._motion: Array = before._motion if before else np.ones(COUNT)
 
@@ -168,7 +179,9 @@ class ViewFilter:
         walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
         if self._is_calibrated:
             walk[FOCAL:] = 0.0
-        self.belief = _predicted(self.belief, time - self.time, walk, rate_noise)
+        elapsed = time - self.time
+        self.belief = _predicted(self.belief, elapsed, walk, rate_noise)
+        self.without = [_predicted(belief, elapsed, walk, rate_noise) for belief in self.without]
         self.time = time
         if self._seen < _MIN_HOLDING:
             usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
@@ -206,6 +219,27 @@ class ViewFilter:
             variances = [doubted if marker in untrusted else own for marker in found]
         return Correction.of(self.shape, self.belief, found, variances, own)
 
+    def correct_without(
+        self, found: Mapping[int, Point], untrusted: Collection[int] = ()
+    ) -> list[Correction]:
+        """The same by the filters that each all but ignore one marker, in the rig's order."""
+        own, doubted = self.deviation**2, self.doubted_deviation**2
+        return [
+            Correction.of(
+                self.shape,
+                belief,
+                found,
+                [doubted if m == ignored or m in untrusted else own for m in found],
+                own,
+            )
+            for ignored, belief in enumerate(self.without)
+        ]
+
+    def exclude(self, marker: int) -> None:
+        """Go on from the filter that has ignored a marker: that one was another light."""
+        self.belief = self.without[marker]
+        self.without = [self.belief] * len(self.without)
+
     def inflate(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
         if self.deviation_of(ROLL) > _NOTHING_KNOWN[0] or self.deviation_of(X) > _NOTHING_KNOWN[1]:
@@ -213,15 +247,18 @@ class ViewFilter:
         growth = np.full(_STATES, math.sqrt(factor))
         if self._is_calibrated:
             growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
-        mean, covariance = self.belief
-        self.belief = Belief(mean, growth[:, None] * covariance * growth)
+        scales = growth[:, None] * growth
+        self.belief, *self.without = [
+            Belief(mean, scales * covariance) for mean, covariance in (self.belief, *self.without)
+        ]
 
-    def commit(self, correction: Correction) -> None:
-        """Take what a frame's named lights, which agree, have made of the view."""
+    def commit(self, correction: Correction, without: Sequence[Correction] = ()) -> None:
+        """Take what a frame's named lights, which agree, have made of the views."""
         self._seen = len(correction.found)
         if self._seen >= _MIN_EXACT:
             self._learn_motion(correction)
         self.belief = correction.after
+        self.without = [each.after for each in without]
         # Four markers before a lens that is not known fit any rig.
         fewest = _MIN_EXACT if self._is_calibrated else max(len(self.shape.points), _MIN_EXACT)
         if len(correction.found) >= fewest:
