@@ -197,7 +197,7 @@ def markers(path: Path, name: str = '') -> None:
     }
     _record(
         'markers',
-        'tools/compare_markers.py --seeds 30000 31000',
+        f'tools/compare_markers.py --flights {kept[name]["flights"]} --seeds {seeds[0]} {seeds[1]}',
         f'simulated flights of seeds {seeds[0]} and on, kept back; {len(groups)} kinds of flights',
         figures,
         {'kept_back': table(columns, rows)},

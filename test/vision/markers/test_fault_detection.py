@@ -1,10 +1,12 @@
 """Names that the other markers contradict, and how lively a view's motion is."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.markers import view_filter
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
 from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.markers.rig_view import PITCH, ViewState, WeakPerspective
@@ -50,6 +52,37 @@ def test_a_light_that_wanders_off_loses_its_name_before_four_pixels():
         assert 4 in (*consensus.dropped, *consensus.suspects)
         assert 4 not in consensus.kept
         assert frames * moved < 4.0
+
+
+def four_lights_of_which_one_drifts(frames=100):
+    """By the frames until it loses its name: a light that drifts 0.3 px a frame, with the view."""
+    rig = replace(TANKER_747, name='four', markers=TANKER_747.markers[:4])
+    shape = WeakPerspective.of(rig, Lens((640, 480), CAMERA))
+    detector = FaultDetector(ViewFilter(shape, ViewState(view_at(0), np.diag(SPREAD**2)), 0.0))
+    for frame in range(1, 60 + frames):
+        detector.views.predict(frame / 30)
+        found = dict(enumerate(map(tuple, shape.project(view_at(frame)).tolist())))
+        found[3] = found[3][0], found[3][1] + 0.3 * max(frame - 60, 0)
+        consensus = detector.weigh(found)
+        if 3 not in consensus.kept:
+            return frame - 60, detector
+        assert consensus.kept == (0, 1, 2, 3)
+        detector.commit(found)
+    return frames, detector
+
+
+def test_a_drifting_light_of_four_is_seen_by_the_filter_that_ignores_it(monkeypatch):
+    frames, detector = four_lights_of_which_one_drifts()
+    assert len(detector.views.without) == 4
+    monkeypatch.setattr(view_filter, 'TUNING', replace(view_filter.TUNING, bending=(0, -1)))
+    frames_bent, detector = four_lights_of_which_one_drifts()
+    assert not detector.views.without
+    assert frames < frames_bent
+
+
+def test_a_body_with_enough_lights_needs_one_filter():
+    views = ViewFilter(SHAPE, ViewState(view_at(0), np.diag(SPREAD**2)), 0.0)
+    assert not views.without
 
 
 def test_a_calm_flight_is_expected_to_go_on_calmly():
