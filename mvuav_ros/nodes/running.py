@@ -130,7 +130,11 @@ def run_nodes(
         stop.initialised = True
         # rclpy's handlers shut the context down at once, even under a node in the making.
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        # Before anything starts: a node that fails at once shuts the context down.
+        executor = SingleThreadedExecutor()
         nodes = make_nodes()
+        for node in nodes:
+            executor.add_node(node)
         for node in nodes:
             node.autostart()
         for node in nodes:
@@ -139,7 +143,7 @@ def run_nodes(
         freeze_garbage()
         install_signal_handlers()
         if not stop.made:
-            _spin(nodes)
+            _spin(executor, nodes)
         if any(node.failed for node in nodes):
             return 1
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -147,6 +151,8 @@ def run_nodes(
     except Exception as error:
         if stop.made:
             return 0
+        if any(node.failed for node in nodes):
+            return 1
         # rclpy has no exception of its own for this.
         if not isinstance(error, _USERS_MISTAKES) and 'QoS override' not in str(error):
             raise
@@ -165,10 +171,7 @@ def run_nodes(
     return 0
 
 
-def _spin(nodes: Sequence[ManagedNode]) -> None:
-    executor = SingleThreadedExecutor()
-    for node in nodes:
-        executor.add_node(node)
+def _spin(executor: SingleThreadedExecutor, nodes: Sequence[ManagedNode]) -> None:
     logged = -_LOG_INTERVAL
     while rclpy.ok():
         try:

@@ -65,16 +65,13 @@ def test_a_folder_of_images(graph, folder):
 
 
 def test_a_bag_is_paced_by_its_stamps(graph, bag):
-    arrivals = []
-    graph.probe.create_subscription(
-        Image, '/image_raw', lambda _: arrivals.append(time.monotonic()), 100
-    )
-    images = play(graph, bag)
+    images = play(graph, bag, stamp='now')
     graph.until(lambda: len(images) == 10, '10 images')
     assert images[0].header.frame_id == 'boom_camera'
     np.testing.assert_array_equal(decode_image(images[0]).pixels, draw(tanker_at()))
-    # Nine gaps of 0.05 s; a busy machine can only make them longer.
-    assert arrivals[-1] - arrivals[0] > 0.35
+    # Nine gaps of 0.05 s, of which a busy machine may shorten the first ones.
+    published = stamps(images)
+    assert published[-1] - published[0] > 0.2
 
 
 def test_loop_pause_and_restart(graph, bag):
@@ -191,6 +188,6 @@ running.video_source()
 def test_a_source_that_breaks_ends_with_a_line_and_a_status(bag):
     command = [sys.executable, '-c', BREAKING, str(bag)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert run.returncode == 1
+    assert run.returncode == 1, run.stderr
     assert 'flight.mcap /cam: ZeroDivisionError: what nobody thought of' in run.stderr
     assert 'Traceback' not in run.stderr
