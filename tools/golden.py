@@ -28,6 +28,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -109,15 +110,15 @@ def make_inputs(folder: Path) -> None:
     _damage(folder / 'damaged', recording_samples, choose)
 
 
-def _damage(folder: Path, samples: object, choose: random.Random) -> None:
-    messages = samples.image_samples(30)  # type: ignore[attr-defined]
+def _damage(folder: Path, samples: Any, choose: random.Random) -> None:
+    messages = samples.image_samples(30)
     with tempfile.TemporaryDirectory() as scratch:
         sound = [
-            samples.write_mcap(Path(scratch) / 'zstd.mcap', messages),  # type: ignore[attr-defined]
-            samples.write_mcap(Path(scratch) / 'none.mcap', messages, 'none', chunk_size=None),  # type: ignore[attr-defined]
-            samples.storage_file(samples.write_rosbag2(Path(scratch) / 'bag', messages, 'sqlite3')),  # type: ignore[attr-defined]
-            samples.write_ros1(Path(scratch) / 'none.bag', messages, 'none'),  # type: ignore[attr-defined]
-            samples.write_ros1(Path(scratch) / 'lz4.bag', messages, 'lz4'),  # type: ignore[attr-defined]
+            samples.write_mcap(Path(scratch) / 'zstd.mcap', messages),
+            samples.write_mcap(Path(scratch) / 'none.mcap', messages, 'none', chunk_size=None),
+            samples.storage_file(samples.write_rosbag2(Path(scratch) / 'bag', messages, 'sqlite3')),
+            samples.write_ros1(Path(scratch) / 'none.bag', messages, 'none'),
+            samples.write_ros1(Path(scratch) / 'lz4.bag', messages, 'lz4'),
         ]
         for number in range(180):
             path = sound[number % len(sound)]
@@ -153,7 +154,7 @@ def outputs(folder: Path, only: str) -> Iterator[str]:
                 given = [item for name in parameters for item in ('--param', name)]
                 out = made / mode
                 replay = ['replay', *paths, '-o', out, '--nodes', node, '--jobs', 1, *given]
-                status, printed = command(*replay)
+                status, _ = command(*replay)
                 yield f'{mode} status {status}'
                 for path in sorted(out.glob('*.mcap')):
                     yield from messages(f'{mode} {path.stem}', path)

@@ -294,7 +294,7 @@ def resume_bag() -> None:
         node.get_clock().sleep_for(rclpy.duration.Duration(seconds=SETTLING_TIME))
         rclpy.spin_until_future_complete(node, client.call_async(kind.Request()))
         node.get_logger().info(f'{", ".join(sorted(ready))} found the bag: it plays')
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+    except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
         node.destroy_node()

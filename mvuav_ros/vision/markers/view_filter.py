@@ -212,28 +212,23 @@ class ViewFilter:
 
         Those on probation are all but ignored.
         """
-        own = self.deviation**2
-        variances = [own] * len(found)
-        if untrusted:
-            doubted = self.doubted_deviation**2
-            variances = [doubted if marker in untrusted else own for marker in found]
-        return Correction.of(self.shape, self.belief, found, variances, own)
+        return self._correct(self.belief, found, untrusted)
 
     def correct_without(
         self, found: Mapping[int, Point], untrusted: Collection[int] = ()
     ) -> list[Correction]:
         """The same by the filters that each all but ignore one marker, in the rig's order."""
-        own, doubted = self.deviation**2, self.doubted_deviation**2
         return [
-            Correction.of(
-                self.shape,
-                belief,
-                found,
-                [doubted if m == ignored or m in untrusted else own for m in found],
-                own,
-            )
+            self._correct(belief, found, {ignored, *untrusted})
             for ignored, belief in enumerate(self.without)
         ]
+
+    def _correct(
+        self, belief: Belief, found: Mapping[int, Point], doubted: Collection[int]
+    ) -> Correction:
+        own, wide = self.deviation**2, self.doubted_deviation**2
+        variances = [wide if marker in doubted else own for marker in found]
+        return Correction.of(self.shape, belief, found, variances, own)
 
     def exclude(self, marker: int) -> None:
         """Go on from the filter that has ignored a marker: that one was another light."""
