@@ -326,7 +326,14 @@ class TrackTuning:
     lock_odds: float = 0.5  # log odds, likewise
     lock_agreement: float = 0.4  # agreement, likewise
     lock_support: float = 0.7  # or support of the edges
-    max_unseen: int = 3  # weighings in a row in which those edges may be missing
+    lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
+    first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
+    kind_leave: float = 0.02  # probability that the kind of edge becomes another one
+    kind_weight: float = 0.3  # of one frame's log odds, as frames err alike
+    lines_seen: tuple[float, float] = (-2.0, 3.0)  # log odds of lines that are missing, or seen
+    support_odds: float = 6.0  # log odds of steps per support
+    colour_odds: float = 3.0  # log odds of steps that colour shows
+    steps_away: float = -2.0  # log odds of steps that are not where the strips are
     # share of the last frames with clear edges, from which edges are kept where they are gone
     min_distinct: float = 0.5
 
