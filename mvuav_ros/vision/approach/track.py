@@ -411,6 +411,11 @@ class RunwayTrack(FollowedStrip):
             measured[EdgeKind.STEP] = steps
         else:
             odds = min(odds, TRACK.steps_away)
+            if weighed and self.kinds.share(EdgeKind.STEP) > 0.5:
+                # Strips that differ much have a mean that may be none of them.
+                held = self._look.find(view.frame, self.strip(), wide=wide)
+                if support(held) > TRACK.min_support:
+                    measured[EdgeKind.STEP] = held
         evidence[EdgeKind.STEP] = odds
 
     def _see_ends(self, view: View) -> None:
