@@ -368,7 +368,11 @@ class RunwayTrack(FollowedStrip):
         coloured = self._look.coloured
         if weighed or coloured or width >= LINES.max_width:
             self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
-        if width < LINES.max_width and not (coloured and EdgeKind.STEP in measured):
+        by_colour = coloured and EdgeKind.STEP in measured
+        if by_colour:
+            self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
+        # Far away a line is thinner than a pixel, and colour shows the edge better.
+        if width < LINES.max_width and not (by_colour and width < TRACK.lock_width):
             lines = self._lines.find(view.frame, self.strip(), strip, tolerance(width))
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
