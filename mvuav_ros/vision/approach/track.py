@@ -250,7 +250,8 @@ class RunwayTrack(FollowedStrip):
         It is so with paved shoulders that are plain to see, unless they have lines of their own.
         """
         shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        return max(shoulders * (1.0 - self.shoulder_lines), self._lines.other)
+        other_line = self.kinds.share(EdgeKind.LINE) * self._lines.other
+        return max(shoulders * (1.0 - self.shoulder_lines), other_line)
 
     @property
     def shoulder_lines(self) -> float:
