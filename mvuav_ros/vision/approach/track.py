@@ -227,6 +227,7 @@ class RunwayTrack(FollowedStrip):
         distinct: share of the last frames in which the edges are clear lines or colours.
         shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
         agreement: probability of the strips that are where the mean is.
+        locked: it is followed by its edges alone.
     """
 
     max_misses = 4
@@ -242,6 +243,8 @@ class RunwayTrack(FollowedStrip):
         self._look, self._lines, self.kinds = EdgeLook(), LinedEdges(), EdgeKinds()
         self._spread = np.zeros((2, 2))
         self._rested = 0
+        self._sharp = 0.0
+        self.locked = False
 
     @property
     def other_edges(self) -> float:
@@ -250,8 +253,8 @@ class RunwayTrack(FollowedStrip):
         It is so with paved shoulders that are plain to see, unless they have lines of their own.
         """
         shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        other_line = self.kinds.share(EdgeKind.LINE) * self._lines.other
-        return max(shoulders * (1.0 - self.shoulder_lines), other_line)
+        by_line = self.kinds.share(EdgeKind.LINE)
+        return max(shoulders * (1.0 - by_line * self.shoulder_lines), by_line * self._lines.other)
 
     @property
     def shoulder_lines(self) -> float:
@@ -294,7 +297,8 @@ class RunwayTrack(FollowedStrip):
                 self._measure(view, strip, strip[1] + strip[4:6], weighed=False, dim=dim)
             return
         share, self._rested = float(self._rested), 0
-        if self._by_edges_alone:
+        self._lock()
+        if self.locked:
             strip = self.strip()
             self._measure(view, strip, strip[1] + strip[4:6], weighed=True, dim=False)
             self._see_ends(view)
@@ -311,15 +315,19 @@ class RunwayTrack(FollowedStrip):
             TRACK.missed_odds - self.log_odds
         )
 
-    @property
-    def _by_edges_alone(self) -> bool:
+    def _lock(self) -> None:
         """Near the ground everything around a runway has straight edges, too."""
+        exact = self.kinds.share(EdgeKind.STEP, EdgeKind.LINE)
+        if self.locked:
+            self.locked = exact > TRACK.unlock_share
+            return
         strip = self.strip()
-        return (
+        self.locked = (
             float((strip[3] - strip[2]) * strip[5]) > TRACK.lock_width
             and self.age > TRACK.lock_age
             and self.log_odds > TRACK.lock_odds
-            and self.kinds.share(EdgeKind.STEP, EdgeKind.LINE) > TRACK.lock_share
+            and exact > TRACK.lock_share
+            and (self.agreement > TRACK.lock_agreement or self._sharp > TRACK.lock_support)
         )
 
     def _weigh(self, view: View, share: float) -> bool:
@@ -388,7 +396,7 @@ class RunwayTrack(FollowedStrip):
             self.points = measured[self.kinds.best(measured)]
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
             self.shape.update(self.points, view.horizon if weighed else None)
-        if width > TRACK.lock_width:
+        if self.locked:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:
                 self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
@@ -409,11 +417,13 @@ class RunwayTrack(FollowedStrip):
         steps = self._look.find(view.frame, strip, wide=wide)
         clear = support(steps)
         odds = TRACK.support_odds * (clear - TRACK.min_support)
-        if self._look.coloured:
+        if self._look.coloured and width < TRACK.lock_width:
             odds += TRACK.colour_odds
-        trusted = wide and clear > TRACK.min_support and (weighed or self._by_edges_alone)
+        trusted = wide and clear > TRACK.min_support and (weighed or self.locked)
         if trusted or all(map(agrees, steps, mean)):
             measured[EdgeKind.STEP] = steps
+            if weighed:
+                self._sharp += TRACK.sharp_memory * (clear - self._sharp)
         else:
             odds = min(odds, TRACK.steps_away)
             if weighed and self.kinds.share(EdgeKind.STEP) > 0.5:

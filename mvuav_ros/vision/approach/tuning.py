@@ -325,8 +325,10 @@ class TrackTuning:
     lock_age: int = 20  # frames, likewise
     lock_odds: float = 0.5  # log odds, likewise
     lock_agreement: float = 0.4  # agreement, likewise
-    lock_support: float = 0.7  # or support of the edges
+    lock_support: float = 0.7  # or support of the steps, averaged over the last weighings
+    sharp_memory: float = 0.3  # share of a new weighing in that
     lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
+    unlock_share: float = 0.5  # the same, below which it is no longer
     first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
     kind_leave: float = 0.02  # probability that the kind of edge becomes another one
     kind_weight: float = 0.3  # of one frame's log odds, as frames err alike
