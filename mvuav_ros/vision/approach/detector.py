@@ -320,7 +320,7 @@ class Finder:
                 sight = Sight.from_attitude(row, level.slope)
             else:
                 row = level.row_of(horizon.row)
-                sight = Sight.from_image(row, level.slope, height, self.tracker.best)
+                sight = Sight.from_image(row, level.slope, height)
         track = self.tracker.step(LevelledFrame(image, level), pixels, sight)
         veto = self._veto(sight)
         confidence = 0.0 if veto else self.tracker.confidence

@@ -214,8 +214,6 @@ class EdgeKinds:
         return max(measured, key=lambda kind: float(self._shares[kind]))
 
 
-_PAINT = FEATURES.index('paint')
-_STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
 
 
@@ -253,8 +251,7 @@ class RunwayTrack(FollowedStrip):
         It is so with paved shoulders that are plain to see, unless they have lines of their own.
         """
         shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        by_line = self.kinds.share(EdgeKind.LINE)
-        return max(shoulders * (1.0 - by_line * self.shoulder_lines), by_line * self._lines.other)
+        return shoulders * (1.0 - self.kinds.share(EdgeKind.LINE) * self.shoulder_lines)
 
     @property
     def shoulder_lines(self) -> float:
@@ -270,19 +267,22 @@ class RunwayTrack(FollowedStrip):
         self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
         super().turn(old, new)
 
-    def step(self, view: View, period: int) -> None:
-        """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
+    def step(self, view: View, period: int, *, shown: bool = False) -> None:
+        """Follow it into the next frame; ``period`` is frames from one weighing to the next.
+
+        Between weighings the edges of the one that is ``shown`` are measured, not those of others.
+        """
         if self.age:
             self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
         before = self.strip()
         if is_plausible(before, view.working.size):
-            self._follow(view, period)
+            self._follow(view, period, shown)
         if is_plausible(self.strip(), view.working.size):
             self._lines.move(before, self.strip())
         else:
             self.give_up()
 
-    def _follow(self, view: View, period: int) -> None:
+    def _follow(self, view: View, period: int, shown: bool) -> None:
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
@@ -294,13 +294,15 @@ class RunwayTrack(FollowedStrip):
         if self._rested < period and self.age > 1:
             if self.points is not None:
                 strip = self.strip()
-                self._measure(view, strip, strip[1] + strip[4:6], weighed=False, dim=dim)
+                self._measure(
+                    view, strip, strip[1] + strip[4:6], weighed=False, rest=dim or not shown
+                )
             return
         share, self._rested = float(self._rested), 0
         self._lock()
         if self.locked:
             strip = self.strip()
-            self._measure(view, strip, strip[1] + strip[4:6], weighed=True, dim=False)
+            self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
             self._see_ends(view)
             seen = True
         else:
@@ -346,7 +348,6 @@ class RunwayTrack(FollowedStrip):
         memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
         strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
-        self._look.paint_lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
         likeliest = strips[int(shares.argmax())]
         rows = likeliest[1] + likeliest[4:6]
         corners = columns_at(strips, rows)
@@ -356,20 +357,26 @@ class RunwayTrack(FollowedStrip):
         self.agreement += memory * (float(shares[near].sum()) - self.agreement)
         through = strip_through(mean, rows, likeliest[4:6])
         self._lines.expect(self.strip(), through)
-        self._measure(view, through, rows, weighed=True, dim=False)
+        self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
         self.open_end = bool(features[best, _OPEN] > 0.5)
         self._hypotheses.settle(strips, self.strip())
         return True
 
     def _measure(
-        self, view: View, strip: Strip, rows: NDArray[np.float64], *, weighed: bool, dim: bool
+        self,
+        view: View,
+        strip: Strip,
+        rows: NDArray[np.float64],
+        *,
+        weighed: bool,
+        rest: bool = False,
     ) -> None:
         """Find the edges about a strip between two rows, by the likeliest kind that is seen."""
         corners = columns_at(strip[None], rows)[0]
         width = float(corners[1, 1] - corners[0, 1])
         mean = points_along(corners, rows, self._spread)
-        if dim and not weighed:
+        if rest:
             self.points = mean
             return
         measured = {EdgeKind.STRIPS: mean} if weighed else {}
@@ -382,7 +389,7 @@ class RunwayTrack(FollowedStrip):
             self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
         # Far away a line is thinner than a pixel, and colour shows the edge better.
         if width < LINES.max_width and not (by_colour and width < TRACK.lock_width):
-            lines = self._lines.find(view.frame, self.strip(), strip, tolerance(width))
+            lines = self._lines.find(view.frame, self.strip(), strip)
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
                 measured[EdgeKind.LINE] = lines
@@ -417,7 +424,7 @@ class RunwayTrack(FollowedStrip):
         steps = self._look.find(view.frame, strip, wide=wide)
         clear = support(steps)
         odds = TRACK.support_odds * (clear - TRACK.min_support)
-        if self._look.coloured and width < TRACK.lock_width:
+        if self._look.coloured and width < TRACK.colour_width:
             odds += TRACK.colour_odds
         trusted = wide and clear > TRACK.min_support and (weighed or self.locked)
         if trusted or all(map(agrees, steps, mean)):
