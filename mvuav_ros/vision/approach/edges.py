@@ -192,10 +192,16 @@ def rows_of(
 
 
 class EdgeLook:
-    """What the step across a runway's edges is like, learnt from frame to frame."""
+    """What the step across a runway's edges is like, learnt from frame to frame.
+
+    Attributes:
+        paint_lead: by how much paint is more evident than steps, in textures.
+    """
 
     def __init__(self) -> None:
+        self.paint_lead = 0.0
         self._contrast = np.zeros(3)
+        self._paint = 0.0
         self._known = False
 
     @property
@@ -212,6 +218,11 @@ class EdgeLook:
         channels = opponent_channels(samples.pixels)
         steps = np.stack([samples.steps(channel) for channel in channels])
         self._learn(steps, samples, channels, wide)
+        if self.paint_lead > EDGES.min_paint_lead:
+            ridge = _ridges(samples, channels[0])
+            size = max(self._paint, EDGES.min_contrast)
+            lines = np.clip(ridge, 0.0, size)
+            return samples.fit(lines, size)
         contrast = self._contrast[: len(channels)].copy()
         colour = float(np.linalg.norm(contrast[1:]))
         if wide and contrast[0] < 0 and colour > max(EDGES.clear_contrast, -float(contrast[0])):
@@ -245,8 +256,10 @@ class EdgeLook:
         common = in_common(left, right)
         contrast = np.zeros(3)
         contrast[: common.size] = common
+        paint = float(_ridges(samples, channels[0]).mean(axis=1)[:, near].max())
         share = EDGES.memory if self._known else 1.0
         self._contrast += share * (contrast - self._contrast)
+        self._paint += share * (paint - self._paint)
         self._known = True
 
 
@@ -260,6 +273,13 @@ def _regions(
     first, last = values[:, :, :outer].mean(axis=2), values[:, :, -outer:].mean(axis=2)
     rise = last - first
     return rise[:, 0], -rise[:, 1]
+
+
+def _ridges(samples: EdgeSamples, brightness: NDArray[Any]) -> NDArray[Any]:
+    """(2, count, places - base) how much brighter a place is than both sides, grey levels."""
+    half = samples.base // 2
+    sides = np.maximum(brightness[:, : -2 * half], brightness[:, 2 * half :])
+    return samples.by_side(np.maximum(brightness[:, half:-half] - sides, 0.0))
 
 
 def shows_shoulders(frame: LevelledFrame, strip: Strip) -> bool | None:

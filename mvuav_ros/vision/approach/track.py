@@ -40,7 +40,7 @@ from mvuav_ros.vision.approach.strips import (
     strip_through,
     strips_through,
 )
-from mvuav_ros.vision.approach.tuning import LINES, SEARCH, TRACK
+from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK
 
 Places = NDArray[np.float64]
 """(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
@@ -214,6 +214,8 @@ class EdgeKinds:
         return max(measured, key=lambda kind: float(self._shares[kind]))
 
 
+_PAINT = FEATURES.index('paint')
+_STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
 
 
@@ -248,10 +250,10 @@ class RunwayTrack(FollowedStrip):
     def other_edges(self) -> float:
         """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
 
-        It is so with paved shoulders that are plain to see, unless they have lines of their own.
+        It is so with paved shoulders that are plain to see.
         """
         shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        return shoulders * (1.0 - self.kinds.share(EdgeKind.LINE) * self.shoulder_lines)
+        return max(shoulders, self.kinds.share(EdgeKind.LINE) * self._lines.other)
 
     @property
     def shoulder_lines(self) -> float:
@@ -348,6 +350,7 @@ class RunwayTrack(FollowedStrip):
         memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
         strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
+        self._look.paint_lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
         likeliest = strips[int(shares.argmax())]
         rows = likeliest[1] + likeliest[4:6]
         corners = columns_at(strips, rows)
@@ -389,7 +392,7 @@ class RunwayTrack(FollowedStrip):
             self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
         # Far away a line is thinner than a pixel, and colour shows the edge better.
         if width < LINES.max_width and not (by_colour and width < TRACK.lock_width):
-            lines = self._lines.find(view.frame, self.strip(), strip)
+            lines = self._lines.find(view.frame, self.strip(), strip, tolerance(width))
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
                 measured[EdgeKind.LINE] = lines
@@ -403,7 +406,7 @@ class RunwayTrack(FollowedStrip):
             self.points = measured[self.kinds.best(measured)]
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
             self.shape.update(self.points, view.horizon if weighed else None)
-        if self.locked:
+        if self.locked and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:
                 self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)

@@ -103,6 +103,8 @@ class EdgesTuning:
     widths_per_step: float = 12.0  # width of the strip over the length of a step
     usual_rank: float = 0.15  # rank, from the worst, of the line whose votes are usual
     min_contrast: float = 1.5  # grey levels: less gives no direction
+    # textures by which paint is more evident than steps, before edges are looked for in it
+    min_paint_lead: float = 1.0
     clear_contrast: float = 12.0  # grey levels that are plain to see
     # grey levels of the opponent colours between pavement and grass by day
     colour_contrast: float = 30.0
@@ -117,6 +119,8 @@ class LinesTuning:
     memory: float = 0.1  # share of a new frame in how clear a line is on average
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
+    # px by which all lines of a side seem to move together from frame to frame
+    shift_sigma: float = 1.2
     choice_reach: float = 0.3  # from an expected edge to the lines that are compared
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
@@ -126,6 +130,7 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
+    switch_margin: float = 0.7  # log odds by which another line must be likelier than the one held
     min_kept: float = 0.05  # average clearness below which a line is given up
     min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
@@ -153,6 +158,8 @@ class ShouldersTuning:
     """Of paved shoulders; lengths are widths of the runway. Run 3 and its variants alone."""
 
     rows: int = 32  # sampled
+    # px of the near end: a narrower runway's side lines look like shoulders in run 5
+    min_width: float = 45.0
     # share of the way from the far end: farther away a shoulder is too narrow
     first_row: float = 0.3
     step: float = 0.01  # between samples
