@@ -258,10 +258,9 @@ class ViewFilter:
         """The steps from the predicted views over their variances give the process noise."""
         before, after = correction.before, correction.after
         step = correction.change[0, :COUNT]
-        expected = (before.covariance[0] - after.covariance[0]).diagonal()[:COUNT]
-        shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
-        shown = np.minimum(shown, TUNING.max_step)
-        motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
+        expected = (before.covariance[0].diagonal() - after.covariance[0].diagonal())[:COUNT]
+        shown = np.minimum(_ALIKE.dot(step * step / np.maximum(expected, 1e-12)), TUNING.max_step)
+        motion = self._motion * ((1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
         rates = before.mean[0, COUNT:]
         self._max_motion = np.maximum(0.998 * self._max_motion, rates * rates * _LIVELY)
@@ -312,7 +311,7 @@ class Correction:
         slopes: (f, 8, 2 k), of the places by the parameters.
         weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
         weighed: (f, 2 k), the innovations times that.
-        variances: (f, k), px², at which the markers take part.
+        noise: (f, 2 k), px², variances at which the coordinates take part.
         own: px², variance of a marker's place.
     """
 
@@ -323,7 +322,7 @@ class Correction:
     slopes: Array
     weight: Array
     weighed: Array
-    variances: Array
+    noise: Array
     own: float
 
     @classmethod
@@ -367,7 +366,7 @@ class Correction:
             expected = shape.linearize_all(parameters)[0]
             weighed = (places - (expected if columns is None else expected[:, columns])) / noise
         change[:, :COUNT] = parameters - prior
-        return cls(before, found, change, towards, slopes, weight, weighed, variances, own)
+        return cls(before, found, change, towards, slopes, weight, weighed, noise, own)
 
     @cached_property
     def after(self) -> Belief:
@@ -381,13 +380,13 @@ class Correction:
         transposed = gain.transpose(0, 2, 1)
         left = covariance - gain @ self.towards.transpose(0, 2, 1)
         rest = left[:, :, :COUNT] @ self.slopes
-        rest -= gain * self.variances.repeat(2, axis=1)[:, None]
+        rest -= gain * self.noise[:, None]
         left -= rest @ transposed
         return Belief(mean + self.change, 0.5 * (left + left.transpose(0, 2, 1)))
 
     def misfit(self, row: int = 0) -> float:
         """Root mean square of the markers' distances from their places in a filter's view, px."""
-        residual = self.weighed[row] * self.variances[row].repeat(2)
+        residual = self.weighed[row] * self.noise[row]
         return math.sqrt(float(residual.dot(residual)) / max(len(self.found), 1))
 
     def _by_others(self, row: int, index: int) -> tuple[float, float, float, float, float]:
@@ -406,7 +405,7 @@ class Correction:
         determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
         xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
         x, y = self.weighed.item(row, first), self.weighed.item(row, second)
-        variance = self.variances.item(row, index)
+        variance = self.noise.item(row, first)
         return xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance
 
     def nis_of(self, row: int, index: int) -> float:
@@ -414,9 +413,22 @@ class Correction:
         return _weighed_distance(*self._by_others(row, index), self.own)[0]
 
     @cached_property
+    def _distances(self) -> list[tuple[float, float]]:
+        """For each marker from where the main filter's others put it.
+
+        The squared distance over the variance, the marker's own included, and the determinant of
+        that, px⁴.
+        """
+        return [_weighed_distance(*other, self.own) for other in self._others]
+
+    @cached_property
+    def _others(self) -> list[tuple[float, float, float, float, float]]:
+        return [self._by_others(0, index) for index in range(len(self.found))]
+
+    @cached_property
     def nis(self) -> list[float]:
-        """The same of all markers by the main filter."""
-        return [self.nis_of(0, index) for index in range(len(self.found))]
+        """For each marker how far it lies from where the main filter's others put it."""
+        return [square for square, _ in self._distances]
 
     def deviation_by_others(self, row: int, index: int) -> float:
         """How exactly a filter's others determine a marker's place (1 sigma, px): larger axis."""
@@ -435,9 +447,9 @@ class Correction:
         redundancy = max(1.0 - unknowns / (2 * len(self.found)), 0.0)
         wide = self.own + beside * beside
         odds = {}
-        for index, marker in enumerate(self.found):
-            other = self._by_others(0, index)
-            near, least = _weighed_distance(*other, self.own)
+        for marker, other, (near, least) in zip(
+            self.found, self._others, self._distances, strict=True
+        ):
             far, most = _weighed_distance(*other, wide)
             odds[marker] = 0.5 * redundancy * (far - near + math.log(most / least))
         return odds
