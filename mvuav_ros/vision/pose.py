@@ -126,8 +126,8 @@ class PoseEstimator:
         self._last_time = -math.inf
         self._vouched: frozenset[int] = frozenset()
         # Whether three lights had two poses, or one that was not certain before one of them was out
-        # of sight: what they show later does not tell which is right, as another light may have
-        # taken the place of one of them. More than three do.
+        # of sight: what they show later does not decide which is right, as another light may have
+        # taken the place of one of them. More than three decide.
         self._is_mirrored = self._is_uncertain = False
         self._residuals = _ResidualNoise()
 
