@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.evidence import opponent_channels
-from mvuav_ros.vision.approach.numeric import in_common
+from mvuav_ros.vision.approach.evidence import in_common, opponent_channels
 from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
 from mvuav_ros.vision.point_operations import Pixels
 

@@ -104,6 +104,20 @@ def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
     return image, factor
 
 
+def in_common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+    """What both sides agree in: the smaller of two values of one sign, else 0.
+
+    Examples:
+        >>> in_common(np.array([3.0, -3.0, 3.0]), np.array([5.0, -2.0, -1.0]))
+        array([ 3., -2.,  0.])
+    """
+    least: NDArray[Any] = np.minimum(one, other)
+    most = np.maximum(one, other)
+    # The median of both and 0.
+    np.maximum(least, np.minimum(most, 0, out=most), out=least)
+    return least
+
+
 @dataclass(frozen=True, eq=False)
 class EvidenceMap:
     """A levelled image, or a part of it, as evidence.
@@ -144,24 +158,30 @@ class EvidenceMap:
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
         """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""
         column = np.rint(columns).astype(np.int32)
-        row = np.broadcast_to(rows, column.shape)
-        inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
-        found = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel()
-        index = np.where(inside, row * self.width + column, 0)
-        values = found.take(index)
+        row = np.asarray(rows, np.int32)
+        # As unsigned numbers those below 0 are too large as well.
+        inside = (column.view(np.uint32) < self.width) & (row.view(np.uint32) < self.height)
+        index = row * np.int32(self.width) + column
+        index *= inside
+        values = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel().take(index)
         if self.hidden is not None:
             inside &= ~self.hidden.ravel().take(index)
-        values[~inside] = 0
+        values *= inside
         return values.view(np.int8).reshape((*column.shape, CHANNELS)), inside
 
     def means(
         self, rows: NDArray[Any], first: NDArray[Any], last: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Mean of each channel between columns, in the image; and where there are any."""
-        begin = np.rint(np.clip(first + 0.5, 0, self.width)).astype(np.intp)
-        end = np.maximum(np.rint(np.clip(last + 0.5, 0, self.width)).astype(np.intp), begin)
-        row = np.clip(rows, 0, self.height - 1)
-        total = self.sums[:, row, end] - self.sums[:, row, begin]
+        ends = np.stack([first, last])
+        ends += 0.5
+        np.maximum(ends, 0, out=ends)
+        begin, end = np.rint(np.minimum(ends, self.width, out=ends)).astype(np.intp)
+        np.maximum(end, begin, out=end)
+        start = np.minimum(np.maximum(rows, 0), self.height - 1) * (self.width + 1)
+        flat = self.sums.reshape(len(self.sums), -1)
+        total = flat.take(start + end, axis=1)
+        total -= flat.take(start + begin, axis=1)
         return total / np.maximum(end - begin, 1), end > begin
 
 

@@ -124,10 +124,12 @@ class Overlaid:
 
     def _begin(self, gray: NDArray[np.uint8]) -> None:
         self._first, self._age = gray, 0
+        # Which corners are followed matters, not where they are to a px: half the size is enough.
+        small = cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         found = cv2.goodFeaturesToTrack(
-            gray, MOTION.max_corners, 0.005, MOTION.corner_distance, blockSize=3
+            small, MOTION.max_corners, 0.005, 0.5 * MOTION.corner_distance, blockSize=3
         )
-        self._corners = None if found is None else np.asarray(found, np.float32)
+        self._corners = None if found is None else 2.0 * np.asarray(found, np.float32) + 0.5
 
     def _compare(self, gray: NDArray[np.uint8]) -> bool:
         """Whether the ground has moved, so that other corners are better."""
@@ -150,7 +152,7 @@ class Overlaid:
         plane, agree = cv2.findHomography(
             old[moving],
             new[moving],
-            cv2.RANSAC,
+            cv2.USAC_FAST,
             ransacReprojThreshold=MOTION.max_residual,
             maxIters=200,
         )

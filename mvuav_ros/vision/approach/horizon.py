@@ -54,23 +54,19 @@ class HorizonFinder:
         rows = np.arange(HORIZON.height)[None, :, None] + self._shift[:, None, :] + self._pad
         self._index = rows * HORIZON.width + np.arange(HORIZON.width)
 
-    def find(self, pixels: NDArray[Any], near: Horizon | None = None) -> Horizon:
-        """Find the horizon on (height, width, 3) uint8; near the last one alone, if it is there."""
+    def find(self, blue: NDArray[np.uint8], near: Horizon | None = None) -> Horizon:
+        """Find the horizon on (height, width) grey levels; near the last one, if it is there."""
         if near is not None and near.trusted:
-            found, agreeing = _refined(near, pixels)
+            found, agreeing = _refined(near, blue)
             if agreeing > HORIZON.min_agreement:
                 return found
-        # Of land and sky, blue differs most.
-        blue = cv2.resize(
-            cv2.extractChannel(pixels, 0),
-            (HORIZON.width, HORIZON.height),
-            interpolation=cv2.INTER_AREA,
-        )
-        steps = self._steps(blue)
+        size = HORIZON.width, HORIZON.height
+        small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
+        steps = self._steps(small)
         padded = np.zeros((HORIZON.height + 2 * self._pad, HORIZON.width), np.float32)
         # Of steps alike, the upper one: sky is above all land.
         lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
-        steps -= lower + HORIZON.texture_cost * _texture_above(blue)
+        steps -= lower + HORIZON.texture_cost * _texture_above(small)
         padded[self._pad : self._pad + HORIZON.height] = steps
         sums = padded.take(self._index).mean(axis=2)
         best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
@@ -81,13 +77,13 @@ class HorizonFinder:
             sums[:, row], int(best)
         )
         exact_row = int(row) + vertex(sums[best], int(row))
-        texture = self._texture(blue, int(row) + self._shift[best])
+        texture = self._texture(small, int(row) + self._shift[best])
         found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, texture)
         if not found.trusted:
             return found
         # The first fit is drawn towards the coarse line.
-        found, _ = _refined(found, pixels)
-        return _refined(found, pixels)[0]
+        found, _ = _refined(found, blue)
+        return _refined(found, blue)[0]
 
     def _texture(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
         """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
@@ -135,34 +131,33 @@ def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
     return above
 
 
-def _refined(horizon: Horizon, pixels: NDArray[Any]) -> tuple[Horizon, float]:
+def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
     """Fit a line, known to a few px, anew through the steepest step of every few columns.
 
     Returns the line, and the share of columns whose steps lie on it.
     """
-    height, width = pixels.shape[:2]
+    height, width = blue.shape
     columns = np.arange(HORIZON.column_step // 2, width, HORIZON.column_step)
     away = columns - 0.5 * (width - 1)
-    expected = horizon.row + math.tan(horizon.slope) * away
-    reach = np.arange(-HORIZON.reach, HORIZON.reach + 1)
-    rows = np.rint(expected).astype(np.intp)[:, None] + reach
-    inside = (rows[:, 0] >= 2) & (rows[:, -1] < height - 2)
-    if inside.sum() < HORIZON.min_columns:
+    expected = np.rint(horizon.row + math.tan(horizon.slope) * away).astype(np.intp)
+    reach = HORIZON.reach
+    inside = (expected >= reach + 2) & (expected < height - reach - 2)
+    if np.count_nonzero(inside) < HORIZON.min_columns:
         return horizon, 0.0
-    rows, columns, away = rows[inside], columns[inside, None], away[inside]
-    blue = pixels[:, :, 0].astype(np.float32)
-    steps = blue[rows - 2, columns] + blue[rows - 1, columns]
-    steps -= blue[rows + 1, columns] + blue[rows + 2, columns]
+    first, away = expected[inside] - reach, away[inside]
+    values = blue[first[:, None] + np.arange(-2, 2 * reach + 3), columns[inside, None]]
+    values = values.astype(np.float32)
+    steps = values[:, :-4] + values[:, 1:-3] - values[:, 3:-1] - values[:, 4:]
     np.maximum(steps, 0.0, out=steps)
     # Of two steps, sky to hills and hills to land, the nearer one to where all columns agree.
-    steps *= 1.0 - (reach / (HORIZON.reach + 1.0)) ** 2
+    steps *= 1.0 - (np.arange(-reach, reach + 1) / (reach + 1.0)) ** 2
     best = steps.argmax(axis=1)
     number = np.arange(best.size)
-    before, after = np.maximum(best - 1, 0), np.minimum(best + 1, reach.size - 1)
+    before, after = np.maximum(best - 1, 0), np.minimum(best + 1, 2 * reach)
     around = steps[number, before], steps[number, best], steps[number, after]
     bend = around[0] - 2 * around[1] + around[2]
     vertex = np.where(bend < 0, 0.5 * (around[0] - around[2]) / np.minimum(bend, -1e-6), 0.0)
-    places = rows[number, best] + np.clip(vertex, -0.5, 0.5)
+    places = first + best + np.minimum(np.maximum(vertex, -0.5), 0.5)
     weights = around[1].astype(np.float64)
     tangent, row = math.tan(horizon.slope), horizon.row
     for limit in (3.0, 1.5, 1.0):
@@ -190,12 +185,14 @@ class HorizonTracker:
 
     def find(self, pixels: NDArray[Any]) -> Horizon | None:
         """In a working image of grey levels, or colours blue first; None without one."""
-        levels = np.clip(pixels, 0, 255).astype(np.uint8)
-        pixels = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR) if levels.ndim == 2 else levels
+        # Of land and sky, blue differs most.
+        blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
+        if blue.dtype != np.uint8:
+            blue = np.clip(blue, 0, 255).astype(np.uint8)
         if self._finder is None:
-            self._finder = HorizonFinder(*pixels.shape[:2])
+            self._finder = HorizonFinder(*blue.shape)
         near = None if self._frames % HORIZON.full_period == 0 else self._last
         self._frames += 1
-        horizon = self._finder.find(pixels, near)
+        horizon = self._finder.find(blue, near)
         self._last = horizon if horizon.trusted else None
         return self._last

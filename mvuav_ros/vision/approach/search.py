@@ -22,8 +22,8 @@ from mvuav_ros.vision.approach.evidence import (
     EvidenceMap,
     gather_evidence,
     halved,
+    in_common,
 )
-from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.strips import surrounding_box
 from mvuav_ros.vision.approach.tuning import SEARCH
 
