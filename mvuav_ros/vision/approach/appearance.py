@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.edges import Strips
-from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap, in_common
+from mvuav_ros.vision.approach.evidence import MIRROR, UNIT, EvidenceMap, in_common
 from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
 
 WEIGHTS = np.array(SEARCH.weights, np.float32)
@@ -88,10 +88,6 @@ def best_run(
     return rise[number, last], np.minimum(first, columns - 1), last
 
 
-_MIRROR = np.array([-1, -1, -1, 1], np.float32)
-"""Of a right edge, whose steps have the other sign."""
-
-
 def profile(image: EvidenceMap, strips: Strips) -> Profile:
     """Measure strips row by row, on the level where near ends are 10 to 40 px deep, and find ends.
 
@@ -105,7 +101,7 @@ def profile(image: EvidenceMap, strips: Strips) -> Profile:
     found, seen = image.at(rows, edges)
     visible = seen[0] & seen[1]
     evidence = found.astype(np.float32) * np.float32(1 / UNIT)
-    evidence[1] *= _MIRROR
+    evidence[1] *= MIRROR
     common = in_common(evidence[0], evidence[1])
     known = (depth > SEARCH.first_row * expected) & (depth <= expected)
     # Each channel has the sign that it has on most of the rows.
@@ -209,8 +205,8 @@ def describe(
         | _of_the_near_end(image, measured)
         | _of_the_sky(image, measured, scene)
     )
-    table = np.stack([np.asarray(values[name], np.float64) for name in FEATURES], axis=1)
-    return table, measured.strips
+    table = np.array([values[name] for name in FEATURES], np.float64)
+    return np.ascontiguousarray(table.T), measured.strips
 
 
 def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
@@ -244,7 +240,7 @@ def _sampled(
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
     found, inside = image.at(rows, x + slopes[..., None] * depth[:, None, :])
     values = found.astype(np.float32) * np.float32(1 / UNIT)
-    values[1] *= _MIRROR
+    values[1] *= MIRROR
     common = np.abs(in_common(values[0], values[1]))
     return np.minimum(common @ WEIGHTS, APPEARANCE.max_gain), inside[0] & inside[1]
 

@@ -88,6 +88,8 @@ COARSE = 4
 _MAX_COARSE = 15
 CHANNELS = 4
 """Of the maps: brightness, blue against yellow, red against green, paint."""
+MIRROR = np.array([-1, -1, -1, 1], np.int8)
+"""Of a right edge steps have the other sign, paint has none."""
 
 _BRIGHT_16_BITS = 230.0
 """Grey level to which the brightest pixels of a 16-bit image are raised: cameras of 10 to 14 bits
@@ -144,16 +146,12 @@ class EvidenceMap:
         """Columns."""
         return int(self.evidence.shape[1])
 
-    def packed(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """All four channels of a pixel in one number, coarse: as left and as right edges."""
-        coarse = np.clip(self.evidence // COARSE, -_MAX_COARSE, _MAX_COARSE).astype(np.int8)
-        mirrored = coarse.copy()
-        mirrored[..., :3] *= -1
-        left, right = (
-            np.ascontiguousarray(each).reshape(-1, CHANNELS).view(np.int32).ravel()
-            for each in (coarse, mirrored)
-        )
-        return left, right
+    def packed(self) -> NDArray[np.int32]:
+        """(height * width,) all four channels of a pixel in one number, coarse."""
+        coarse = self.evidence // COARSE
+        np.maximum(coarse, -_MAX_COARSE, out=coarse)
+        np.minimum(coarse, _MAX_COARSE, out=coarse)
+        return coarse.view(np.int32).ravel()
 
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
         """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""

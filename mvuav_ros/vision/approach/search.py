@@ -18,6 +18,7 @@ from mvuav_ros.vision.approach.edges import Strip, Strips
 from mvuav_ros.vision.approach.evidence import (
     CHANNELS,
     COARSE,
+    MIRROR,
     UNIT,
     EvidenceMap,
     gather_evidence,
@@ -48,48 +49,37 @@ class Fan:
         columns = np.rint(self.points[:, None, None] + self.slopes[:, None] * self.rows)
         self.inside = ((columns >= 1) & (columns < width - 1)).all(axis=2)
         columns = np.clip(columns, 0, width - 1).astype(int).transpose(2, 0, 1)
-        index = columns + (self.rows * width)[:, None, None]
+        index = columns + ((self.rows - self.rows[0]) * width)[:, None, None]
         self._index = index.reshape(self.rows.size, -1).astype(np.int32)
         self._start = (np.arange(self.points.size) * self.slopes.size)[:, None]
         self._width = width
 
-    def find(
-        self,
-        left: NDArray[np.int32],
-        right: NDArray[np.int32],
-        height: int,
-        row: float,
-    ) -> NDArray[np.float64]:
+    def find(self, packed: NDArray[np.int32], row: float) -> NDArray[np.float64]:
         """The best strips whose vanishing points lie on a row.
 
         Args:
-            left: packed evidence of left edges.
-            right: likewise of right edges.
-            height: of the map, px.
+            packed: evidence, as `EvidenceMap.packed`.
             row: of the vanishing points.
 
         Returns:
             (m, 7): as `Strips`, and the score: evidence per row, in textures.
         """
         top = round(row)
-        if top + self.rows[0] < 0 or top + self.rows[-1] >= height:
+        if top + self.rows[0] < 0 or (top + self.rows[-1]) * self._width >= packed.size:
             return np.empty((0, 7))
-        index = self._index + np.int32(top * self._width)
-        edges = left.take(index)
+        edges = packed[(top + self.rows[0]) * self._width :].take(self._index)
         kept = self._strongest(edges)
         place = self._start + kept
-        lefts = edges.take(place[:, _FIRST].ravel(), axis=1)
-        rights = right.take(index.take(place[:, _SECOND].ravel(), axis=1))
-        score = self._pair(lefts, rights).reshape(self.points.size, -1)
+        score = self._pair(edges.take(place, axis=1))
         slopes, inside = self.slopes[kept], self.inside.ravel().take(place)
-        first, second = slopes[:, _FIRST], slopes[:, _SECOND]
+        first, second = slopes.take(_FIRST, axis=1), slopes.take(_SECOND, axis=1)
         width, middle = second - first, 0.5 * (first + second)
         possible = (width * self.depth >= SEARCH.narrowest) & (
             width <= (SEARCH.widest if top >= 0 else SEARCH.widest_above)
         )
         possible &= np.abs(middle) <= SEARCH.farthest_aside * np.maximum(width, 0.15)
-        possible &= inside[:, _FIRST] & inside[:, _SECOND]
-        score[~possible] = 0.0
+        possible &= inside.take(_FIRST, axis=1) & inside.take(_SECOND, axis=1)
+        score *= possible
         return self._best(score, first, second, top)
 
     def _strongest(self, edges: NDArray[np.int32]) -> NDArray[np.intp]:
@@ -101,11 +91,17 @@ class Fan:
         kept.sort(axis=1)
         return kept
 
-    def _pair(self, lefts: NDArray[np.int32], rights: NDArray[np.int32]) -> NDArray[np.float32]:
-        """What both edges have in common, with the same sign in every row."""
+    def _pair(self, edges: NDArray[np.int32]) -> NDArray[np.float32]:
+        """(points, pairs) what both edges have in common, with the same sign in every row."""
+        mirrored = (edges.view(np.int8).reshape(-1, CHANNELS) * MIRROR).view(np.int32)
+        lefts, rights = (
+            each.reshape(edges.shape).take(which, axis=2)
+            for each, which in ((edges, _FIRST), (mirrored, _SECOND))
+        )
         common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
-        return (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
+        score = (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
+        return np.asarray(score.reshape(self.points.size, -1), np.float32)
 
     def _best(
         self, score: NDArray[Any], first: NDArray[Any], second: NDArray[Any], top: int
@@ -193,11 +189,8 @@ def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]
     share = (depth / near - SEARCH.first_row) / (1.0 - SEARCH.first_row)
     moves = _FAR_STEPS[:, None, None] * (1 - share) + _NEAR_STEPS[:, None, None, None] * share
     moves = moves.reshape(-1, len(strips), SEARCH.align_rows)
-    edges = []
-    for column, mirror in ((2, 1), (3, -1)):
-        columns = x + strips[:, column : column + 1] * depth + moves
-        edges.append(_signed(image, rows, columns, mirror))
-    return _moved(strips, _choose(edges))
+    columns = x + strips.T[2:4, None, :, None] * depth + moves
+    return _moved(strips, _choose(_signed(image, rows, columns)))
 
 
 def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
@@ -207,13 +200,9 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
     step = max(SEARCH.min_around_shift, SEARCH.around_shift * width)
     shifts = np.arange(-SEARCH.around_shifts, SEARCH.around_shifts + 1) * step
     rows = _rows(y, near)
-    lefts, rights = left + shifts / near, right + shifts / near
-    one, other = (
-        _signed(image, rows, x + slopes[:, None] * (rows - y), mirror)
-        for slopes, mirror in ((lefts, 1), (rights, -1))
-    )
-    total = in_common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
-    score = np.abs(total) @ _ALIGN_WEIGHTS
+    lefts, rights = slopes = np.array([[left], [right]]) + shifts / near
+    one, other = _signed(image, rows, x + slopes[..., None] * (rows - y))
+    score = _agreement(one[:, :, None], other[:, None])
     widths = (rights[None] - lefts[:, None]) * near
     score[
         (widths < max(SEARCH.min_around_width * width, 2.0))
@@ -236,27 +225,35 @@ def _rows(y: Any, near: Any) -> NDArray[np.intp]:
     return rows
 
 
-def _signed(
-    image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any], mirror: int
-) -> NDArray[np.int16]:
-    """Evidence at places, of which a right edge has the signs turned; paint has none."""
-    signed = image.at(rows, columns)[0].astype(np.int16)
-    signed[..., :3] *= mirror
-    return signed
+def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -> NDArray[np.int8]:
+    """(2, rows, ..., 4) evidence at columns (2, ..., rows) of the left and of the right edge.
+
+    That of the right one has the signs of steps turned.
+    """
+    signed = image.at(rows, columns)[0]
+    signed[1] *= MIRROR
+    return np.ascontiguousarray(np.moveaxis(signed, -2, 1))
 
 
-def _choose(edges: list[NDArray[np.int16]]) -> list[NDArray[np.intp]]:
-    """For either edge the number of the move that is best for both."""
-    count = edges[0].shape[1]
+def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
+    """What edges (rows, ..., 4) have in common over all rows."""
+    total = np.add.reduce(in_common(one, other), axis=0, dtype=np.int16)
+    score: NDArray[np.float64] = np.abs(total) @ _ALIGN_WEIGHTS
+    return score
+
+
+def _choose(edges: NDArray[np.int8]) -> list[NDArray[np.intp]]:
+    """For either edge (rows, moves, n, 4) the number of the move that is best for both."""
+    count = edges.shape[3]
     cost = SEARCH.align_cost * (np.abs(_NEAR_STEPS)[:, None] + np.abs(_FAR_STEPS)).reshape(-1, 1)
     middle = cost.size // 2
     chosen = [np.full(count, middle), np.full(count, middle)]
     number = np.arange(count)
     for _ in range(SEARCH.align_rounds):
         for side in (0, 1):
-            other = edges[1 - side][chosen[1 - side], number]
-            total = np.abs(in_common(edges[side], other).sum(axis=2, dtype=np.int32))
-            score = total @ _ALIGN_WEIGHTS / (SEARCH.align_rows * UNIT) - cost
+            other = edges[1 - side][:, chosen[1 - side], number]
+            total = _agreement(edges[side], other[:, None])
+            score = total / (SEARCH.align_rows * UNIT) - cost
             chosen[side] = score.argmax(axis=0)
     return chosen
 
@@ -341,7 +338,7 @@ class LevelledImage:
         self._overlaid = overlaid
         self._hidden: NDArray[np.bool_] | None = None
         self._maps: dict[int, EvidenceMap] = {}
-        self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
+        self._packed: dict[int, NDArray[np.int32]] = {}
 
     def at_slope(self, slope: float) -> LevelledImage:
         """The same image, levelled by another angle, rad."""
@@ -402,7 +399,7 @@ class LevelledImage:
         of = self.map(level)
         if level not in self._packed:
             self._packed[level] = of.packed()
-        return fan(depth, of.width).find(*self._packed[level], of.height, row)
+        return fan(depth, of.width).find(self._packed[level], row)
 
     def weigh(self, found: NDArray[np.float64], level: int, most: int) -> Candidates:
         """Align the best of what a search of a level found, and describe what still are strips."""
