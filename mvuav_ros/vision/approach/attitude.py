@@ -150,12 +150,11 @@ class Derotation:
 
     def to_frame(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Points on the frame, of points on the levelled working image."""
-        cos, sin = math.cos(self.slope), math.sin(self.slope)
         centre_x, centre_y = self.centre
-        dx, dy = x - centre_x, y - centre_y
-        on_x = centre_x + cos * dx - sin * dy
-        on_y = centre_y + sin * dx + cos * dy
-        return (on_x + 0.5) * self.factor - 0.5, (on_y + 0.5) * self.factor - 0.5
+        cos, sin = self.factor * math.cos(self.slope), self.factor * math.sin(self.slope)
+        first_x = self.factor * (centre_x + 0.5) - 0.5 - cos * centre_x + sin * centre_y
+        first_y = self.factor * (centre_y + 0.5) - 0.5 - sin * centre_x - cos * centre_y
+        return cos * x - sin * y + first_x, sin * x + cos * y + first_y
 
 
 def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:

@@ -26,7 +26,7 @@ from mvuav_ros.vision.approach.evidence import (
     in_common,
 )
 from mvuav_ros.vision.approach.strips import surrounding_box
-from mvuav_ros.vision.approach.tuning import SEARCH
+from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
 
 _WEIGHTS = np.array(SEARCH.weights, np.float32)
 _ROUGH_WEIGHTS = np.rint(5 * _WEIGHTS).astype(np.int16)
@@ -135,7 +135,11 @@ def fan(depth: int, width: int) -> Fan:
     return Fan(depth, width)
 
 
-def fan_jobs(first: float, last: float, level: int) -> Iterator[tuple[int, list[float]]]:
+Job = tuple[int, list[float]]
+"""What is searched at a time: a depth, and rows of vanishing points."""
+
+
+def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
     """Depths, and rows between two of the image, of vanishing points to search on a level.
 
     Level 0 is the finest; on the others only depths that the finer one lacks are searched.
@@ -337,8 +341,6 @@ class LevelledImage:
         self._given_scene = scene
         self._overlaid = overlaid
         self._hidden: NDArray[np.bool_] | None = None
-        self._maps: dict[int, EvidenceMap] = {}
-        self._packed: dict[int, NDArray[np.int32]] = {}
 
     def at_slope(self, slope: float) -> LevelledImage:
         """The same image, levelled by another angle, rad."""
@@ -369,12 +371,6 @@ class LevelledImage:
         height, width = self.pixels(level).shape[:2]
         return self._hidden[:: 2**level, :: 2**level][:height, :width]
 
-    def map(self, level: int) -> EvidenceMap:
-        """Evidence of a level of the pyramid."""
-        if level not in self._maps:
-            self._maps[level] = gather_evidence(self.pixels(level), self.hidden(level))
-        return self._maps[level]
-
     @cached_property
     def whole_scene(self) -> Scene:
         """What the image is like, at full scale."""
@@ -394,23 +390,34 @@ class LevelledImage:
         skyline = skyline[min(column, skyline.size - 1) :] - row
         return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline, column)
 
-    def search(self, level: int, depth: int, row: float) -> NDArray[np.float64]:
-        """Strips whose vanishing points lie on a row of a level, as `Fan.find`."""
-        of = self.map(level)
-        if level not in self._packed:
-            self._packed[level] = of.packed()
-        return fan(depth, of.width).find(self._packed[level], row)
+    def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
+        """The best runways that a level of the pyramid shows at some depths, aligned and described.
 
-    def weigh(self, found: NDArray[np.float64], level: int, most: int) -> Candidates:
-        """Align the best of what a search of a level found, and describe what still are strips."""
-        best = distinct(found, most)
+        Only the rows that this takes are looked at.
+        """
+        rows = [row for _, rows in jobs for row in rows]
+        if not rows:
+            return NO_CANDIDATES
+        height, width = self.pixels(level).shape[:2]
+        first = max(0, int(min(rows) - STRIP.margin_above))
+        last = max(row + STRIP.depth_below * depth for depth, rows in jobs for row in rows[-1:])
+        band = self._part(level, 0, first, width, min(height, int(last) + 1))
+        packed = band.packed()
+        found = [fan(depth, width).find(packed, y - first) for depth, rows in jobs for y in rows]
+        best = distinct(np.concatenate(found), most)
         if not len(best):
             return NO_CANDIDATES
-        aligned, valid = align(self.map(level), best[:, :6])
+        aligned, valid = align(band, best[:, :6])
         if not valid.any():
             return NO_CANDIDATES
-        features, strips = describe(self.map(level), aligned[valid], self.scene(level), level)
+        features, strips = describe(band, aligned[valid], self.scene(level, 0, first), level)
+        strips[:, 1] += first
         return Candidates(_to_finest(strips, level), features)
+
+    def _part(self, level: int, left: int, top: int, right: int, bottom: int) -> EvidenceMap:
+        """Evidence of a part of a level of the pyramid."""
+        part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
+        return gather_evidence(self.pixels(level)[part], None if hidden is None else hidden[part])
 
     def part_around(self, strips: Strips) -> Part | None:
         """The part of the image that is needed to describe strips, on the first one's level."""
@@ -424,25 +431,7 @@ class LevelledImage:
         if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
             return None
         known[:, :2] -= (left, top)
-        part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
-        image = gather_evidence(pixels[part], None if hidden is None else hidden[part])
-        return Part(image, known, level, (left, top))
-
-    def share_hidden(self, strip: Strip) -> float:
-        """Share of a strip's edges over which something is laid."""
-        if self._overlaid is None:
-            return 0.0
-        x, y, left, right, far, near = (float(value) for value in strip)
-        depth = np.linspace(far, near, 12)
-        slopes = np.array([[left], [right]])
-        frame = replace(self.level, factor=1)
-        columns, rows = frame.to_frame(x + slopes * depth, np.broadcast_to(y + depth, (2, 12)))
-        height, width = self._overlaid.shape
-        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        if not inside.any():
-            return 1.0
-        at = rows[inside].astype(np.intp), columns[inside].astype(np.intp)
-        return float((self._overlaid[at] > 0).mean())
+        return Part(self._part(level, left, top, right, bottom), known, level, (left, top))
 
 
 class Part(NamedTuple):
@@ -515,15 +504,9 @@ def _to_level(strips: Strips, level: int) -> Strips:
 
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
     """All runways whose edges may meet between two rows of a levelled image, px."""
-    parts = [NO_CANDIDATES]
+    parts = []
     for level in range(SEARCH.levels):
-        factor = 2**level
-        found = [
-            image.search(level, depth, row)
-            for depth, rows in fan_jobs(first / factor, last / factor, level)
-            for row in rows
-        ]
-        if found:
-            most = SEARCH.candidates if level == 0 else SEARCH.candidates // 2
-            parts.append(image.weigh(np.concatenate(found), level, most))
+        most = SEARCH.candidates if level == 0 else SEARCH.candidates // 2
+        jobs = list(fan_jobs(first / 2**level, last / 2**level, level))
+        parts.append(image.search(level, jobs, most))
     return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))

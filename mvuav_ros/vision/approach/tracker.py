@@ -184,11 +184,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             best = track is self.best
             track.step(view, TRACKER.best_period if best else TRACKER.others_period)
         self.tracks = [
-            track
-            for track in self.tracks
-            if not track.lost
-            and track.log_odds > TRACKER.min_odds
-            and working.share_hidden(track.strip()) < TRACKER.max_hidden
+            track for track in self.tracks if not track.lost and track.log_odds > TRACKER.min_odds
         ]
         self._merge()
         if self._frame % self._search_period() == 0:
@@ -248,8 +244,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             where, level, depth, rows = chunks[number]
             self._job += 1
             image = view.working.at_slope(where.slope)
-            strips = np.concatenate([image.search(level, depth, row) for row in rows])
-            found = image.weigh(strips, level, TRACKER.max_weighed)
+            found = image.search(level, [(depth, rows)], TRACKER.max_weighed)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 
