@@ -107,6 +107,10 @@ def horizon_from(
     return HorizonLine(float(row), math.atan(slope))
 
 
+Box = tuple[int, int, int, int]
+"""First column and row of a part of an image, and column and row after the last ones."""
+
+
 @dataclass(frozen=True)
 class Derotation:
     """A turn of the working image about its middle.
@@ -133,15 +137,15 @@ class Derotation:
         """About which it is turned, px of the working image."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
-    def turned(self, pixels: NDArray[np.uint8], first_row: int = 0) -> NDArray[np.uint8]:
-        """The rows from ``first_row`` on of the working image with a level horizon."""
+    def turned(self, pixels: NDArray[Any], box: Box | None = None) -> NDArray[Any]:
+        """The working image, or a box of it, with a level horizon."""
+        left, top, right, bottom = box or (0, 0, self.width, self.height)
         if self.slope == 0.0:
-            return pixels[first_row:]
+            return pixels[top:bottom, left:right]
         matrix = cv2.getRotationMatrix2D(self.centre, math.degrees(self.slope), 1.0)
-        matrix[1, 2] -= first_row
-        size = (self.width, self.height - first_row)
-        turned = cv2.warpAffine(pixels, matrix, size, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(turned, np.uint8)
+        matrix[:, 2] -= left, top
+        size = (right - left, bottom - top)
+        return np.asarray(cv2.warpAffine(pixels, matrix, size, borderMode=cv2.BORDER_REPLICATE))
 
     def row_of(self, horizon_row: float) -> float:
         """The level horizon's row, of the row where the slanted one crosses the middle column."""

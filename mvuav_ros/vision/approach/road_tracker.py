@@ -187,7 +187,7 @@ class RoadTracker(StripTracker[RoadTrack]):
             # Nothing is looked for in the sky.
             first_row = max(0, int(row) - ROAD.rows_above_horizon)
             first_row = min(first_row, level.height - ROAD.min_land)
-        features = features_of(level.turned(pixels, first_row))
+        features = features_of(level.turned(pixels, (0, first_row, level.width, level.height)))
         self._table = table = row_sums(features, first_row, self._table)
         if row is not None:
             self._adapt(features[:, max(0, int(row) - first_row) :])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe, profile
-from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.attitude import Box, Derotation
 from mvuav_ros.vision.approach.edges import Strip, Strips
 from mvuav_ros.vision.approach.evidence import (
     CHANNELS,
@@ -296,22 +296,19 @@ class Candidates(NamedTuple):
 NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
-def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
+def skyline_of(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
     """The row in each column where it gets darker downwards most; of steps alike the upper one."""
-    height = brightness.shape[0]
-    narrow = cv2.blur(brightness, (7, 1))
-    total = np.zeros((height + 1, brightness.shape[1]), np.float32)
-    np.cumsum(narrow, axis=0, out=total[1:])
-    middle = total[SEARCH.sky_step : -SEARCH.sky_step]
-    step = (
-        2 * middle - total[: -2 * SEARCH.sky_step] - total[2 * SEARCH.sky_step :]
-    ) / SEARCH.sky_step
-    row = step[: int(0.8 * height)].argmax(axis=0).astype(np.float32) + SEARCH.sky_step
+    height, step = gray.shape[0], SEARCH.sky_step
+    # Row r is the mean of the rows from r - 2 to r + 2.
+    mean = cv2.blur(gray.astype(np.float32), (7, step))
+    half = step // 2
+    rise = mean[half : height - step - half] - mean[half + step : height - half]
+    row = rise[: int(0.8 * height)].argmax(axis=0) + float(step)
     reach = SEARCH.sky_smoothing // 2
     padded = np.pad(row, reach, mode='edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, SEARCH.sky_smoothing)
-    result: NDArray[np.float64] = np.median(windows, axis=1).astype(np.float64)
-    return result
+    median: NDArray[np.float64] = np.partition(windows, reach, axis=1)[:, reach]
+    return median
 
 
 class LevelledImage:
@@ -320,6 +317,7 @@ class LevelledImage:
     Attributes:
         size: height and width, px.
         level: by which it is turned; not at all if none is given.
+        whole_scene: what the image is like, at full scale, once it was asked for.
     """
 
     def __init__(
@@ -337,10 +335,8 @@ class LevelledImage:
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
-        self._pixels: list[NDArray[Any]] = []
-        self._given_scene = scene
+        self.whole_scene = scene
         self._overlaid = overlaid
-        self._hidden: NDArray[np.bool_] | None = None
 
     def at_slope(self, slope: float) -> LevelledImage:
         """The same image, levelled by another angle, rad."""
@@ -349,42 +345,14 @@ class LevelledImage:
         level = replace(self.level, slope=slope)
         return LevelledImage(self._given, level, overlaid=self._overlaid)
 
-    @property
-    def used(self) -> bool:
-        """Whether anything was asked of it."""
-        return bool(self._pixels)
-
-    def pixels(self, level: int) -> NDArray[Any]:
-        """The image of a level of the pyramid."""
-        if not self._pixels:
-            self._pixels.append(self.level.turned(self._given))
-        while len(self._pixels) <= level:
-            self._pixels.append(halved(self._pixels[-1]))
-        return self._pixels[level]
-
-    def hidden(self, level: int) -> NDArray[np.bool_] | None:
-        """Where something is laid over the image of a level of the pyramid."""
-        if self._overlaid is None:
-            return None
-        if self._hidden is None:
-            self._hidden = self.level.turned(self._overlaid) > 0
-        height, width = self.pixels(level).shape[:2]
-        return self._hidden[:: 2**level, :: 2**level][:height, :width]
-
-    @cached_property
-    def whole_scene(self) -> Scene:
-        """What the image is like, at full scale."""
-        if self._given_scene is not None:
-            return self._given_scene
-        pixels = self.pixels(0)
-        gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-        levels = gray[::4, ::4]
-        darkest, brightest = (float(value) for value in np.percentile(levels, (10, 95)))
-        skyline = skyline_of(gray.astype(np.float32))
-        return Scene(float(gray.shape[1]), darkest, brightest, skyline)
-
     def scene(self, level: int, column: int = 0, row: int = 0) -> Scene:
         """What the image is like, in the coordinates of a part of a level of the pyramid."""
+        if self.whole_scene is None:
+            pixels = self.level.turned(self._given)
+            gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+            darkest, brightest = np.percentile(gray[::4, ::4], (10, 95)).tolist()
+            width = float(gray.shape[1])
+            self.whole_scene = Scene(width, darkest, brightest, skyline_of(gray))
         scene, factor = self.whole_scene, 2**level
         skyline = (scene.skyline[::factor] + 0.5) / factor - 0.5
         skyline = skyline[min(column, skyline.size - 1) :] - row
@@ -398,10 +366,10 @@ class LevelledImage:
         rows = [row for _, rows in jobs for row in rows]
         if not rows:
             return NO_CANDIDATES
-        height, width = self.pixels(level).shape[:2]
+        height, width = self.size_of(level)
         first = max(0, int(min(rows) - STRIP.margin_above))
-        last = max(row + STRIP.depth_below * depth for depth, rows in jobs for row in rows[-1:])
-        band = self._part(level, 0, first, width, min(height, int(last) + 1))
+        last = max(rows[-1] + SEARCH.seen_below * depth for depth, rows in jobs if rows)
+        band = self._part(level, (0, first, width, min(height, int(last) + 1)))
         packed = band.packed()
         found = [fan(depth, width).find(packed, y - first) for depth, rows in jobs for y in rows]
         best = distinct(np.concatenate(found), most)
@@ -414,24 +382,34 @@ class LevelledImage:
         strips[:, 1] += first
         return Candidates(_to_finest(strips, level), features)
 
-    def _part(self, level: int, left: int, top: int, right: int, bottom: int) -> EvidenceMap:
+    def size_of(self, level: int) -> tuple[int, int]:
+        """Height and width of a level of the pyramid, px."""
+        return self.size[0] >> level, self.size[1] >> level
+
+    def _part(self, level: int, box: Box) -> EvidenceMap:
         """Evidence of a part of a level of the pyramid."""
-        part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
-        return gather_evidence(self.pixels(level)[part], None if hidden is None else hidden[part])
+        left, top, right, bottom = (side << level for side in box)
+        pixels = self.level.turned(self._given, (left, top, right, bottom))
+        for _ in range(level):
+            pixels = halved(pixels)
+        if self._overlaid is None:
+            return gather_evidence(pixels)
+        hidden = self.level.turned(self._overlaid, (left, top, right, bottom)) > 0
+        return gather_evidence(pixels, hidden[:: 2**level, :: 2**level])
 
     def part_around(self, strips: Strips) -> Part | None:
         """The part of the image that is needed to describe strips, on the first one's level."""
         # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
         level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
-        pixels, known = self.pixels(level), _to_level(strips, level)
+        known = _to_level(strips, level)
         box = surrounding_box(known)
-        height, width = pixels.shape[:2]
+        height, width = self.size_of(level)
         left, top = max(0, int(box[0])), max(0, int(box[1]))
         right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
         if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
             return None
         known[:, :2] -= (left, top)
-        return Part(self._part(level, left, top, right, bottom), known, level, (left, top))
+        return Part(self._part(level, (left, top, right, bottom)), known, level, (left, top))
 
 
 class Part(NamedTuple):

@@ -190,8 +190,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         if self._frame % self._search_period() == 0:
             self._start(self._search(view, sight.ranges), view)
         self._frame += 1
-        if working.used:
-            self._scene = working.whole_scene
+        self._scene = working.whole_scene
         self._choose()
         return self.best
 

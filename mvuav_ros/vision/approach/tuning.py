@@ -193,6 +193,9 @@ class SearchTuning:
     # px below the vanishing point of near ends that are searched on one level of the pyramid; the
     # next level has twice these
     depths: tuple[int, ...] = (10, 14, 20, 28)
+    # depths below a vanishing point that a search looks at: a strip may be half as deep again as
+    # it was found, and it is looked whether its edges go on for 1.6 depths more
+    seen_below: float = 4.0
     first_row: float = 0.4  # share of the near end's depth at which the compared part begins
     samples: int = 8  # rows compared in the search
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
@@ -222,7 +225,7 @@ class SearchTuning:
     min_depth: float = 4.0  # px of an aligned strip
     max_depth: float = 60.0  # px, likewise
     levels: int = 4  # of the pyramid
-    sky_step: int = 5  # rows above and below, whose difference is the skyline's step
+    sky_step: int = 5  # rows (odd) above and below, whose difference is the skyline's step
     sky_smoothing: int = 31  # columns of the skyline's median, odd
     min_part: int = 12  # px of the sides of the part around strips
     # px of a level: a near end below that is measured on the next one

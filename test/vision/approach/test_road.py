@@ -51,7 +51,7 @@ def test_levelled_pixels_lie_where_the_points_do():
     level = Derotation(320, 240, 1, math.radians(9))
     x, y = level.to_frame(200.0, 150.0)
     cv2.circle(image, (round(x), round(y)), 3, (255, 255, 255), -1)
-    turned = level.turned(image, 100)[:, :, 0].astype(float)
+    turned = level.turned(image, (0, 100, 320, 240))[:, :, 0].astype(float)
     rows, columns = np.mgrid[100:240, :320]
     assert (turned * columns).sum() / turned.sum() == pytest.approx(200, abs=0.6)
     assert (turned * rows).sum() / turned.sum() == pytest.approx(150, abs=0.6)
