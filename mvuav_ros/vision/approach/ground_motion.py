@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation, vertex
 from mvuav_ros.vision.approach.edges import Strip
-from mvuav_ros.vision.approach.numeric import vertex
 from mvuav_ros.vision.approach.tuning import MOTION
 
 
@@ -124,12 +123,10 @@ class Overlaid:
 
     def _begin(self, gray: NDArray[np.uint8]) -> None:
         self._first, self._age = gray, 0
-        # Which corners are followed matters, not where they are to a px: half the size is enough.
-        small = cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         found = cv2.goodFeaturesToTrack(
-            small, MOTION.max_corners, 0.005, 0.5 * MOTION.corner_distance, blockSize=3
+            gray, MOTION.max_corners, 0.005, MOTION.corner_distance, blockSize=3
         )
-        self._corners = None if found is None else 2.0 * np.asarray(found, np.float32) + 0.5
+        self._corners = None if found is None else np.asarray(found, np.float32)
 
     def _compare(self, gray: NDArray[np.uint8]) -> bool:
         """Whether the ground has moved, so that other corners are better."""

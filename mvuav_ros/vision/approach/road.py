@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.evidence import OPPONENT, Table, grey_levels
-from mvuav_ros.vision.approach.numeric import best_run, in_common
+from mvuav_ros.vision.approach.appearance import best_run
+from mvuav_ros.vision.approach.evidence import OPPONENT, Table, grey_levels, in_common
 from mvuav_ros.vision.approach.tuning import ROAD
 
 

@@ -26,7 +26,7 @@ from mvuav_ros.vision.approach.evidence import (
     in_common,
 )
 from mvuav_ros.vision.approach.strips import surrounding_box
-from mvuav_ros.vision.approach.tuning import SEARCH, STRIP
+from mvuav_ros.vision.approach.tuning import SEARCH
 
 _WEIGHTS = np.array(SEARCH.weights, np.float32)
 _ROUGH_WEIGHTS = np.rint(5 * _WEIGHTS).astype(np.int16)
@@ -359,27 +359,18 @@ class LevelledImage:
         return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline, column)
 
     def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
-        """The best runways that a level of the pyramid shows at some depths, aligned and described.
-
-        Only the rows that this takes are looked at.
-        """
-        rows = [row for _, rows in jobs for row in rows]
-        if not rows:
-            return NO_CANDIDATES
+        """The best runways that a level of the pyramid shows, aligned and described."""
         height, width = self.size_of(level)
-        first = max(0, int(min(rows) - STRIP.margin_above))
-        last = max(rows[-1] + SEARCH.seen_below * depth for depth, rows in jobs if rows)
-        band = self._part(level, (0, first, width, min(height, int(last) + 1)))
-        packed = band.packed()
-        found = [fan(depth, width).find(packed, y - first) for depth, rows in jobs for y in rows]
-        best = distinct(np.concatenate(found), most)
+        image = self._part(level, (0, 0, width, height))
+        packed = image.packed()
+        found = [fan(depth, width).find(packed, row) for depth, rows in jobs for row in rows]
+        best = distinct(np.concatenate([np.empty((0, 7)), *found]), most)
         if not len(best):
             return NO_CANDIDATES
-        aligned, valid = align(band, best[:, :6])
+        aligned, valid = align(image, best[:, :6])
         if not valid.any():
             return NO_CANDIDATES
-        features, strips = describe(band, aligned[valid], self.scene(level, 0, first), level)
-        strips[:, 1] += first
+        features, strips = describe(image, aligned[valid], self.scene(level), level)
         return Candidates(_to_finest(strips, level), features)
 
     def size_of(self, level: int) -> tuple[int, int]:

@@ -193,9 +193,6 @@ class SearchTuning:
     # px below the vanishing point of near ends that are searched on one level of the pyramid; the
     # next level has twice these
     depths: tuple[int, ...] = (10, 14, 20, 28)
-    # depths below a vanishing point that a search looks at: a strip may be half as deep again as
-    # it was found, and it is looked whether its edges go on for 1.6 depths more
-    seen_below: float = 4.0
     first_row: float = 0.4  # share of the near end's depth at which the compared part begins
     samples: int = 8  # rows compared in the search
     edges_kept: int = 7  # strongest edges through one vanishing point that are paired
