@@ -23,8 +23,7 @@ from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
-from mvuav_ros.vision.approach.road import TARGETS
-from mvuav_ros.vision.approach.road_tracker import RoadTracker
+from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tracker import RunwayTracker, Sight
 from mvuav_ros.vision.approach.tuning import DETECTOR

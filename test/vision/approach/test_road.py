@@ -12,9 +12,9 @@ from mvuav_ros.vision.approach.evidence import row_sums, shrink_levels
 from mvuav_ros.vision.approach.road import (
     EdgeProfile,
     features_of,
+    find_edges,
     score_strips,
 )
-from mvuav_ros.vision.approach.road_tracker import find_edges
 
 SHAPE = np.array([158.0, 70.0, -0.45, 0.35])
 FAR, NEAR = 8.0, 90.0
