@@ -253,7 +253,7 @@ class HorizonFinder:
         rows = np.arange(HORIZON.height)[None, :, None] + self._shift[:, None, :] + self._pad
         self._index = rows * HORIZON.width + np.arange(HORIZON.width)
 
-    def find(self, blue: NDArray[np.uint8], near: Horizon | None = None) -> Horizon:
+    def find(self, blue: NDArray[Any], near: Horizon | None = None) -> Horizon:
         """Find the horizon on (height, width) grey levels; near the last one, if it is there."""
         if near is not None and near.trusted:
             found, agreeing = _refined(near, blue)

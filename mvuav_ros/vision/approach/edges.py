@@ -117,7 +117,7 @@ class EdgeSamples:
         base, size = self.base, max(size, 1e-6)
         _, count, places = steps.shape
         lines = _straight_lines(count, places)
-        votes = steps.reshape(2, -1).take(lines.index, axis=1).sum(axis=2) * lines.worth
+        votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth
         best = votes.argmax(axis=1)
         near_line = lines.at[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
         valid = (near_line >= 0) & (near_line < places)
@@ -145,12 +145,12 @@ class _Lines(NamedTuple):
 
     Attributes:
         at: (n, count) the sample in each row.
-        index: the same in all samples.
+        sample: the same in all samples.
         worth: (n,) factor of the votes.
     """
 
     at: NDArray[np.intp]
-    index: NDArray[np.intp]
+    sample: NDArray[np.intp]
     worth: NDArray[np.float64]
 
 
@@ -158,8 +158,8 @@ class _Lines(NamedTuple):
 def _straight_lines(count: int, places: int) -> _Lines:
     ends = np.arange(0, places, 2)
     far, near = (v.ravel() for v in np.meshgrid(ends, ends, indexing='ij'))
-    at = far[:, None] + (near - far)[:, None] * np.linspace(0.0, 1.0, count)
-    at = np.rint(at).astype(np.intp)
+    along = np.linspace(0.0, 1.0, count)
+    at = np.rint(far[:, None] + (near - far)[:, None] * along).astype(np.intp)
     middle = 0.5 * (places - 1)
     # Of equal lines the expected one.
     away = (np.abs(far - middle) + np.abs(near - middle)) / places

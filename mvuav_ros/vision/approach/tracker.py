@@ -184,7 +184,11 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             best = track is self.best
             track.step(view, TRACKER.best_period if best else TRACKER.others_period)
         self.tracks = [
-            track for track in self.tracks if not track.lost and track.log_odds > TRACKER.min_odds
+            track
+            for track in self.tracks
+            if not track.lost
+            and track.log_odds > TRACKER.min_odds
+            and working.share_hidden(track.strip()) < TRACKER.max_hidden
         ]
         self._merge()
         if self._frame % self._search_period() == 0:
