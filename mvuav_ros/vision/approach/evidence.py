@@ -189,45 +189,53 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
     There is no evidence where it is hidden, (height, width).
     """
     channels = opponent_channels(pixels)
-    height, width = channels[0].shape
-    evidence = np.zeros((height, width, CHANNELS), np.int8)
+    brightness = channels[0]
+    evidence = np.zeros((*brightness.shape, CHANNELS), np.int8)
     for number, channel in enumerate(channels):
         floor = SEARCH.colour_floor if number else SEARCH.brightness_floor
         evidence[..., number] = _quantised(_steps(channel, floor))
-    change = np.zeros((height, width), np.float32)
-    np.abs(channels[0][:, 1:] - channels[0][:, :-1], out=change[:, :-1])
-    evidence[..., 3] = _quantised(_paint(channels[0], change))
-    texture = cv2.blur(np.minimum(change, 20.0), (31, 9))
+    change = np.zeros_like(brightness)
+    cv2.absdiff(brightness[:, 1:], brightness[:, :-1], dst=change[:, :-1])
+    evidence[..., 3] = _quantised(_paint(brightness, change))
+    texture = cv2.blur(np.minimum(change, np.float32(20.0), out=change), (31, 9))
     if hidden is not None:
         evidence[hidden] = 0
     return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32), hidden)
 
 
 def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:
+    """In units of the maps; ``values`` are lost."""
     most = SEARCH.most_evidence * UNIT
-    return np.clip(values * UNIT, -most, most).astype(np.int8)
+    values *= UNIT
+    return np.clip(values, -most, most, out=values).astype(np.int8)
 
 
 def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     """How much larger a channel is to the right of each pixel than to its left, in textures."""
     reach = SEARCH.step_reach
     kernel = np.array([[-1] * reach + [0] + [1] * reach], np.float32) / reach
-    step = cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+    step = np.asarray(cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE))
     size: NDArray[Any] = np.abs(step)
     # One bright roof must not hide the field beside it.
     np.minimum(size, 4.0 * float(size[::3, ::3].mean()) + floor, out=size)
-    usual = cv2.blur(size, SEARCH.texture_window)
-    return np.asarray(step / (1.25 * usual + floor), np.float32)
+    usual = np.asarray(cv2.blur(size, SEARCH.texture_window))
+    usual *= 1.25
+    usual += floor
+    step /= usual
+    return step
 
 
 def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
     """How much brighter each pixel is than the pixels on both sides, in textures."""
     ridge = np.zeros_like(brightness)
     for reach in SEARCH.ridge_reaches:
-        sides = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
+        sides = np.asarray(cv2.max(brightness[:, : -2 * reach], brightness[:, 2 * reach :]))
         inner = ridge[:, reach:-reach]
-        np.maximum(inner, brightness[:, reach:-reach] - sides, out=inner)
+        np.subtract(brightness[:, reach:-reach], sides, out=sides)
+        np.maximum(inner, sides, out=inner)
     limit = 4.0 * float(change.mean()) + 1.0
-    usual = cv2.blur(np.minimum(change, limit), SEARCH.texture_window)
-    found = cv2.dilate(ridge / (1.5 * usual + 1.5), np.ones((1, 3), np.uint8))
-    return np.asarray(found, np.float32)
+    usual = np.asarray(cv2.blur(np.minimum(change, limit), SEARCH.texture_window))
+    usual *= 1.5
+    usual += 1.5
+    ridge /= usual
+    return np.asarray(cv2.dilate(ridge, np.ones((1, 3), np.uint8)), np.float32)
