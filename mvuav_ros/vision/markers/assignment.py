@@ -195,7 +195,7 @@ class Recovery:
         if len(found) + min(len(spots), MAX_EXTENDED) < fewest:
             self._agreed = 0
             return dict(found)
-        before = views.belief, views.without
+        before = views.belief
         views.inflate(FAULTS.free)
         named = extend(views, found, spots, fits)
         view = views.look(places_of(named))
@@ -204,7 +204,7 @@ class Recovery:
             self._agreed = 0
         elif self._believes(named, fewest):
             return named
-        views.belief, views.without = before
+        views.belief = before
         return dict(found)
 
     def _believes(self, named: dict[int, Detection], fewest: int) -> bool:
