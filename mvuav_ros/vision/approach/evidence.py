@@ -195,7 +195,7 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
         floor = SEARCH.colour_floor if number else SEARCH.brightness_floor
         evidence[..., number] = _quantised(_steps(channel, floor))
     change = np.zeros_like(brightness)
-    cv2.absdiff(brightness[:, 1:], brightness[:, :-1], dst=change[:, :-1])
+    np.abs(brightness[:, 1:] - brightness[:, :-1], out=change[:, :-1])
     evidence[..., 3] = _quantised(_paint(brightness, change))
     texture = cv2.blur(np.minimum(change, np.float32(20.0), out=change), (31, 9))
     if hidden is not None:
@@ -229,7 +229,7 @@ def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDAr
     """How much brighter each pixel is than the pixels on both sides, in textures."""
     ridge = np.zeros_like(brightness)
     for reach in SEARCH.ridge_reaches:
-        sides = np.asarray(cv2.max(brightness[:, : -2 * reach], brightness[:, 2 * reach :]))
+        sides = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
         inner = ridge[:, reach:-reach]
         np.subtract(brightness[:, reach:-reach], sides, out=sides)
         np.maximum(inner, sides, out=inner)
