@@ -214,15 +214,14 @@ def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     """How much larger a channel is to the right of each pixel than to its left, in textures."""
     reach = SEARCH.step_reach
     kernel = np.array([[-1] * reach + [0] + [1] * reach], np.float32) / reach
-    step = np.asarray(cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE))
+    step = cv2.filter2D(channel, -1, kernel, borderType=cv2.BORDER_REPLICATE)
     size: NDArray[Any] = np.abs(step)
     # One bright roof must not hide the field beside it.
     np.minimum(size, 4.0 * float(size[::3, ::3].mean()) + floor, out=size)
-    usual = np.asarray(cv2.blur(size, SEARCH.texture_window))
+    usual = np.asarray(cv2.blur(size, SEARCH.texture_window), np.float32)
     usual *= 1.25
     usual += floor
-    step /= usual
-    return step
+    return np.asarray(np.divide(step, usual, out=usual), np.float32)
 
 
 def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -234,7 +233,7 @@ def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDAr
         np.subtract(brightness[:, reach:-reach], sides, out=sides)
         np.maximum(inner, sides, out=inner)
     limit = 4.0 * float(change.mean()) + 1.0
-    usual = np.asarray(cv2.blur(np.minimum(change, limit), SEARCH.texture_window))
+    usual = np.asarray(cv2.blur(np.minimum(change, limit), SEARCH.texture_window), np.float32)
     usual *= 1.5
     usual += 1.5
     ridge /= usual
