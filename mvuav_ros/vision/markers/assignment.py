@@ -159,7 +159,7 @@ def extend(
 class RecoveryTuning:
     """When lights that were not expected where they are get names.
 
-    Chosen on seeds 0 to 11 of flights of bare lights (`simulation.light_flights`).
+    Chosen on seeds 0 to 11 of flights of bare lights (`mvuav_thesis.light_flights`).
     """
 
     # Lights that must fit at once: a single one that does not go with the others may as well be
@@ -195,7 +195,7 @@ class Recovery:
         if len(found) + min(len(spots), MAX_EXTENDED) < fewest:
             self._agreed = 0
             return dict(found)
-        before = views.belief, views.without
+        before = views.belief
         views.inflate(FAULTS.free)
         named = extend(views, found, spots, fits)
         view = views.look(places_of(named))
@@ -204,7 +204,7 @@ class Recovery:
             self._agreed = 0
         elif self._believes(named, fewest):
             return named
-        views.belief, views.without = before
+        views.belief = before
         return dict(found)
 
     def _believes(self, named: dict[int, Detection], fewest: int) -> bool:
