@@ -294,7 +294,7 @@ class RunwayTrack(FollowedStrip):
         elif dim:
             period *= 2
         if self._rested < period and self.age > 1:
-            if self.points is not None:
+            if self.locked or self.points is not None:
                 strip = self.strip()
                 self._measure(
                     view, strip, strip[1] + strip[4:6], weighed=False, rest=dim or not shown
@@ -382,7 +382,7 @@ class RunwayTrack(FollowedStrip):
         if rest:
             self.points = mean
             return
-        measured = {EdgeKind.STRIPS: mean} if weighed else {}
+        measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
         evidence: dict[EdgeKind, float] = {}
         coloured = self._look.coloured
         if weighed or coloured or width >= LINES.max_width:
@@ -401,7 +401,7 @@ class RunwayTrack(FollowedStrip):
         self.kinds.take_in(evidence)
         distinct = EdgeKind.LINE in measured or (self._look.coloured and EdgeKind.STEP in measured)
         self.distinct += max(TRACK.memory, 1.0 / self.age) * (float(distinct) - self.distinct)
-        self.points = mean
+        self.points = None if self.locked else mean
         if measured:
             self.points = measured[self.kinds.best(measured)]
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
