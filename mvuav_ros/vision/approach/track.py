@@ -209,9 +209,10 @@ class EdgeKinds:
         shares = left * np.exp(TRACK.kind_weight * odds)
         self._shares = shares / shares.sum()
 
-    def best(self, measured: dict[EdgeKind, Edges]) -> EdgeKind:
-        """The likeliest of those that a frame shows."""
-        return max(measured, key=lambda kind: float(self._shares[kind]))
+    @property
+    def likeliest(self) -> EdgeKind:
+        """The one with the greatest probability."""
+        return EdgeKind(int(self._shares.argmax()))
 
 
 _PAINT = FEATURES.index('paint')
@@ -391,7 +392,9 @@ class RunwayTrack(FollowedStrip):
         if by_colour:
             self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
         # Far away a line is thinner than a pixel, and colour shows the edge better.
-        if width < LINES.max_width and not (by_colour and width < TRACK.lock_width):
+        if width >= LINES.max_width:
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[False]
+        elif not (by_colour and width < TRACK.lock_width):
             lines = self._lines.find(view.frame, self.strip(), strip, tolerance(width))
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
@@ -401,11 +404,14 @@ class RunwayTrack(FollowedStrip):
         self.kinds.take_in(evidence)
         distinct = EdgeKind.LINE in measured or (self._look.coloured and EdgeKind.STEP in measured)
         self.distinct += max(TRACK.memory, 1.0 / self.age) * (float(distinct) - self.distinct)
-        self.points = None if self.locked else mean
-        if measured:
-            self.points = measured[self.kinds.best(measured)]
+        self.points = measured.get(self.kinds.likeliest)
+        if self.points is not None:
             self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
             self.shape.update(self.points, view.horizon if weighed else None)
+        elif not self.locked:
+            # Not replaced by another kind's, which would be elsewhere.
+            own = columns_at(self.strip()[None], rows)[0]
+            self.points = points_along(own, rows, self._spread)
         if self.locked and width > SHOULDERS.min_width:
             shown = shows_shoulders(view.frame, self.strip())
             if shown is not None:

@@ -7,7 +7,6 @@ from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.search import LevelledImage
-from mvuav_ros.vision.approach.strips import points_along
 from mvuav_ros.vision.approach.track import (
     EdgeKind,
     EdgeKinds,
@@ -82,12 +81,4 @@ def test_the_kind_of_edge_changes_only_over_several_frames():
     for _ in range(10):
         kinds.take_in({EdgeKind.LINE: -2.0, EdgeKind.STEP: 2.0})
     assert kinds.share(EdgeKind.STEP) > 0.9
-
-
-def test_of_the_kinds_that_a_frame_shows_the_likeliest_is_followed():
-    kinds = EdgeKinds()
-    for _ in range(10):
-        kinds.take_in({EdgeKind.LINE: 3.0})
-    edges = points_along(np.array([[0.0, 0.0], [9.0, 9.0]]), np.array([0.0, 9.0]), np.zeros((2, 2)))
-    assert kinds.best({EdgeKind.STRIPS: edges, EdgeKind.LINE: edges}) is EdgeKind.LINE
-    assert kinds.best({EdgeKind.STRIPS: edges, EdgeKind.STEP: edges}) is not EdgeKind.LINE
+    assert kinds.likeliest is EdgeKind.STEP
