@@ -25,7 +25,6 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
-    'meeting at the horizon': [(tuning.DETECTOR, 'max_off_horizon', -1.0)],
     'side lines': [(LinedEdges, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines over many frames': [(tuning.LINES, 'memory', 1.0)],
