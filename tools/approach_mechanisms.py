@@ -12,7 +12,7 @@ from mvuav_ros.vision.approach.attitude import HorizonTracker
 from mvuav_ros.vision.approach.edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
-from mvuav_ros.vision.approach.side_lines import LineChoice, LinedEdges, _Side
+from mvuav_ros.vision.approach.side_lines import LinedEdges
 
 
 def _returns(value: Any) -> Callable[..., Any]:
@@ -28,14 +28,11 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'side lines': [(LinedEdges, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines over many frames': [(tuning.LINES, 'memory', 1.0)],
-    'line held': [(tuning.LINES, 'switch_margin', 0.0)],
-    'lines move together': [(_Side, '_shift', _returns(0.0))],
     'lines near the mean': [
         (tuning.LINES, 'away_cost', 0.0),
         (tuning.LINES, 'away_from_colour_cost', 0.0),
     ],
     "shoulders' lines": [(tuning.LINES, 'shoulder_cost', 0.0)],
-    'doubt from other lines': [(LineChoice, 'other', _returns(0.0))],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],

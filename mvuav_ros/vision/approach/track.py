@@ -253,8 +253,7 @@ class RunwayTrack(FollowedStrip):
 
         It is so with paved shoulders that are plain to see.
         """
-        shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        return max(shoulders, self.kinds.share(EdgeKind.LINE) * self._lines.other)
+        return float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
 
     @property
     def shoulder_lines(self) -> float:
@@ -395,7 +394,7 @@ class RunwayTrack(FollowedStrip):
         if width >= LINES.max_width:
             evidence[EdgeKind.LINE] = TRACK.lines_seen[False]
         elif not (by_colour and width < TRACK.lock_width):
-            lines = self._lines.find(view.frame, self.strip(), strip, tolerance(width))
+            lines = self._lines.find(view.frame, self.strip(), strip)
             evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
             if lines is not None:
                 measured[EdgeKind.LINE] = lines

@@ -119,8 +119,6 @@ class LinesTuning:
     memory: float = 0.1  # share of a new frame in how clear a line is on average
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
-    # px by which all lines of a side seem to move together from frame to frame
-    shift_sigma: float = 1.2
     choice_reach: float = 0.3  # from an expected edge to the lines that are compared
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
@@ -130,7 +128,6 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
-    switch_margin: float = 0.7  # log odds by which another line must be likelier than the one held
     min_kept: float = 0.05  # average clearness below which a line is given up
     min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
