@@ -106,7 +106,13 @@ def opencv_lines(image: Pixels) -> None:
 
 
 class Timed:
-    """A detector whose CPU time is counted."""
+    """A detector whose CPU time is counted.
+
+    Attributes:
+        noise: seed of noise of up to one grey level on every image; none where 0.
+    """
+
+    noise = 0
 
     def __init__(self, width: float = 0.0) -> None:
         # Everything is reported, so that it is known how wrong the doubtful is.
@@ -114,6 +120,7 @@ class Timed:
             mode='approach', runway_width=width, min_confidence=0.0
         )
         self.detector = ApproachDetector(parameters)
+        self._random = np.random.default_rng(self.noise)
         self.spent: list[float] = []
         self.opencv: list[float] = []
 
@@ -121,6 +128,9 @@ class Timed:
         self, image: Pixels, horizon: Attitude | HorizonLine | None = None
     ) -> ApproachResult:
         """The next frame, at 25 frames/s."""
+        if self.noise:
+            noisy = image + self._random.integers(-1, 2, image.shape)
+            image = np.clip(noisy, 0, 255).astype(np.uint8)
         begin = time.process_time()
         result = self.detector.process(image, len(self.spent) * 40_000_000, horizon)
         between = time.process_time()
