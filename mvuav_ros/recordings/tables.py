@@ -124,7 +124,7 @@ def _number(text: str) -> float:
 
 
 def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
-    """The names of a tracker's markers by their labels, where its topics tell them.
+    """The names of a tracker's markers by their labels, as far as its topics show them.
 
     Each is that of the topic which has the same position at the same time. The order of topics
     says nothing: `ros2 bag record` lists them as they were discovered.
