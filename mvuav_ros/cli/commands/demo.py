@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from mvuav_ros.cli.terminal import say
 from mvuav_ros.recordings.layout import shipped_folder
-from mvuav_ros.sources.source import SourceError
 
 
 def demo(
@@ -29,8 +27,11 @@ def demo(
 
     Leaves demo.mcap with all messages, and three figures: tanker, runway and roll.
     """
+    from rich.console import Console
+
     from mvuav_ros.cli.demo.live_demo import run_demo
     from mvuav_ros.cli.demo.panel_demo import run_panel
+    from mvuav_ros.sources.source import SourceError
 
     # Of a checkout, or installed with the package.
     folder = bags or shipped_folder('bags')
