@@ -1,4 +1,4 @@
-"""``mvuav demo``: see the nodes at work on the sample bags, once, or again and again in the panel."""
+"""``mvuav demo``: the nodes at work on the sample bags, once, or repeatedly with the panel."""
 
 from __future__ import annotations
 
