@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -323,16 +324,7 @@ def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
         highest = float(np.nanmax(curves[diagram.lines[0][1]][0]))
         axis.set_ylim(0, max(_FROM_ZERO[diagram.title], 1.05 * highest))
     axis.grid(alpha=0.3)
-    axis.legend(**_BESIDE)
-
-
-_BESIDE: Any = {
-    'loc': 'upper left',
-    'bbox_to_anchor': (1.0, 1.0),
-    'fontsize': 'small',
-    'frameon': False,
-}
-"""Where a diagram's legend stands."""
+    _add_legend(axis, None, (1.0, 1.0))
 
 
 def _draw_states(axis: Axes, part: NodePart) -> None:
@@ -354,11 +346,25 @@ def _draw_states(axis: Axes, part: NodePart) -> None:
     axis.hlines(np.arange(1, len(part.names)), edges[0], edges[-1], color='white', linewidth=2)
     axis.set_yticks(np.arange(len(part.names)) + 0.5, part.names, fontsize='small')
     axis.invert_yaxis()
-    axis.legend(handles=_state_patches(), **_BESIDE)
+    _add_legend(axis, _states_key(), (1.0, 1.0))
 
 
-def _state_patches() -> list[Patch]:
+def _states_key() -> list[Patch]:
     return [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
+
+
+def _add_legend(
+    axis: Axes, handles: Sequence[Artist] | None, corner: tuple[float, float], columns: int = 1
+) -> None:
+    """Of these handles, or of what is drawn, beside a corner of the diagram."""
+    axis.legend(
+        handles=handles,
+        loc='upper left' if corner[0] else 'lower left',
+        bbox_to_anchor=corner,
+        ncols=columns,
+        fontsize='small',
+        frameon=False,
+    )
 
 
 def _summarise(flight: FlightPlot) -> None:
@@ -402,15 +408,8 @@ def overview(flights: Sequence[FlightPlot]) -> Figure:
             if is_runway:
                 axis.set_title('runway', fontsize='medium')
             else:
-                with_pose = Patch(color=_COLORS[2], label='frames with a pose')
-                axis.legend(
-                    handles=[*_state_patches(), with_pose],
-                    loc='lower left',
-                    bbox_to_anchor=(0, 1),
-                    ncol=2,
-                    fontsize='small',
-                    frameon=False,
-                )
+                posed = Patch(color=_COLORS[2], label='frames with a pose')
+                _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
         else:
             words = 'height [m]' if is_runway else 'roll [°]'
             axis.set_xlabel(f'{words}: least, median, greatest')

@@ -8,7 +8,6 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import Progress, TaskID
 
 from mvuav_ros.cli.options import (
     CameraInfo,
@@ -26,9 +25,10 @@ from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
-from mvuav_ros.sources.source import Selection, SourceError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from mvuav_ros.offline.replay.job import JobProgress, Plan, ReplayJob, ReplayOutcome
 
 
@@ -240,6 +240,7 @@ def replay(
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.job import ReplaySettings, plan
     from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.source import Selection, SourceError
 
     chosen = node_names(nodes)
     assignments = list(param or [])
