@@ -78,7 +78,7 @@ class MotionTuning:
     corner_distance: float = 5.0  # px between corners
     flow_window: tuple[int, int] = (9, 9)  # px around a corner that are compared
     flow_levels: int = 2  # levels of the pyramid above the finest
-    period: int = 5  # frames from one comparison to the next
+    period: int = 3  # frames from one comparison to the next
     max_period: int = 12  # frames after which other corners are taken
     max_still: float = 0.25  # px by which a corner that stands still may seem to have moved
     # px by which the ground must have moved before standing still says anything
