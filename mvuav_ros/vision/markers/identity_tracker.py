@@ -15,9 +15,16 @@ from mvuav_ros.vision.markers.assignment import Expectation, Recovery
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.grouping import GroupingError, roll_of
 from mvuav_ros.vision.markers.initialization import ANY_ROLL, CONFIRMED, Attempts, Named, initialize
-from mvuav_ros.vision.markers.lights import Frame, Lens, Lights, are_close, places_of, straightened
+from mvuav_ros.vision.markers.lights import (
+    Frame,
+    GroupingError,
+    Lens,
+    Lights,
+    are_close,
+    places_of,
+    straightened,
+)
 from mvuav_ros.vision.markers.marker_memory import MarkerMemory
 from mvuav_ros.vision.markers.results import (
     TANKER_LABELS,
@@ -27,6 +34,7 @@ from mvuav_ros.vision.markers.results import (
     MarkerState,
     Window,
     counts_of,
+    roll_of,
 )
 from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
 from mvuav_ros.vision.markers.search import Clutter, Rejections, Search

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.grouping import label_five
+from mvuav_ros.vision.markers.detection import label_five
 from mvuav_ros.vision.markers.lights import Lights, are_close
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (

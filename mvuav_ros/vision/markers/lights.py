@@ -23,7 +23,6 @@ from mvuav_ros.vision.markers.centroid import (
     measure_pixels,
     measure_windows,
 )
-from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, count_bright
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
@@ -67,6 +66,29 @@ class Lens:
         # Nothing is seen beyond anyway.
         np.clip(rays[:, :2], -camera.widest, camera.widest, out=rays[:, :2])
         return camera.project(rays)
+
+
+# Beyond these a frame is noise or glare, not lights, and grouping it would stall the stream.
+MAX_BRIGHT_FRACTION = 0.05
+MAX_BRIGHT_SMALL_FRAME = 4096
+
+
+class GroupingError(ValueError):
+    """The bright pixels are too many to be markers; the message says how many."""
+
+
+def area_fits(area: Any, parameters: MarkerTrackerParameters) -> Any:
+    """Whether a light of so many pixels (or each of an array of them) may be a marker."""
+    most = parameters.max_area or math.inf
+    return (parameters.min_area <= area) & (area <= most)
+
+
+def count_bright(mask: Mask) -> int:
+    """The number of a mask's bright pixels; raises where they are more than 5 % of the frame."""
+    count = cv2.countNonZero(mask)
+    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
+    return count
 
 
 MAX_BLOBS = 400

@@ -12,8 +12,7 @@ import numpy as np
 
 from mvuav_ros.vision.markers.assignment import GATE, Expectation
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.grouping import area_fits
-from mvuav_ros.vision.markers.lights import Frame, Lens
+from mvuav_ros.vision.markers.lights import Frame, Lens, area_fits
 from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.results import FAR_OFF, NO_WINDOW, Window
 from mvuav_ros.vision.markers.rig_view import Array
