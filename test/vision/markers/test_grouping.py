@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from mvuav_ros.vision.markers.detection import (
     MAX_CLUSTERS,
     bright_pixels,
