@@ -179,6 +179,7 @@ def _posed_frame() -> Action:
     """A call that tracks the tanker of the built-in rig and estimates its pose."""
     camera = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
     tracker, poses = MarkerTracker(), PoseEstimator(TANKER_747)
+    tracker.set_camera(camera)  # As the node does
     behind = TANKER_747.positions @ OPTICAL_FROM_BODY.T + (0.0, 5.0, 100.0)
     frames = []
     for x, y in _circle(4.0):

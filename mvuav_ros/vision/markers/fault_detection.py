@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from mvuav_ros.vision.markers.rig_view import ViewState
-from mvuav_ros.vision.markers.view_filter import Belief, Correction, Point, ViewFilter
+from mvuav_ros.vision.markers.view_filter import Correction, Point, ViewFilter
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ _PAIRS_UP_TO = 8
 class Consensus:
     """What a set of named lights agrees on."""
 
-    seen: ViewState | Correction  # the view by the markers that agree, or what gives it
+    seen: ViewState | Callable[[], ViewState]  # the view by the markers that agree
     kept: tuple[int, ...]  # those markers
     dropped: tuple[int, ...] = ()  # the ones that contradict them
     # one of which, or some, must be another light; which ones, later frames show.
@@ -72,7 +73,7 @@ class Consensus:
     @property
     def view(self) -> ViewState:
         """By the markers that agree."""
-        return self.seen.view if isinstance(self.seen, Correction) else self.seen
+        return self.seen if isinstance(self.seen, ViewState) else self.seen()
 
 
 class FaultDetector:
@@ -91,25 +92,24 @@ class FaultDetector:
         # Evidence that markers' lights are others since a moment ago (see `Jumps`).
         self.jumps: Mapping[int, float] = {}
         self._evidence: dict[int, float] = {}
-        self._corrected: tuple[Belief, object, Correction, list[Correction]] | None = None
+        self._corrected: tuple[object, Correction] | None = None
 
-    def _correct(self, found: Mapping[int, Point]) -> tuple[Correction, list[Correction]]:
+    def _correct(self, found: Mapping[int, Point]) -> Correction:
         """By all lights, and by the filters that ignore one each."""
-        belief, key = self.views.belief, (self.untrusted, list(found.items()))
+        key = self.untrusted, list(found.items())
         last = self._corrected
-        if last is not None and last[0] is belief and last[1] == key:
-            return last[2:]
+        if last is not None and last[1].before is self.views.belief and last[0] == key:
+            return last[1]
         untrusted = self.untrusted.intersection(found)
         if len(found) - len(untrusted) < TUNING.min_firm:
             untrusted.clear()
         correction = self.views.correct(found, untrusted)
-        without = self.views.correct_without(found, untrusted)
-        self._corrected = belief, key, correction, without
-        return correction, without
+        self._corrected = key, correction
+        return correction
 
     def nis_of(self, found: Mapping[int, Point]) -> dict[int, float]:
         """For each named light how far it lies from where the others put it (see `Correction`)."""
-        return dict(zip(found, self._correct(found)[0].nis, strict=True))
+        return dict(zip(found, self._correct(found).nis, strict=True))
 
     def weigh(self, found: Mapping[int, Point]) -> Consensus:
         """Which of the named lights agree, by this frame and by those before it.
@@ -119,21 +119,21 @@ class FaultDetector:
         """
         if not found:
             return Consensus(self.views.view, ())
-        correction, without = self._correct(found)
+        correction = self._correct(found)
         markers = tuple(found)
         contradicted = max(correction.nis) > TUNING.gate
-        evidence = self._added(found, without)
+        evidence = self._added(correction)
         most = max(evidence.values(), default=0.0)
         if not contradicted and most < TUNING.enough:
-            return Consensus(correction, markers)
+            return Consensus(correction.view, markers)
         if len(markers) < 2:
             return Consensus(self.views.view, (), markers)
         if len(markers) > 2 and most > TUNING.doubt:
-            consensus = self._without_suspects(found, evidence, without)
+            consensus = self._without_suspects(correction, evidence)
             if consensus is not None:
                 return consensus
         if not contradicted:
-            return Consensus(correction, markers)
+            return Consensus(correction.view, markers)
         for dropped in (1, 2, 3):
             if len(markers) - dropped < 2 or len(markers) > _PAIRS_UP_TO:
                 break
@@ -142,20 +142,21 @@ class FaultDetector:
                 return consensus
         return self._greedy(found)
 
-    def _added(self, found: Mapping[int, Point], without: list[Correction]) -> dict[int, float]:
+    def _added(self, correction: Correction) -> dict[int, float]:
         """Evidence against each marker with this frame's: a cumulative sum, as in CUSUM charts."""
-        if not without:
+        if not self.views.has_bank:
             return {}
         evidence = {m: TUNING.forgetting * before for m, before in self._evidence.items()}
-        for index, marker in enumerate(found):
-            shown = without[marker].nis[index] - TUNING.allowance
+        for index, marker in enumerate(correction.found):
+            shown = correction.nis_of(1 + marker, index) - TUNING.allowance
             evidence[marker] = max(self._evidence.get(marker, 0.0) + shown, 0.0)
         return evidence
 
     def _without_suspects(
-        self, found: Mapping[int, Point], evidence: dict[int, float], without: list[Correction]
+        self, correction: Correction, evidence: dict[int, float]
     ) -> Consensus | None:
         """What the others agree on, by the filter that has ignored the worst marker all along."""
+        found = correction.found
         score = {
             m: evidence[m] + TUNING.returned * (m in self.untrusted) + self.jumps.get(m, 0.0)
             for m in found
@@ -166,10 +167,12 @@ class FaultDetector:
         worst = max(score, key=lambda marker: score[marker])
         margin = max(TUNING.doubt, TUNING.doubtful_share * score[worst])
         suspects = tuple(m for m in score if score[m] > score[worst] - margin)
-        seen = without[worst]
-        if max(n for m, n in zip(found, seen.nis, strict=True) if m != worst) > TUNING.gate:
+        row = 1 + worst
+        others = (i for i, marker in enumerate(found) if marker != worst)
+        if max(correction.nis_of(row, index) for index in others) > TUNING.gate:
             return None
         if len(suspects) > 1:
+            seen = partial(correction.view, row)
             return Consensus(seen, tuple(m for m in found if m not in suspects), (), suspects)
         kept = {m: place for m, place in found.items() if m != worst}
         self.views.exclude(worst)
@@ -227,12 +230,13 @@ class FaultDetector:
             return set()
         if few and len(found) - len(doubtful) < TUNING.min_determining:
             return doubtful
-        correction, without = self._correct(found)
+        correction = self._correct(found)
         limit = TUNING.protected_by_few if few else TUNING.protected
+        rows = {m: 1 + m if self.views.has_bank else 0 for m in doubtful}
         return {
             marker
-            for marker in doubtful
-            if (without[marker] if without else correction).deviations_by_others()[marker] > limit
+            for index, marker in enumerate(found)
+            if marker in doubtful and correction.deviation_by_others(rows[marker], index) > limit
         }
 
     def inflate(self) -> None:
@@ -246,9 +250,9 @@ class FaultDetector:
         """
         if not found:
             return {}
-        correction, without = self._correct(found)
-        self._evidence = self._added(found, without)
+        correction = self._correct(found)
+        self._evidence = self._added(correction)
         over = max(max(self._evidence.values(), default=0.0) - TUNING.max_evidence, 0.0)
         self._evidence = {m: max(sum_ - over, 0.0) for m, sum_ in self._evidence.items()}
-        self.views.commit(correction, without)
+        self.views.commit(correction)
         return correction.log_odds(TUNING.beside, self.views.unknowns)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,20 +20,23 @@ Complex = NDArray[np.complex128]
 ROLL, SCALE, X, Y, PITCH, YAW, FOCAL, BARREL = range(8)
 """Places in a view's parameters."""
 COUNT = 8
-_AT_REST: Array = np.zeros(3)
 KNOWN_FOCAL = 0.01
 """Part by which a calibrated focal length may be wrong (1 sigma)."""
 _NEAREST = 0.05
 """Least distance of a marker over the rig's: what would come to lie behind the camera."""
 _MIN_AREA = 1e-3
 """Twice that of a triangle in which three markers are not on one line, in squared units."""
-_EXPONENTS: Complex = np.zeros((COUNT, 6), np.complex128)
-"""Of a view: i times yaw + pitch, yaw - pitch, yaw, and pitch; log of the scale plus i times the
-roll; log of the scale less that of the focal length."""
-_EXPONENTS[YAW, :3] = _EXPONENTS[PITCH, [0, 3]] = _EXPONENTS[ROLL, 4] = 1j
-_EXPONENTS[PITCH, 1] = -1j
-_EXPONENTS[SCALE, 4:] = 1.0
-_EXPONENTS[FOCAL, 5] = -1.0
+_ANGLES: Array = np.zeros((COUNT, 4))
+"""Of a view: yaw + pitch, yaw - pitch, yaw, and pitch."""
+_ANGLES[YAW, :3] = _ANGLES[PITCH, [0, 3]] = 1.0
+_ANGLES[PITCH, 1] = -1.0
+_EXPONENTS: Complex = np.zeros((COUNT, 13), np.complex128)
+"""Of a view: log of the scale plus i times the roll, plus and minus i times each of those angles;
+zero; log of the scale less that of the focal length plus i times each of the angles."""
+_EXPONENTS[:, :4], _EXPONENTS[:, 4:8], _EXPONENTS[:, 9:] = 1j * _ANGLES, -1j * _ANGLES, 1j * _ANGLES
+_EXPONENTS[SCALE] = (*[1.0] * 8, 0.0, *[1.0] * 4)
+_EXPONENTS[ROLL, :8] = 1j
+_EXPONENTS[FOCAL, 9:] = -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +98,9 @@ class WeakPerspective:
         return None if largest is None or area(largest) < _MIN_AREA else largest
 
     @cached_property
-    def max_nearness(self) -> float:
-        """Units per distance: with more, markers would come to lie behind the camera."""
-        return float(0.85 / max(0.35, -self.points[:, 2].min()))
+    def _max_nearness(self) -> float:
+        """Logarithm of units per distance: with more, markers would be behind the camera."""
+        return math.log(0.85 / max(0.35, -float(self.points[:, 2].min())))
 
     def project(self, parameters: Array) -> Array:
         """Where the markers are seen.
@@ -127,7 +128,9 @@ class WeakPerspective:
     def linearize_all(self, views: Array) -> tuple[Array, Array]:
         """The same of m views at once, in the order in which matrix products take it.
 
-        Image points are complex numbers, x + iy from the image's centre.
+        Image points are complex numbers, x + iy from the image's centre: N / D, where N is the
+        turned point in px plus the origin's place, and D its depth over the origin's. By a
+        parameter p, that changes by (dN/dp - N / D dD/dp) / D.
 
         Args:
             views: (m, 8), contiguous.
@@ -136,120 +139,61 @@ class WeakPerspective:
             Places (m, 2 n), x and y of each marker in turn, and by how much they move with the
             parameters, (m, 8, 2 n).
         """
-        n = len(self.points)
+        m, n = len(views), len(self.points)
+        turned, deeper = self._turns
         powers = np.exp(views.dot(_EXPONENTS))
-        seen = powers.view(np.float64)[:, :8].dot(self._turns)
-        turned = seen[:, : 6 * n].view(np.complex128).reshape(-1, 3, n)
-        qz, across = seen[:, 6 * n : 7 * n], seen[:, 7 * n :].reshape(-1, 2, n)
-        near = powers[:, 5:].real
-        free = near < self.max_nearness
-        near = np.minimum(near, self.max_nearness)
-        larger = 1.0 / np.maximum(1.0 + near * qz, _NEAREST)
-        turned = turned * (powers[:, 4:5] * larger)[:, None]
+        slopes = powers[:, :9].dot(turned).reshape(m, COUNT, n)
+        depths = powers[:, 9:].view(np.float64).dot(deeper).reshape(m, COUNT, n)
+        excess = views[:, SCALE] - views[:, FOCAL] - self._max_nearness
+        too_near = excess > 0.0
+        if too_near.any():
+            # The origin comes no nearer, whatever scale and focal length say.
+            depths[too_near] *= np.exp(-excess[too_near])[:, None, None]
+        larger = 1.0 / np.maximum(1.0 + depths[:, SCALE], _NEAREST)
+        if too_near.any():
+            depths[too_near, SCALE] = depths[too_near, FOCAL] = 0.0
         origin = views[:, X : Y + 1].view(np.complex128) - self._middle
-        image = turned[:, 0] + origin * larger
-        nearer = image * (near * larger)
-        slopes = np.empty((len(views), COUNT, n), np.complex128)
-        slopes[:, X] = larger
-        np.multiply(larger, 1j, out=slopes[:, Y])
-        np.multiply(turned[:, 0], 1j, out=slopes[:, ROLL])
-        np.multiply(nearer, qz * free, out=slopes[:, FOCAL])
-        np.subtract(turned[:, 0], slopes[:, FOCAL], out=slopes[:, SCALE])
-        np.add(turned[:, 1:], nearer[:, None] * across, out=slopes[:, PITCH : YAW + 1])
-        slopes[:, BARREL] = 0.0
+        image = (slopes[:, SCALE] + origin) * larger
+        slopes -= image[:, None] * depths
+        slopes *= larger[:, None]
         if self.lens.focal is None:
-            image = self._bend(image, slopes, views[:, BARREL:])
+            image, slopes = self._bend(image, slopes, views[:, BARREL:])
         if self.offsets is not None:
-            beside = self.offsets * powers[:, 4:5]
+            beside = self.offsets * np.exp(views[:, SCALE] + 1j * views[:, ROLL])[:, None]
             image = image + beside
             slopes[:, ROLL] += 1j * beside
             slopes[:, SCALE] += beside
         image += self._middle
         return image.view(np.float64), slopes.view(np.float64)
 
-    def linearize_one(self, view: Array) -> tuple[Array, Array]:
-        """The same of one view (8,), (2 n,) and (8, 2 n), by OpenCV: it takes every frame half.
+    def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> tuple[Complex, Complex]:
+        """Points (m, n) seen through a lens that is not calibrated, and their slopes (m, 8, n).
 
-        The rig is a turned one before a pinhole camera, whose derivatives by pose, focal length and
-        distortion become those by the view's parameters.
+        With k the barrel over half the diagonal squared, z becomes z (1 + k |z|²), and dz becomes
+        (1 + 2 k |z|²) dz + k z² dz*.
         """
-        roll, scale, x, y, pitch, yaw, focal, barrel = view.tolist()
-        size = math.exp(scale)
-        near = min(math.exp(scale - focal), self.max_nearness)
-        free = near < self.max_nearness
-        (cx, cy), length, bend = self._centre, size / near, 0.0
-        per_barrel = (length / self.lens.half_diagonal) ** 2
-        if self.lens.focal is None:
-            bend = barrel * per_barrel
-        (cr, cb, ca), (sr, sb, sa) = (
-            (turn(roll), turn(pitch), turn(yaw)) for turn in (math.cos, math.sin)
+        share = 1.0 / self.lens.half_diagonal**2
+        cubic = image * (image.real**2 + image.imag**2) * share
+        bent = (barrel * share) * image
+        slopes = (1.0 + 2.0 * (bent * image.conj()).real)[:, None] * slopes + (
+            (bent * image)[:, None] * slopes.conj()
         )
-        sa_sb, ca_sb = sa * sb, ca * sb
-        rotation = np.array(
-            (
-                (cr * ca - sr * sa_sb, -sr * cb, cr * sa + sr * ca_sb),
-                (sr * ca + cr * sa_sb, cr * cb, sr * sa - cr * ca_sb),
-                (-sa * cb, sb, ca * cb),
-            )
-        )
-        beside, below, away = (x - cx) / size, (y - cy) / size, 1.0 / near
-        seen, derivatives = cv2.projectPoints(
-            self.points.dot(rotation.T)[:, None],
-            _AT_REST,
-            np.array((beside, below, away)),
-            np.array(((length, 0.0, cx), (0.0, length, cy), (0.0, 0.0, 1.0))),
-            np.array((bend, 0.0, 0.0, 0.0)),
-        )
-        # By small turns, place, focal lengths, principal point and k1.
-        by = np.zeros((COUNT, 14))
-        by[ROLL, 2] = 1.0
-        by[PITCH, :2] = cr, sr
-        by[YAW, :3] = -sr * cb, cr * cb, sb
-        by[X, 3] = by[Y, 4] = 1.0 / size
-        by[SCALE, 3:5] = -beside, -below
-        if free:
-            by[SCALE, 5], by[FOCAL, 5] = -away, away
-        by[FOCAL if free else SCALE, 6:8] = length
-        if self.lens.focal is None:
-            by[FOCAL if free else SCALE, 10] = 2.0 * bend
-            by[BARREL, 10] = per_barrel
-        places: Array = np.asarray(seen, np.float64).ravel()
-        slopes: Array = by.dot(derivatives.T)
-        if self.offsets is not None:
-            shift = self.offsets * cmath.rect(size, roll)
-            places = places + shift.view(np.float64)
-            slopes[ROLL] += (1j * shift).view(np.float64)
-            slopes[SCALE] += shift.view(np.float64)
-        return places, slopes
-
-    def _bend(self, image: Complex, slopes: Complex, barrel: Array) -> Complex:
-        """Points (m, n) seen through a lens that is not calibrated; changes their slopes too."""
-        squared = (image * image.conj()).real / self.lens.half_diagonal**2
-        bent = 1.0 + barrel * squared
-        outward = 2.0 / self.lens.half_diagonal**2 * (image.conj()[:, None] * slopes).real
-        slopes *= bent[:, None]
-        slopes += (barrel * image)[:, None] * outward
-        slopes[:, BARREL] = image * squared
-        return np.asarray(image * bent)
-
-    @cached_property
-    def _centre(self) -> tuple[float, float]:
-        x, y = self.centre.tolist()
-        return x, y
+        slopes[:, BARREL] = cubic
+        return image + barrel * cubic, slopes
 
     @cached_property
     def _middle(self) -> complex:
         return complex(*self.centre.tolist())
 
     @cached_property
-    def _turns(self) -> Array:
-        """(8, 9 n): what makes the turned points of cosines and sines of yaw and pitch.
+    def _turns(self) -> tuple[Complex, Array]:
+        """(9, 8 n) and (8, 8 n): what makes derivatives of the turned points of `_EXPONENTS`.
 
-        The rows are cosine and sine of yaw + pitch, yaw - pitch, yaw, and pitch. The columns are
-        qx + i qy of the turned points q, its derivatives by pitch and by yaw (each complex), qz,
-        and the derivatives of qz, negative.
+        The derivatives are those by the parameters, of N and of D in `linearize_all`; those by the
+        logarithm of the scale are the turned points and their depths themselves.
         """
         (px, py, pz), n = self.points.T, len(self.points)
+        # By cosine and sine of each of the angles.
         cos_sum, sin_sum, cos_less, sin_less, ca, sa, cb, sb = np.eye(8)[..., None]
         ca_cb, sa_sb = 0.5 * (cos_less + cos_sum), 0.5 * (cos_less - cos_sum)
         sa_cb, ca_sb = 0.5 * (sin_sum + sin_less), 0.5 * (sin_sum - sin_less)
@@ -257,9 +201,17 @@ class WeakPerspective:
         qy = cb * py - ca_sb * pz + sa_sb * px
         qz = sb * py + ca_cb * pz - sa_cb * px
         sb_qx, cb_qx = ca_sb * px + sa_sb * pz, ca_cb * px + sa_cb * pz
-        pairs = (qx, qy), (0.0 * qz, -qz), (ahead, sb_qx)
-        complexes = [np.stack(pair, axis=-1).reshape(8, 2 * n) for pair in pairs]
-        return np.hstack((*complexes, qz, -qy, cb_qx))
+        by = np.zeros((COUNT, 8, n), np.complex128)
+        by[ROLL], by[SCALE] = 1j * qx - qy, qx + 1j * qy
+        by[PITCH], by[YAW] = -1j * qz, ahead + 1j * sb_qx
+        by = by.transpose(1, 0, 2)
+        turned = np.zeros((9, COUNT, n), np.complex128)
+        turned[:4], turned[4:8] = 0.5 * (by[::2] - 1j * by[1::2]), 0.5 * (by[::2] + 1j * by[1::2])
+        turned[8, X], turned[8, Y] = 1.0, 1j
+        deeper = np.zeros((8, COUNT, n))
+        deeper[:, SCALE], deeper[:, FOCAL] = qz, -qz
+        deeper[:, PITCH], deeper[:, YAW] = qy, -cb_qx
+        return turned.reshape(9, COUNT * n), deeper.reshape(8, COUNT * n)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -100,7 +100,7 @@ _MIN_EXACT = 4  # Markers by which a frame shows how the view moves, and how exa
 
 
 class Belief(NamedTuple):
-    """Parameters of a view and their rates per s (16,), and the covariance (16, 16)."""
+    """Parameters of views and their rates per s (f, 16), and the covariances (f, 16, 16)."""
 
     mean: Array
     covariance: Array
@@ -112,7 +112,8 @@ class ViewFilter:
     How far each marker lies from where all the others put it follows in closed form from the
     innovations and their covariance (see `Correction.nis`). A body with just enough lights has a
     second filter for each marker, which has all but ignored that marker in all frames: a light that
-    drifts slowly with the view is seen by that filter alone.
+    drifts slowly with the view is seen by that filter alone. All of them go on together, the main
+    one first.
     """
 
     def __init__(
@@ -131,13 +132,15 @@ class ViewFilter:
         self.time = time  # s
         covariance = np.diag(np.concatenate((np.zeros(COUNT), _STATIONARY + 1e-12)))
         covariance[:COUNT, :COUNT] = view.covariance
-        self.belief = Belief(np.concatenate((view.parameters, np.zeros(COUNT))), covariance)
+        mean = np.concatenate((view.parameters, np.zeros(COUNT)))
         self._is_calibrated = shape.lens.focal is not None
         count = len(shape.points)
         least, most = TUNING.bending
         few = least <= 2 * count - self.unknowns <= most
-        # By each marker's filter that all but ignores it; none where that is of no use.
-        self.without = [self.belief] * count if few else []
+        # Whether each marker has a filter that all but ignores it.
+        self.has_bank = few
+        filters = 1 + few * count
+        self.belief = Belief(np.tile(mean, (filters, 1)), np.tile(covariance, (filters, 1, 1)))
         relative = view.misfit / view.scale
         self._rig_errors = (TUNING.min_rig_error, max(TUNING.rig_error, 1.5 * relative))
         if shape.offsets is not None:
@@ -152,12 +155,13 @@ class ViewFilter:
     @property
     def view(self) -> ViewState:
         """At `time`; after `predict` the prior of that frame."""
-        return ViewState(self.belief.mean[:COUNT], self.belief.covariance[:COUNT, :COUNT])
+        mean, covariance = self.belief
+        return ViewState(mean[0, :COUNT], covariance[0, :COUNT, :COUNT])
 
     @property
     def deviation(self) -> float:
         """Of a measured marker from where the view has it (1 sigma, px)."""
-        scale = math.exp(float(self.belief.mean[SCALE]))
+        scale = math.exp(self.belief.mean.item(0, SCALE))
         return math.hypot(TUNING.noise, self.rig_error * scale)
 
     @property
@@ -172,16 +176,14 @@ class ViewFilter:
 
     def deviation_of(self, parameter: int) -> float:
         """How uncertain a parameter is (1 sigma)."""
-        return math.sqrt(self.belief.covariance[parameter, parameter])
+        return math.sqrt(self.belief.covariance.item(0, parameter, parameter))
 
     def predict(self, time: float) -> None:
         """Go on to a later time (s)."""
         walk, rate_noise = self._motion * _WALK_NOISE, self._motion * _RATE_NOISE
         if self._is_calibrated:
             walk[FOCAL:] = 0.0
-        elapsed = time - self.time
-        self.belief = _predicted(self.belief, elapsed, walk, rate_noise)
-        self.without = [_predicted(belief, elapsed, walk, rate_noise) for belief in self.without]
+        self.belief = _predicted(self.belief, time - self.time, walk, rate_noise)
         self.time = time
         if self._seen < _MIN_HOLDING:
             usual = np.clip(self._max_motion, TUNING.min_unseen, TUNING.max_unseen)
@@ -204,7 +206,7 @@ class ViewFilter:
     def fit(self, seen: NDArray[np.intp], measured: Array) -> Fits:
         """Views by several ways of naming markers, (m, k), from this frame's prior."""
         mean, covariance = self.belief
-        prior = mean[None, :COUNT], covariance[None, :COUNT, :COUNT]
+        prior = mean[:1, :COUNT], covariance[:1, :COUNT, :COUNT]
         return fit(self.shape, prior, NamedPlaces(seen, measured, self.deviation))
 
     def correct(self, found: Mapping[int, Point], untrusted: Collection[int] = ()) -> Correction:
@@ -212,28 +214,24 @@ class ViewFilter:
 
         Those on probation are all but ignored.
         """
-        return self._correct(self.belief, found, untrusted)
-
-    def correct_without(
-        self, found: Mapping[int, Point], untrusted: Collection[int] = ()
-    ) -> list[Correction]:
-        """The same by the filters that each all but ignore one marker, in the rig's order."""
-        return [
-            self._correct(belief, found, {ignored, *untrusted})
-            for ignored, belief in enumerate(self.without)
-        ]
-
-    def _correct(
-        self, belief: Belief, found: Mapping[int, Point], doubted: Collection[int]
-    ) -> Correction:
         own, wide = self.deviation**2, self.doubted_deviation**2
-        variances = [wide if marker in doubted else own for marker in found]
-        return Correction.of(self.shape, belief, found, variances, own)
+        markers = list(found)
+        variances = np.full((len(self.belief.mean), len(markers)), own)
+        for index, marker in enumerate(markers):
+            if marker in untrusted:
+                variances[:, index] = wide
+            elif self.has_bank:
+                variances[1 + marker, index] = wide
+        return Correction.of(self.shape, self.belief, found, variances, own)
 
     def exclude(self, marker: int) -> None:
         """Go on from the filter that has ignored a marker: that one was another light."""
-        self.belief = self.without[marker]
-        self.without = [self.belief] * len(self.without)
+        mean, covariance = self.belief
+        filters = len(mean)
+        one = slice(1 + marker, 2 + marker)
+        self.belief = Belief(
+            np.repeat(mean[one], filters, axis=0), np.repeat(covariance[one], filters, axis=0)
+        )
 
     def inflate(self, factor: float) -> None:
         """Be less certain: what was seen contradicts the view as a whole."""
@@ -242,18 +240,15 @@ class ViewFilter:
         growth = np.full(_STATES, math.sqrt(factor))
         if self._is_calibrated:
             growth[[FOCAL, BARREL, COUNT + FOCAL, COUNT + BARREL]] = 1.0
-        scales = growth[:, None] * growth
-        self.belief, *self.without = [
-            Belief(mean, scales * covariance) for mean, covariance in (self.belief, *self.without)
-        ]
+        mean, covariance = self.belief
+        self.belief = Belief(mean, growth[:, None] * growth * covariance)
 
-    def commit(self, correction: Correction, without: Sequence[Correction] = ()) -> None:
+    def commit(self, correction: Correction) -> None:
         """Take what a frame's named lights, which agree, have made of the views."""
         self._seen = len(correction.found)
         if self._seen >= _MIN_EXACT:
             self._learn_motion(correction)
         self.belief = correction.after
-        self.without = [each.after for each in without]
         # Four markers before a lens that is not known fit any rig.
         fewest = _MIN_EXACT if self._is_calibrated else max(len(self.shape.points), _MIN_EXACT)
         if len(correction.found) >= fewest:
@@ -262,19 +257,18 @@ class ViewFilter:
     def _learn_motion(self, correction: Correction) -> None:
         """The steps from the predicted views over their variances give the process noise."""
         before, after = correction.before, correction.after
-        step = correction.change[:COUNT]
-        expected = (before.covariance - after.covariance).diagonal()[:COUNT]
-        shown = _ALIKE.dot(step * step / np.maximum(expected, 1e-12))
-        shown = np.minimum(shown, TUNING.max_step)
-        motion = self._motion * (1.0 + TUNING.motion_learning * (shown - 1.0))
+        step = correction.change[0, :COUNT]
+        expected = (before.covariance[0].diagonal() - after.covariance[0].diagonal())[:COUNT]
+        shown = np.minimum(_ALIKE.dot(step * step / np.maximum(expected, 1e-12)), TUNING.max_step)
+        motion = self._motion * ((1.0 - TUNING.motion_learning) + TUNING.motion_learning * shown)
         self._motion = np.minimum(np.maximum(motion, TUNING.min_motion), TUNING.max_motion)
-        rates = before.mean[COUNT:]
+        rates = before.mean[0, COUNT:]
         self._max_motion = np.maximum(0.998 * self._max_motion, rates * rates * _LIVELY)
 
     def _learn_rig_error(self, correction: Correction) -> None:
         """How well markers that agree fit shows how exact the rig is; less exact only slowly."""
-        seen, scale = len(correction.found), math.exp(float(correction.after.mean[SCALE]))
-        shown = correction.misfit * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
+        seen, scale = len(correction.found), math.exp(correction.after.mean.item(0, SCALE))
+        shown = correction.misfit() * math.sqrt(seen / max(2 * seen - 6, 1)) / scale
         shown = min(max(2.0 * shown, self._rig_errors[0]), self._rig_errors[1])
         rate = TUNING.learning if shown < self.rig_error else TUNING.unlearning
         self.rig_error += rate * (shown - self.rig_error)
@@ -282,40 +276,42 @@ class ViewFilter:
 
 def _predicted(belief: Belief, elapsed: float, walk: Array, rate_noise: Array) -> Belief:
     """The same so many s later: rates that fade, driven by white noise (variances per s, (8,))."""
+    mean, covariance = belief
     last = TUNING.rates_last
     fade = math.exp(-elapsed / last)
     reach = last * (1.0 - fade)
-    stationary = 0.5 * last * (1.0 - fade * fade)
     # What lies on the diagonals of the four blocks of 8 x 8.
-    transition, step = _UNITY.copy(), _STATES + 1
+    transition, noise, step = _UNITY.copy(), np.zeros((_STATES, _STATES)), _STATES + 1
     flat = transition.ravel()
     flat[COUNT : COUNT * step : step] = reach
     flat[COUNT * step :: step] = fade
-    covariance = transition @ belief.covariance @ transition.T
-    flat = covariance.ravel()
+    flat = noise.ravel()
     across = (0.5 * reach * reach) * rate_noise
-    flat[: COUNT * step : step] += elapsed * walk + (elapsed**3 / 3) * rate_noise
-    flat[COUNT : COUNT * step : step] += across
-    flat[COUNT * _STATES :: step] += across
-    flat[COUNT * step :: step] += stationary * rate_noise
-    mean = transition.dot(belief.mean)
-    mean[:COUNT] = possible(mean[:COUNT])
-    return Belief(mean, covariance)
+    flat[: COUNT * step : step] = elapsed * walk + (elapsed**3 / 3) * rate_noise
+    flat[COUNT : COUNT * step : step] = flat[COUNT * _STATES :: step] = across
+    flat[COUNT * step :: step] = (0.5 * last * (1.0 - fade * fade)) * rate_noise
+    half = covariance.reshape(-1, _STATES).dot(transition.T).reshape(covariance.shape)
+    mean = mean.dot(transition.T)
+    mean[:, :COUNT] = possible(mean[:, :COUNT])
+    return Belief(mean, transition @ half + noise)
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What k named lights of a frame make of a view: an iterated extended Kalman filter's update.
+    """What k named lights of a frame make of views: an iterated extended Kalman filter's update.
+
+    It is that of f filters at once, of which the first is the main one, and the one after marker i
+    of the rig's is that which ignores it.
 
     Attributes:
-        before: the prior.
+        before: the priors.
         found: the lights' places by marker, px without distortion.
-        change: (16,), of the state.
-        towards: (16, 2 k), covariance of the state with the places.
-        slopes: (8, 2 k), of the places by the parameters.
-        weight: (2 k, 2 k), inverse covariance of the innovations, px^-2.
-        weighed: (2 k,), the innovations times that.
-        variances: k, px², at which the markers take part.
+        change: (f, 16), of the state.
+        towards: (f, 16, 2 k), covariance of the state with the places.
+        slopes: (f, 8, 2 k), of the places by the parameters.
+        weight: (f, 2 k, 2 k), inverse covariance of the innovations, px^-2.
+        weighed: (f, 2 k), the innovations times that.
+        noise: (f, 2 k), px², variances at which the coordinates take part.
         own: px², variance of a marker's place.
     """
 
@@ -326,7 +322,7 @@ class Correction:
     slopes: Array
     weight: Array
     weighed: Array
-    variances: Sequence[float]
+    noise: Array
     own: float
 
     @classmethod
@@ -335,101 +331,110 @@ class Correction:
         shape: WeakPerspective,
         before: Belief,
         found: Mapping[int, Point],
-        variances: Sequence[float],
+        variances: Array,
         own: float,
     ) -> Correction:
-        """Correct a prior by lights, each of its own variance, px²."""
+        """Correct priors by lights, each of its own variance (f, k), px²."""
         mean, covariance = before
         count = 2 * len(found)
         markers = list(found)
         in_order = markers == list(range(len(shape.points)))
         columns = None if in_order else columns_of(np.array(markers, np.intp))
         places = np.array(list(found.values())).ravel()
-        noise = np.repeat(variances, 2)
-        prior = parameters = np.ascontiguousarray(mean[:COUNT])
+        noise = variances.repeat(2, axis=1)
+        prior = parameters = np.ascontiguousarray(mean[:, :COUNT])
         for _ in range(_MAX_ITERATIONS):
-            expected, slopes = shape.linearize_one(parameters)
+            expected, slopes = shape.linearize_all(parameters)
             if columns is not None:
-                expected, slopes = expected[columns], slopes[:, columns]
+                expected, slopes = expected[:, columns], slopes[:, :, columns]
             innovation = places - expected
             away = prior - parameters
             if parameters is not prior:
-                innovation -= away.dot(slopes)
-            towards = covariance[:, :COUNT].dot(slopes)
-            spread = slopes.T.dot(towards[:COUNT])
-            spread.ravel()[:: count + 1] += noise
-            regular, weight = cv2.invert(spread, flags=cv2.DECOMP_CHOLESKY)
-            if not regular:
-                weight = np.linalg.pinv(spread, hermitian=True)
-            weighed = weight.dot(innovation)
-            change = towards.dot(weighed)
-            step, largest = limited((change[:COUNT] + away)[None])
-            parameters = possible(parameters + step[0])
+                innovation -= _times(slopes.transpose(0, 2, 1), away)
+            towards = covariance[:, :, :COUNT] @ slopes
+            spread = slopes.transpose(0, 2, 1) @ towards[:, :COUNT]
+            spread.reshape(-1, count * count)[:, :: count + 1] += noise
+            weight = np.array([_inverse(one) for one in spread])
+            weighed = _times(weight, innovation)
+            change = _times(towards, weighed)
+            step, largest = limited(change[:, :COUNT] + away)
+            parameters = possible(parameters + step)
             if largest < SETTLED:
                 break
         else:
             # What the last slopes predict of the residuals cannot be trusted.
-            expected = shape.linearize_one(parameters)[0]
-            weighed = (places - (expected if columns is None else expected[columns])) / noise
-        change[:COUNT] = parameters - prior
-        return cls(before, found, change, towards, slopes, weight, weighed, variances, own)
+            expected = shape.linearize_all(parameters)[0]
+            weighed = (places - (expected if columns is None else expected[:, columns])) / noise
+        change[:, :COUNT] = parameters - prior
+        return cls(before, found, change, towards, slopes, weight, weighed, noise, own)
 
     @cached_property
     def after(self) -> Belief:
-        """The state with what has been seen, in Joseph's form: no variance gets negative."""
-        gain = self.towards.dot(self.weight)
-        left = _UNITY.copy()
-        left[:, :COUNT] -= gain.dot(self.slopes.T)
-        covariance = left.dot(self.before.covariance).dot(left.T)
-        covariance += (gain * np.repeat(self.variances, 2)).dot(gain.T)
-        return Belief(self.before.mean + self.change, 0.5 * (covariance + covariance.T))
+        """The states with what has been seen, in Joseph's form: no variance gets negative.
 
-    @cached_property
-    def misfit(self) -> float:
-        """Root mean square of the markers' distances from their places in the view, px."""
-        residual = self.weighed * np.repeat(self.variances, 2)
+        With K the gain, H the slopes and P the prior's covariance, it is A - (A H - K R) K^T, where
+        A = (I - K H^T) P.
+        """
+        mean, covariance = self.before
+        gain = self.towards @ self.weight
+        transposed = gain.transpose(0, 2, 1)
+        left = covariance - gain @ self.towards.transpose(0, 2, 1)
+        rest = left[:, :, :COUNT] @ self.slopes
+        rest -= gain * self.noise[:, None]
+        left -= rest @ transposed
+        return Belief(mean + self.change, 0.5 * (left + left.transpose(0, 2, 1)))
+
+    def misfit(self, row: int = 0) -> float:
+        """Root mean square of the markers' distances from their places in a filter's view, px."""
+        residual = self.weighed[row] * self.noise[row]
         return math.sqrt(float(residual.dot(residual)) / max(len(self.found), 1))
 
-    @cached_property
-    def _others(self) -> list[tuple[float, float, float, float, float]]:
-        """For each marker, from all others alone: its innovation, px, and the place's covariance.
+    def _by_others(self, row: int, index: int) -> tuple[float, float, float, float, float]:
+        """From all other markers alone: one's innovation, px, and its place's covariance.
 
         With w = S⁻¹ r, the weighed innovations, and B the marker's 2 x 2 block of S⁻¹, the
         innovation by the others alone is B⁻¹ w with the covariance B⁻¹, of which the marker's own
         variance is a part: x, y, and xx, xy, yy of the rest.
         """
-        step = 2 * len(self.found) + 1
-        flat, weighed = self.weight.ravel(), self.weighed.tolist()
-        rows = flat[:: 2 * step].tolist(), flat[1 :: 2 * step].tolist()
-        lower = flat[step :: 2 * step].tolist()
-        terms = []
-        for i, (xx, xy, yy, variance) in enumerate(zip(*rows, lower, self.variances, strict=False)):
-            determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
-            x, y = weighed[2 * i], weighed[2 * i + 1]
-            xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
-            terms.append((xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance))
-        return terms
+        item, first, second = self.weight.item, 2 * index, 2 * index + 1
+        xx, xy, yy = (
+            item(row, first, first),
+            item(row, first, second),
+            item(row, second, second),
+        )
+        determinant = max(xx * yy - xy * xy, 1e-12 * xx * yy)
+        xx, xy, yy = yy / determinant, -xy / determinant, xx / determinant
+        x, y = self.weighed.item(row, first), self.weighed.item(row, second)
+        variance = self.noise.item(row, first)
+        return xx * x + xy * y, xy * x + yy * y, xx - variance, xy, yy - variance
+
+    def nis_of(self, row: int, index: int) -> float:
+        """How far a marker lies from where a filter's others put it (chi², two degrees)."""
+        return _weighed_distance(*self._by_others(row, index), self.own)[0]
 
     @cached_property
     def _distances(self) -> list[tuple[float, float]]:
-        """For each marker from where all others put it: squared distance over the variance.
+        """For each marker from where the main filter's others put it.
 
-        And the determinant of that variance, the marker's own included, px⁴.
+        The squared distance over the variance, the marker's own included, and the determinant of
+        that, px⁴.
         """
         return [_weighed_distance(*other, self.own) for other in self._others]
 
     @cached_property
+    def _others(self) -> list[tuple[float, float, float, float, float]]:
+        return [self._by_others(0, index) for index in range(len(self.found))]
+
+    @cached_property
     def nis(self) -> list[float]:
-        """For each marker how far it lies from where all others put it (chi², two degrees)."""
+        """For each marker how far it lies from where the main filter's others put it."""
         return [square for square, _ in self._distances]
 
-    def deviations_by_others(self) -> dict[int, float]:
-        """How exactly all others determine each marker's place (1 sigma, px): the larger axis."""
-        deviations = {}
-        for marker, (_, _, xx, xy, yy) in zip(self.found, self._others, strict=True):
-            largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
-            deviations[marker] = math.sqrt(max(largest, 0.0))
-        return deviations
+    def deviation_by_others(self, row: int, index: int) -> float:
+        """How exactly a filter's others determine a marker's place (1 sigma, px): larger axis."""
+        _, _, xx, xy, yy = self._by_others(row, index)
+        largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+        return math.sqrt(max(largest, 0.0))
 
     def log_odds(self, beside: float, unknowns: int) -> dict[int, float]:
         """What each marker's place says for its name: the log of a ratio of two likelihoods.
@@ -449,16 +454,27 @@ class Correction:
             odds[marker] = 0.5 * redundancy * (far - near + math.log(most / least))
         return odds
 
-    @cached_property
-    def view(self) -> ViewState:
-        """What follows of the view."""
+    def view(self, row: int = 0) -> ViewState:
+        """What follows of a filter's view."""
         mean, covariance = self.after
+        nis = [self.nis_of(row, index) for index in range(len(self.found))]
         return ViewState(
-            mean[:COUNT],
-            covariance[:COUNT, :COUNT],
-            self.misfit,
-            nis=np.array(self.nis),
+            mean[row, :COUNT],
+            covariance[row, :COUNT, :COUNT],
+            self.misfit(row),
+            nis=np.array(nis),
         )
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Products of matrices (f, n, k) and vectors (f, k)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a positive matrix."""
+    regular, inverted = cv2.invert(matrix, flags=cv2.DECOMP_CHOLESKY)
+    return np.asarray(inverted if regular else np.linalg.pinv(matrix, hermitian=True), np.float64)
 
 
 def _weighed_distance(

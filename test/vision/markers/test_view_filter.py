@@ -32,7 +32,7 @@ def prior():
     step[:COUNT, COUNT:] = 0.04 * np.eye(COUNT)
     rates = np.array((0.3, 0.1, 1e4, 1e4, 0.04, 0.04, 1e-9, 1e-9))
     covariance = step @ np.diag(np.concatenate((SPREAD**2, rates))) @ step.T
-    return Belief(np.concatenate((VIEW, np.zeros(COUNT))), covariance)
+    return Belief(np.concatenate((VIEW, np.zeros(COUNT)))[None], covariance[None])
 
 
 def places(markers, seed=0):
@@ -42,8 +42,11 @@ def places(markers, seed=0):
 
 
 def corrected(found, before=None, variances=None):
-    variances = variances or [NOISE**2] * len(found)
-    return Correction.of(SHAPE, before or prior(), found, variances, NOISE**2)
+    before = before or prior()
+    variances = (
+        np.full((len(before.mean), len(found)), NOISE**2) if variances is None else variances
+    )
+    return Correction.of(SHAPE, before, found, variances, NOISE**2)
 
 
 @pytest.mark.parametrize('markers', [[0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [3, 0, 2], [1, 4]])
@@ -51,8 +54,8 @@ def test_a_correction_finds_what_a_fit_from_its_prior_finds(markers):
     found = places(markers)
     mean, covariance = prior()
     seen = NamedPlaces(np.array([markers]), np.array([list(found.values())]), NOISE)
-    fitted = fit(SHAPE, (mean[None, :COUNT], covariance[None, :COUNT, :COUNT]), seen)
-    view = corrected(found).view
+    fitted = fit(SHAPE, (mean[:, :COUNT], covariance[:, :COUNT, :COUNT]), seen)
+    view = corrected(found).view()
     np.testing.assert_allclose(view.parameters, fitted.parameters[0], rtol=1e-6)
     scale = np.sqrt(np.outer(*2 * [np.diag(fitted.covariance[0])]))
     np.testing.assert_allclose(view.covariance / scale, fitted.covariance[0] / scale, atol=1e-6)
@@ -60,14 +63,31 @@ def test_a_correction_finds_what_a_fit_from_its_prior_finds(markers):
     np.testing.assert_allclose(view.misfit, fitted.misfit[0], rtol=1e-5)
 
 
+def test_filters_of_one_rig_correct_each_by_itself():
+    """Each has its own prior, and its own variances of the lights."""
+    found, (mean, covariance) = places([0, 1, 2, 3, 4]), prior()
+    shift = np.concatenate((0.5 * SPREAD, np.zeros(COUNT)))
+    before = Belief(np.concatenate((mean, mean + shift)), np.concatenate((covariance,) * 2))
+    variances = np.full((2, 5), NOISE**2)
+    variances[1, 3] *= 100.0
+    both = corrected(found, before, variances)
+    for row in range(2):
+        one = Belief(*(part[row : row + 1] for part in before))
+        alone = corrected(found, one, variances[row : row + 1])
+        np.testing.assert_allclose(both.after.mean[row], alone.after.mean[0], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(both.view(row).nis, alone.view().nis, rtol=1e-4)
+        np.testing.assert_allclose(both.misfit(row), alone.misfit(), rtol=1e-4)
+
+
 def test_rates_follow_the_parameters():
     moved = SHAPE.project(VIEW + np.array((0.02, 0, 0, 0, 0, 0, 0, 0)))
     before = prior()
     after = corrected(dict(enumerate(moved.tolist())), before).after
-    gain = before.covariance[COUNT:, :COUNT] @ np.linalg.inv(before.covariance[:COUNT, :COUNT])
-    expected = before.mean[COUNT:] + gain @ (after.mean[:COUNT] - before.mean[:COUNT])
-    np.testing.assert_allclose(after.mean[COUNT:], expected, atol=1e-9)
-    assert after.mean[COUNT + ROLL] > 0.0
+    (covariance,), (mean,) = before.covariance, before.mean
+    gain = covariance[COUNT:, :COUNT] @ np.linalg.inv(covariance[:COUNT, :COUNT])
+    expected = mean[COUNT:] + gain @ (after.mean[0, :COUNT] - mean[:COUNT])
+    np.testing.assert_allclose(after.mean[0, COUNT:], expected, atol=1e-9)
+    assert after.mean[0, COUNT + ROLL] > 0.0
 
 
 @pytest.mark.parametrize('ignored', [False, True])
@@ -75,27 +95,27 @@ def test_a_marker_is_held_against_the_others_and_not_against_itself(ignored):
     """In closed form as by a second filter without it, also where it has less weight."""
     found = places([0, 1, 2, 3, 4])
     found[2] = (found[2][0] + 1.0, found[2][1])
-    variances = [NOISE**2] * 5
-    variances[2] *= 100.0 if ignored else 1.0
+    variances = np.full((1, 5), NOISE**2)
+    variances[0, 2] *= 100.0 if ignored else 1.0
     correction = corrected(found, variances=variances)
     others = corrected({m: place for m, place in found.items() if m != 2}).after
-    expected, slopes = SHAPE.linearize(others.mean[:COUNT])
-    spread = slopes[2] @ others.covariance[:COUNT, :COUNT] @ slopes[2].T
+    expected, slopes = SHAPE.linearize(others.mean[0, :COUNT])
+    spread = slopes[2] @ others.covariance[0, :COUNT, :COUNT] @ slopes[2].T
     away = found[2] - expected[2]
     square = away @ np.linalg.solve(spread + NOISE**2 * np.eye(2), away)
     np.testing.assert_allclose(correction.nis[2], square, rtol=0.02)
     told = math.sqrt(np.linalg.eigvalsh(spread)[-1])
-    np.testing.assert_allclose(correction.deviations_by_others()[2], told, rtol=0.02)
+    np.testing.assert_allclose(correction.deviation_by_others(0, 2), told, rtol=0.02)
 
 
 def test_what_is_known_does_not_become_less_certain():
     views = ViewFilter(SHAPE, ViewState(VIEW, np.diag(SPREAD**2)), 0.0)
-    before = views.belief.covariance
+    before = views.belief.covariance[0]
     views.inflate(100.0)
-    sizes = np.sqrt(np.diag(views.belief.covariance) / np.diag(before))
+    sizes = np.sqrt(np.diag(views.belief.covariance[0]) / np.diag(before))
     assert sizes[FOCAL] == 1.0
     np.testing.assert_allclose(sizes[:FOCAL], 10.0)
-    assert np.linalg.eigvalsh(views.belief.covariance).min() > 0.0
+    assert np.linalg.eigvalsh(views.belief.covariance[0]).min() > 0.0
 
 
 def test_no_variance_gets_negative():
@@ -107,9 +127,10 @@ def test_no_variance_gets_negative():
         for _ in range(frame % 4):
             views.inflate(1e3)
         views.commit(views.correct({m: seen[m] for m in list(seen)[: 2 + frame % 4]}))
-        sizes = np.sqrt(np.diag(views.belief.covariance))
+        (covariance,) = views.belief.covariance
+        sizes = np.sqrt(np.diag(covariance))
         assert (sizes > 0.0).all()
-        assert np.linalg.eigvalsh(views.belief.covariance / np.outer(sizes, sizes))[0] > -1e-9
+        assert np.linalg.eigvalsh(covariance / np.outer(sizes, sizes))[0] > -1e-9
 
 
 def test_a_place_speaks_for_a_name_or_against_it():
