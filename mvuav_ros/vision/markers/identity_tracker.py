@@ -184,7 +184,8 @@ class IdentityTracker:
             return self._report.nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
-        memory = MarkerMemory(frame.time, named.lights, PROBATION if self._is_redundant else UNCHECKED)
+        probation = PROBATION if self._is_redundant else UNCHECKED
+        memory = MarkerMemory(frame.time, named.lights, probation)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
         spots = {index: light.seen for index, light in enumerate(named.lights)}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)

@@ -10,6 +10,7 @@ from itertools import combinations, islice, permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import Consensus, FaultDetector
 from mvuav_ros.vision.markers.initialization import DOUBT, Named
@@ -19,6 +20,7 @@ from mvuav_ros.vision.markers.rig_view import ROLL, SCALE, Array, ViewState, X, 
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 
 GATE = 16.0  # Squared distance over variance at which a light is too far from a marker's place
+GATE_OF_FEW = 6.0  # The same where too few are in sight for later frames to show it
 NOTHING = GATE + DOUBT  # What it costs to leave a marker without a light
 MAX_WAYS = 1000
 Fits = Callable[[int, Light], bool]
@@ -280,6 +282,8 @@ KNOWN_PLACE = 5.0  # px (1 sigma): where a marker's place is known better, even 
 CERTAIN = 15.0
 """px (1 sigma): where every marker's place is known better, what lies far from all is clutter."""
 TOUCHING = 3.0  # px beyond the edge of a light within which it may be a marker as well
+LARGER = 1.2  # Times the area of the larger of two lights, or of both, which they have together
+JOINED_PLACE = 1.5  # px (1 sigma), of the places of two markers that are known by their mean alone
 BESIDE = 24.0
 """px within which another light may be taken for a marker that is not where it was expected."""
 MAX_RETURNED = 10  # Lights among which a body that was out of sight is looked for
@@ -297,6 +301,7 @@ class Search:
     ) -> None:
         """Begin with the markers found so far, without those that a consensus drops."""
         self.found = {index: found[index] for index in (*consensus.kept, *consensus.suspects)}
+        self._known = tuple(self.found)
         self.faults = faults  # what speaks against each marker
         self.views = faults.views  # at this frame's time
         # Those of the found of which one or some must be another light.
@@ -330,6 +335,8 @@ class Search:
         ]
         if not self.suspects:
             self._name_clear()
+            if len(self.found) >= 2 and len(self.missing) >= 2:
+                self._name_joined()
         if len(self.found) < 2:
             self._find_again(fewest)
         self._check()
@@ -368,15 +375,42 @@ class Search:
 
     def _is_joined(self, light: Light, places: Mapping[int, Expectation]) -> bool:
         """Whether the lights of two markers have run together."""
+        inside = self._inside(light, places)
+        areas = [self._markers[index].area for index in inside]
+        return len(inside) > 1 and light.seen.area > LARGER * max(areas)
+
+    def _inside(self, light: Light, places: Mapping[int, Expectation]) -> list[int]:
         reach = light.seen.radius + TOUCHING
-        inside = [
+        return [
             index
             for index, place in places.items()
             if math.hypot(light.x - place.x, light.y - place.y) < reach
         ]
-        return len(inside) > 1 and light.seen.area > 1.2 * max(
-            self._markers[index].area for index in inside
-        )
+
+    def _name_joined(self) -> None:
+        """Name two markers whose lights have run together: where they are by their mean alone."""
+        places = self.expected(self.missing)
+        for light in self._free:
+            pair = self._inside(light, places)
+            if len(pair) != 2 or max(places[index].deviation for index in pair) > JOINED_PLACE:
+                continue
+            known = [self._markers[index] for index in pair]
+            both = sum(marker.area for marker in known)
+            if not LARGER * max(m.area for m in known) < light.seen.area < LARGER * both:
+                continue
+            first, second = (places[index] for index in pair)
+            share = known[0].area / both
+            off_x = light.x - share * first.x - (1.0 - share) * second.x
+            off_y = light.y - share * first.y - (1.0 - share) * second.y
+            for index, marker in zip(pair, known, strict=True):
+                x, y = places[index].x + off_x, places[index].y + off_y
+                # The lens bends both alike.
+                u, v = light.seen.x + x - light.x, light.seen.y + y - light.y
+                seen = Detection(u, v, round(marker.area), marker.spread)
+                self.found[index] = Light(x, y, seen)
+            self._free = [other for other in self._free if other is not light]
+            self._view = self.views.look(places_of(self.found))
+            return
 
     def _take(self, found: dict[int, Light]) -> None:
         self.found = found
@@ -399,7 +433,16 @@ class Search:
             self._name_clear()
 
     def _check(self) -> None:
-        """Take back names that the others contradict."""
+        """Take back names that the others contradict, those given in this frame first."""
+        newcomers = [marker for marker in self.found if marker not in self._known]
+        few = len(self.found) < FAULTS.min_agreeing < len(self._markers)
+        while newcomers and len(self._known) >= 2:
+            nis = self.faults.nis_of(places_of(self.found))
+            if max(nis.values()) <= (GATE_OF_FEW if few else GATE):
+                break
+            worst = max(newcomers, key=lambda marker: nis[marker])
+            newcomers.remove(worst)
+            del self.found[worst]
         consensus = self.faults.weigh(places_of(self.found))
         for marker in consensus.dropped:
             del self.found[marker]
