@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
+from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.tables import ResultRows
 
 Array = NDArray[np.float64]
@@ -334,7 +337,7 @@ def _draw(
     if title in _FROM_ZERO:
         axis.set_ylim(0, max(_FROM_ZERO[title], 1.05 * float(np.nanmax(mean[:, lines[0][1]]))))
     axis.grid(alpha=0.3)
-    axis.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0), fontsize='small', frameon=False)
+    _add_legend(axis, None, (1.0, 1.0))
 
 
 def _draw_states(axis: Axes, part: NodePart) -> None:
@@ -356,15 +359,22 @@ def _draw_states(axis: Axes, part: NodePart) -> None:
     axis.hlines(np.arange(1, len(part.names)), edges[0], edges[-1], color='white', linewidth=2)
     axis.set_yticks(np.arange(len(part.names)) + 0.5, part.names, fontsize='small')
     axis.invert_yaxis()
-    _add_states_legend(axis)
+    _add_legend(axis, _states_key(), (1.0, 1.0))
 
 
-def _add_states_legend(axis: Axes) -> None:
-    patches = [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
+def _states_key() -> list[Patch]:
+    return [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
+
+
+def _add_legend(
+    axis: Axes, handles: Sequence[Artist] | None, corner: tuple[float, float], columns: int = 1
+) -> None:
+    """Of these handles, or of what is drawn, beside a corner of the diagram."""
     axis.legend(
-        handles=patches,
-        loc='upper left',
-        bbox_to_anchor=(1.0, 1.0),
+        handles=handles,
+        loc='upper left' if corner[0] else 'lower left',
+        bbox_to_anchor=corner,
+        ncols=columns,
         fontsize='small',
         frameon=False,
     )
@@ -427,18 +437,8 @@ def overview(flights: Sequence[NodeSummary]) -> Figure:
             if is_runway:
                 axis.set_title('runway', fontsize='medium')
             else:
-                patches = [
-                    *(Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)),
-                    Patch(color=_COLORS[2], label='frames with a pose'),
-                ]
-                axis.legend(
-                    handles=patches,
-                    loc='lower left',
-                    bbox_to_anchor=(0, 1),
-                    ncol=2,
-                    fontsize='small',
-                    frameon=False,
-                )
+                posed = Patch(color=_COLORS[2], label='frames with a pose')
+                _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
         else:
             words = 'height [m]' if is_runway else 'roll [°]'
             axis.set_xlabel(f'{words}: least, median, greatest')
@@ -459,12 +459,6 @@ def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f'.{path.name}.part')
-    try:
-        figure.savefig(part, dpi=110, format='png')
-        part.replace(path)
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
-    finally:
-        part.unlink(missing_ok=True)
+    png = BytesIO()
+    figure.savefig(png, dpi=110, format='png')
+    write_whole(path, png.getvalue())

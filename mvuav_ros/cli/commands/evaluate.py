@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from typer.core import TyperGroup
 
@@ -23,10 +22,7 @@ from mvuav_ros.cli.options import (
     takes,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
-from mvuav_ros.offline.node_parameters import resolve_parameters
-from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.sources.source import SourceError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore
@@ -90,7 +86,9 @@ def corners(options: CornersOptions) -> None:
         run_detector,
         write_images,
     )
+    from mvuav_ros.offline.node_parameters import resolve_parameters
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+    from mvuav_ros.sources.source import SourceError
 
     given = resolve_parameters([_NODE], options.params_file, options.param or [])[_NODE]
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
@@ -114,6 +112,8 @@ def corners(options: CornersOptions) -> None:
 
 
 def _report(score: CornersScore) -> None:
+    import numpy as np
+
     from mvuav_ros.offline.evaluation.corners import WARM_UP
 
     say(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')
@@ -293,6 +293,7 @@ def _parameters(options: BagOptions) -> dict[str, dict[str, Any]]:
     """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
     from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
+    from mvuav_ros.parameters.parameter_file import parse_assignment
 
     assignments = options.param or []
     asked = [parse_assignment(assignment)[0] for assignment in assignments]

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import Progress, TaskID
 
 from mvuav_ros.cli.options import (
     CameraInfo,
@@ -28,9 +27,10 @@ from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
-from mvuav_ros.sources.source import Selection, SourceError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from mvuav_ros.offline.replay.job import JobProgress, Plan, ReplayJob, ReplayOutcome
 
 
@@ -248,6 +248,7 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.job import ReplaySettings, plan
     from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.source import Selection, SourceError
 
     nodes = node_names(options.nodes)
     assignments = list(options.param or [])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import field, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,10 +13,10 @@ from mvuav_ros.cli.options import Force, refuse_to_overwrite, takes
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
-from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
+
+if TYPE_CHECKING:
+    from mvuav_ros.simulation.flight import SimulatedFrame
 
 simulate = typer.Typer(
     help='Write a synthetic flight: images, calibration and the truth.',
@@ -67,6 +67,8 @@ def _parse_size(text: str) -> tuple[int, int]:
 
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
     from mvuav_ros.offline.simulated_messages import simulated_messages
+    from mvuav_ros.recordings.writing import RecordingWriter
+    from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
 
     flight = make_flight(kind, given)
     refuse_to_overwrite(output, force)
