@@ -26,13 +26,8 @@ PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
 class MotionTuning:
     """What is assumed of motions.
 
-<<<<<<< HEAD
     Chosen on the simulator's four trials with and without vibration, on flights of the motions in
-    `simulation.marker_paths` with seeds of their own, and on the two reference videos.
-=======
-    Chosen on flights of the motions in `mvuav_thesis.marker_paths` and some more, with seeds of
-    their own; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same to 1 %.
->>>>>>> main
+    `mvuav_thesis.marker_paths` with seeds of their own, and on the two reference videos.
     """
 
     # Weights of the predictions; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same
