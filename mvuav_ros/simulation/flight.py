@@ -57,14 +57,6 @@ def gain_steps(
     return lambda time: gains[int(np.searchsorted(starts, time, side='right')) - 1]
 
 
-def hot_pixels(
-    width: int, height: int, count: int, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of pixels that are always white."""
-    chosen = rng.choice(width * height, min(count, width * height), replace=False)
-    return np.divmod(chosen, width)
-
-
 def apply_gain(image: Pixels, gain: float) -> Pixels:
     """Multiply and saturate; the image itself where the gain is 1."""
     if gain == 1.0:
@@ -135,10 +127,13 @@ class Flight(ABC, Generic[TruthT]):
 
     Attributes:
         camera: that takes the images.
+        encoding: of the images.
     """
 
-    def __init__(self, settings: FlightSettings, camera: PinholeCamera) -> None:
-        self.camera = camera
+    def __init__(
+        self, settings: FlightSettings, camera: PinholeCamera, encoding: str = 'bgr8'
+    ) -> None:
+        self.camera, self.encoding = camera, encoding
         self._basics = settings
         self._noise: SensorNoise | None = None
         self._shake = Shake(
@@ -190,13 +185,20 @@ class Flight(ABC, Generic[TruthT]):
         """What frame ``index`` shows, without drawing it."""
         return self.truth_at(self.seen_at(index))
 
-    @abstractmethod
     def frame(self, index: int) -> SimulatedFrame[TruthT]:
         """Draw frame ``index``, dropped or not."""
+        time = self.seen_at(index)
+        truth = self.truth_at(time)
+        pixels = self._exposed(self._draw(truth, time), time)
+        return SimulatedFrame(self.stamp_ns(index), Image(pixels, self.encoding), truth)
 
     @abstractmethod
     def truth_at(self, time: float) -> TruthT:
         """What is true at any time (s)."""
+
+    @abstractmethod
+    def _draw(self, truth: TruthT, time: float) -> Pixels:
+        """The image at a time (s) before the lens's blur and the sensor."""
 
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
         """An image with the lens's blur and the sensor's faults; may be the same array."""
@@ -213,8 +215,11 @@ class Flight(ABC, Generic[TruthT]):
 
     @cached_property
     def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        size = self.camera.width, self.camera.height
-        return hot_pixels(*size, self._basics.hot_pixels, self._rng(RandomStream.HOT_PIXELS))
+        """Rows and columns of pixels that are always white."""
+        pixels = self.camera.width * self.camera.height
+        count = min(self._basics.hot_pixels, pixels)
+        chosen = self._rng(RandomStream.HOT_PIXELS).choice(pixels, count, replace=False)
+        return np.divmod(chosen, self.camera.width)
 
     def _rng(self, stream: RandomStream, *index: int) -> np.random.Generator:
         return np.random.default_rng((self._basics.seed, stream, *index))

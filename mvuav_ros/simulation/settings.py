@@ -9,10 +9,12 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.simulation.pinhole import CameraError, PinholeCamera, parse_distortion
+
+if TYPE_CHECKING:
+    from mvuav_ros.simulation.pinhole import PinholeCamera
 
 ALL = 'all'
 _NUMBER = r'\d+(?:\.\d*)?|\.\d+'
@@ -37,9 +39,16 @@ def parse_schedule(text: str) -> tuple[ScheduleEntry, ...]:
     Raises:
         ScheduleError: an entry is not NAME@START-END, or ends before it starts.
     """
-    if not text.strip():
-        return ()
-    return tuple(_parse_entry(entry) for entry in text.split(','))
+    entries = []
+    for entry in text.split(',') if text.strip() else ():
+        match = _ENTRY.fullmatch(entry)
+        if match is None:
+            raise ScheduleError(f'takes NAME@START-END in seconds, not {entry.strip()!r}')
+        name, start, end = match[1], float(match[2]), float(match[3])
+        if end <= start:
+            raise ScheduleError(f'{entry.strip()}: must end after it starts')
+        entries.append(ScheduleEntry(name, start, end))
+    return tuple(entries)
 
 
 def affected(schedule: tuple[ScheduleEntry, ...], marker: str, time: float) -> bool:
@@ -69,16 +78,6 @@ def refuse_overlap(schedule: tuple[ScheduleEntry, ...]) -> None:
             raise ScheduleError(
                 f'{before.marker} and {after.marker} at {after.start:g} s: there is one boom'
             )
-
-
-def _parse_entry(entry: str) -> ScheduleEntry:
-    match = _ENTRY.fullmatch(entry)
-    if match is None:
-        raise ScheduleError(f'takes NAME@START-END in seconds, not {entry.strip()!r}')
-    name, start, end = match[1], float(match[2]), float(match[3])
-    if end <= start:
-        raise ScheduleError(f'{entry.strip()}: must end after it starts')
-    return ScheduleEntry(name, start, end)
 
 
 VIEWS = ('auto', 'lab', 'receiver')
@@ -218,6 +217,9 @@ class TankerSettings(FlightSettings):
     )
 
     def _check_together(self) -> None:
+        # With NumPy, which who only asks for --help does not wait for.
+        from mvuav_ros.simulation.pinhole import CameraError
+
         super()._check_together()
         if self.end_distance > self.start_distance:
             raise ParameterError(
@@ -252,6 +254,8 @@ class TankerSettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
+        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
+
         fov = self.fov_deg or VIEW_FOV_DEG[self.actual_view]
         return PinholeCamera.with_field_of_view(
             self.width, self.height, fov, parse_distortion(self.distortion)
@@ -291,6 +295,8 @@ class RunwaySettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
+        from mvuav_ros.simulation.pinhole import PinholeCamera
+
         return PinholeCamera.with_field_of_view(
             self.width, self.height, self.fov_deg or RUNWAY_FOV_DEG
         )

@@ -132,6 +132,11 @@ class MarkerResult:
     camera_doubt: str = ''
 
 
+def roll_of(left: Marker, right: Marker) -> float:
+    """Roll from the wings (rad), right wing down positive; NaN while either is lost."""
+    return math.atan2(right.y - left.y, right.x - left.x)
+
+
 def counts_of(markers: Sequence[Marker]) -> str:
     """How many are in each state, in words."""
     counts = Counter(marker.state for marker in markers)
