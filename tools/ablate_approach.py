@@ -82,6 +82,7 @@ def main() -> None:
     parser.add_argument('--kinds', nargs='*', default=KINDS, help='as of evaluate_approach.py')
     parser.add_argument('--rows', nargs='*', default=ROWS, help='parts of their names')
     options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
     controls = (FULL, *(f'{NOISE}{seed}' for seed in range(1, NOISES + 1)))
     unchanged = [evaluated(options, name) for name in controls]
     titles = ('right', 'wrong', 'better, worse')
