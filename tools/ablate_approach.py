@@ -60,6 +60,9 @@ def table(rows: list[Row], unchanged: list[list[Row]]) -> Iterator[str]:
     worse = now < gains.min(axis=0) - CHANGED
     for check in (False, True):
         part = np.array([row.check == check for row in rows])
+        if not part.any():
+            yield from ('', '', '')
+            continue
         shares = np.array([row.shares()[1:] for row in rows if row.check == check])
         right, wrong = shares.mean(axis=0)
         yield f'{right:.1f} %'
