@@ -9,9 +9,9 @@ from typing import Any, ClassVar, NamedTuple
 
 from sensor_msgs.msg import Image
 
-from mvuav_ros.messages import transforms
+from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.vision.camera import CameraModel
 
@@ -110,7 +110,7 @@ class Processor(ABC):
 
     def __init__(self) -> None:
         self.status = self.frames_problem = ''
-        self.static_transforms = transforms.TransformTree()
+        self.static_transforms = poses.TransformTree()
         self.resets = 0
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
@@ -132,14 +132,14 @@ class Processor(ABC):
 
     def _set_topics(self, topics: Mapping[str, type], publish_tf: str) -> None:
         """Say what the node publishes; its parameters are known from the start on."""
-        known = publish_tf != 'off' and transforms.TF_TYPE is not None
-        tf = {transforms.TF_TOPIC: transforms.TF_TYPE} if known else {}
+        known = publish_tf != 'off' and poses.TF_TYPE is not None
+        tf = {poses.TF_TOPIC: poses.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
 
     def _placements(
         self,
-        camera: transforms.Placement,
-        target: transforms.Placement,
+        camera: poses.Placement,
+        target: poses.Placement,
         name: str,
         frame: Frame,
         given: Any,
@@ -157,10 +157,10 @@ class Processor(ABC):
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
         if given.base_frame:
-            vehicle = transforms.vehicle_of(camera, self._mount(own, given))
-        make = partial(transforms.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
+            vehicle = poses.vehicle_of(camera, self._mount(own, given))
+        make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
         outputs = [Output('vision_pose', make)]
-        if transforms.TF_TOPIC not in self.topics:
+        if poses.TF_TOPIC not in self.topics:
             return outputs
         parent, child, placed = own, name, target
         if given.publish_tf == 'body_to_camera':
@@ -175,15 +175,15 @@ class Processor(ABC):
             )
         elif parent and child:
             header = cdr_header(frame.stamp_ns, parent)
-            make = partial(transforms.encode_transform, placed, header, child)
-            outputs.append(Output(transforms.TF_TOPIC, make))
+            make = partial(poses.encode_transform, placed, header, child)
+            outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _mount(self, camera_frame: str, given: Any) -> transforms.Placement:
+    def _mount(self, camera_frame: str, given: Any) -> poses.Placement:
         """The camera's body axes on what ``~/vision_pose`` is the pose of."""
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
         if any(xyz) or any(rpy_deg):
-            return transforms.mount_of(xyz, rpy_deg)
+            return poses.mount_of(xyz, rpy_deg)
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is None:
             self.frames_problem = (
@@ -191,8 +191,8 @@ class Processor(ABC):
                 f'camera_mount_rpy_deg are 0, and /tf_static does not lead from '
                 f'{given.base_frame} to {camera_frame or "a camera without frame_id"}'
             )
-            return transforms.NO_MOUNT
-        return transforms.body_axes(found)
+            return poses.NO_MOUNT
+        return poses.body_axes(found)
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:

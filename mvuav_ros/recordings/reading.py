@@ -13,6 +13,7 @@ from mcap.records import Attachment, Metadata
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import (
     CompressionError,
+    Limit,
     decompress_file,
     decompress_message,
 )
@@ -25,7 +26,6 @@ from mvuav_ros.recordings.layout import (
     recording_files,
     start_of,
 )
-from mvuav_ros.recordings.limits import Limit
 from mvuav_ros.recordings.mcap_file import McapFile
 from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo, counted
 from mvuav_ros.recordings.ros1_file import Ros1File

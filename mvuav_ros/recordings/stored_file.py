@@ -14,7 +14,7 @@ from rosbags.serde import SerdeError
 from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, ros1_type
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.limits import Limit
+from mvuav_ros.recordings.compression import Limit
 from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
 
 READABLE_FORMATS = ('cdr', 'ros1')

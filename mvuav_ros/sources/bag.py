@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
-from mvuav_ros.messages.images import IMAGE, is_image_type, view_coded_image
+from mvuav_ros.messages.images import (
+    IMAGE,
+    BadFrame,
+    Frame,
+    ImageDecoder,
+    VideoDecoder,
+    is_image_type,
+    stamp_ns_in,
+    view_coded_image,
+)
 from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
     IMU,
+    AttitudePairing,
+    StampPairing,
     decode_camera_info,
     decode_imu,
     normalised_type,
@@ -21,19 +31,50 @@ from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
-from mvuav_ros.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.sources.source import (
     EVERYTHING,
-    EncodedFrame,
     FrameSource,
     Selection,
     SourceError,
-    stamp_ns_of_image,
 )
+from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _MAX_NAMES = 20
+_NS = 1_000_000_000
+_END_OF_TIME = 1 << 31
+"""Seconds: a stamp has 32 bits for them."""
+_DECODER = ImageDecoder()
+"""Of this process; what it remembers of the last message makes it faster, and nothing else."""
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame whose image is still the message that was recorded, for whoever decodes it."""
+
+    recorded: RecordedMessage  # the message
+    stamp_ns: int  # the image's own, or the recording's where the driver set none
+    camera: CameraModel | None = None  # as in `Frame`
+    attitude: Attitude | None = None  # as in `Frame`
+
+    def decoded(self) -> Frame | BadFrame:
+        """The frame, or why there is none."""
+        try:
+            if not -_END_OF_TIME <= self.stamp_ns // _NS < _END_OF_TIME:
+                raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
+            frame = _DECODER.decode(self.recorded.type, self.recorded.data)
+        except ImageError as error:
+            return BadFrame(self.stamp_ns, str(error))
+        return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
+
+
+def stamp_ns_of_image(recorded: RecordedMessage) -> int:
+    """What the message's header says; when it was recorded, if the header is 0 or damaged."""
+    try:
+        return stamp_ns_in(recorded.data) or recorded.stamp_ns
+    except ImageError:
+        return recorded.stamp_ns
 
 
 def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
@@ -80,9 +121,6 @@ def _listed(names: Iterable[str]) -> str:
 def _described(topic: TopicInfo) -> str:
     kind = topic.type.rsplit('/', 1)[-1]
     return kind if topic.message_count is None else f'{kind}, {topic.message_count} messages'
-
-
-_NS = 1_000_000_000
 
 
 class BagImages(FrameSource):

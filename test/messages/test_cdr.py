@@ -17,8 +17,8 @@ from mvuav_ros.messages import points, statuses
 from mvuav_ros.messages import runway_messages as runway
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.transforms import Placement, encode_transform
+from mvuav_ros.messages.images import Frame
+from mvuav_ros.messages.poses import Placement, encode_transform
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor

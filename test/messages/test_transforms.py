@@ -14,8 +14,8 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 from mvuav_ros.messages import transforms
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters

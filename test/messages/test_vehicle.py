@@ -11,7 +11,7 @@ pytest.importorskip('sensor_msgs')
 from rosbags.typesys import Stores, get_typestore
 
 from mvuav_ros.messages import transforms
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, say, table_console
-from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output
 from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise

@@ -31,7 +31,8 @@ from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 from mvuav_ros.sources.source import Selection, SourceError
 
 if TYPE_CHECKING:
-    from mvuav_ros.offline.replay.job import JobProgress, Plan, ReplayJob, ReplayOutcome
+    from mvuav_ros.offline.replay.batch import Plan
+    from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome
 
 
 _MAX_REASONS = 5
@@ -246,7 +247,8 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
     recordings are skipped.
     """
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
-    from mvuav_ros.offline.replay.job import ReplaySettings, plan
+    from mvuav_ros.offline.replay.batch import plan
+    from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.sources.calibration import load_calibration
 
     nodes = node_names(options.nodes)

@@ -14,9 +14,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.offline.replay import frame_replay

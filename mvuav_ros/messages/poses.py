@@ -1,9 +1,9 @@
-"""Where camera and target are to each other, as ``/tf`` and ``~/vision_pose`` carry it.
+"""Where camera and target are to each other, and how wrong that may be.
 
 ``/tf`` goes from the camera's optical frame to the target (a marker does so too), as the camera
 already has a parent on a robot that describes itself, or from the target to the vehicle.
 ``~/vision_pose`` is the vehicle, or the camera's body axes (x forward, y left, z up, REP-103), in
-the target's frame.
+the target's frame. ``~/integrity`` has the protection levels.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.messages.cdr import CdrWriter, stamped_doubles, without_encapsulation
+from mvuav_ros.messages.statuses import ERROR, OK, WARN, Status, encode_statuses, texts
 from mvuav_ros.vision.approach.results import Guidance
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
+from mvuav_ros.vision.integrity import (
+    IntegrityState,
+    ProtectionLevels,
+    RunwayLevels,
+    integrity_state,
+)
 from mvuav_ros.vision.pose import Pose
 
 Array = NDArray[np.float64]
@@ -178,3 +186,51 @@ def encode_pose(pose: Pose | None, header: bytes) -> bytes:
     if pose is not None:
         return encode_placement(body_in_camera(pose), header)
     return stamped_doubles(header, *[math.nan] * 43)
+
+
+def encode_integrity(
+    levels: ProtectionLevels | RunwayLevels,
+    alert_limits: Sequence[float],
+    risk: float,
+    header: bytes,
+) -> bytes:
+    """A DiagnosticArray with one status: OK available, WARN alert, ERROR not available.
+
+    Its values are the levels (m; degrees where the key says so), the alert limits and the
+    integrity risk per frame.
+    """
+    state = integrity_state(levels, alert_limits)
+    message = state.name.lower().replace('_', ' ')
+    if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
+        message += f': {reason}'
+    if isinstance(levels, ProtectionLevels):
+        name = 'pose'
+        axes: tuple[str, ...] = ('along', 'across', 'up')
+        values = texts(
+            along=levels.along,
+            across=levels.across,
+            up=levels.up,
+            horizontal=levels.horizontal,
+            vertical=levels.vertical,
+            roll_deg=math.degrees(levels.roll),
+            pitch_deg=math.degrees(levels.pitch),
+            yaw_deg=math.degrees(levels.yaw),
+        )
+    else:
+        name, axes = 'runway', ('offset', 'height')
+        values = texts(
+            offset=levels.offset,
+            height=levels.height,
+            heading_deg=math.degrees(levels.heading),
+        )
+    for axis, limit in zip(axes, alert_limits, strict=True):
+        values[f'alert_limit_{axis}'] = f'{limit:g}' if limit else 'none'
+    values['risk'] = f'{risk:g}'
+    return encode_statuses([Status(_LEVELS[state], name, message, values)], header)
+
+
+_LEVELS = {
+    IntegrityState.AVAILABLE: OK,
+    IntegrityState.ALERT: WARN,
+    IntegrityState.NOT_AVAILABLE: ERROR,
+}
