@@ -269,19 +269,22 @@ class Status(NamedTuple):
 
 def encode_statuses(statuses: Sequence[Status], header: bytes) -> bytes:
     """A DiagnosticArray in CDR; ``header`` is a `cdr_header`."""
-    writer = CdrWriter(header)
-    writer.numbers('I', len(statuses))
+    # Every field takes whole words, the level of a status with its padding.
+    pieces = [header, bytes(-len(header) % 4), _LENGTH.pack(len(statuses))]
     for level, name, message, values in statuses:
-        writer.numbers('B', level)
-        writer.text(name)
-        writer.text(message)
         hardware_id = ''
-        writer.text(hardware_id)
-        writer.numbers('I', len(values))
-        for key, value in values.items():
-            writer.text(key)
-            writer.text(value)
-    return writer.message()
+        pieces += _LENGTH.pack(level), _padded(name), _padded(message), _padded(hardware_id)
+        pieces.append(_LENGTH.pack(len(values)))
+        for pair in values.items():
+            pieces += map(_padded, pair)
+    return b''.join(pieces)
+
+
+@lru_cache(maxsize=512)
+def _padded(text: str) -> bytes:
+    """A string, filled up to whole words; most come in every frame."""
+    encoded = text.encode()
+    return _LENGTH.pack(len(encoded) + 1) + encoded + bytes(4 - len(encoded) % 4)
 
 
 def texts(**values: float | bool) -> dict[str, str]:

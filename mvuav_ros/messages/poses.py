@@ -18,8 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.cdr import CdrWriter, stamped_doubles, without_encapsulation
-from mvuav_ros.messages.statuses import ERROR, OK, WARN, Status, encode_statuses, texts
+from mvuav_ros.messages.cdr import (
+    ERROR,
+    OK,
+    WARN,
+    CdrWriter,
+    Status,
+    encode_statuses,
+    stamped_doubles,
+    texts,
+    without_encapsulation,
+)
 from mvuav_ros.vision.approach.results import Guidance
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
 from mvuav_ros.vision.integrity import (
@@ -75,10 +84,10 @@ def vehicle_of(camera: Placement, mount: Placement) -> Placement:
         mount: the same axes on the vehicle.
     """
     rotation = camera.rotation @ mount.rotation.T
-    x, y, z = arm = rotation @ mount.translation
+    arm = rotation @ mount.translation
+    jacobian = np.eye(6)
     # A small turn w about the outer axes moves the vehicle by arm x w.
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    jacobian = np.block([[np.eye(3), cross], [np.zeros((3, 3)), np.eye(3)]])
+    jacobian[:3, 3:] = _cross(arm)
     covariance = jacobian @ camera.covariance @ jacobian.T
     return Placement(rotation, camera.translation - arm, covariance)
 
@@ -150,15 +159,21 @@ def runway_in_camera(guidance: Guidance) -> Placement:
 def camera_in_body(pose: Pose) -> Placement:
     """The camera's body axes in the frame of a body that has that pose before it."""
     inverse = pose.rotation.T
-    x, y, z = pose.translation
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    jacobian = np.zeros((6, 6))
     # A small turn w about the optical axes moves the position by -Rᵀ [t]ₓ w, turns by -Rᵀ w.
-    jacobian = np.block([[-inverse, -inverse @ cross], [np.zeros((3, 3)), -inverse]])
+    jacobian[:3, :3] = jacobian[3:, 3:] = -inverse
+    jacobian[:3, 3:] = -inverse @ _cross(pose.translation)
     return Placement(
         inverse @ OPTICAL_FROM_BODY,
         -inverse @ pose.translation,
         jacobian @ pose.covariance @ jacobian.T,
     )
+
+
+def _cross(vector: Array) -> Array:
+    """The matrix whose product with w is the cross product of the vector with w."""
+    x, y, z = vector.tolist()
+    return np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
 
 
 def encode_transform(placement: Placement, header: bytes, child_frame: str) -> bytes:

@@ -19,12 +19,17 @@ from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
-from mvuav_ros.processing.tracking import named_places
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
 from mvuav_ros.vision.markers.drawing import draw_markers
-from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.results import (
+    TANKER_NAMES,
+    Label,
+    MarkerResult,
+    MarkerState,
+    named_places,
+)
 from mvuav_ros.vision.markers.tracker import MarkerTracker, rig_of
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
@@ -141,7 +146,7 @@ class MarkerTrackerProcessor(Processor):
         """See `Processor.set_camera`."""
         if self._parameters.image_is_rectified:
             camera = camera.rectified()
-        if camera != self._camera:
+        if camera is not self._camera and camera != self._camera:
             self._camera = camera
             self._poses.reset()
             self._share_camera()

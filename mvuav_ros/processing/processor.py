@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 from sensor_msgs.msg import Image
@@ -12,6 +12,7 @@ from sensor_msgs.msg import Image
 from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
+from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.vision.camera import CameraModel
 
@@ -32,6 +33,7 @@ class Output(NamedTuple):
     make: Callable[[], bytes]
 
 
+@lru_cache(maxsize=1024)
 def resolve(topic: str, node: str = '~') -> str:
     """The name of an `Output`'s topic: below its node, but for those of all nodes, such as /tf.
 
@@ -93,6 +95,7 @@ class Processor(ABC):
         triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
         frames_problem: the same of the frames that a pose needs.
+        message_types: of all topics, ``pkg/msg/Type``.
         static_transforms: those of ``/tf_static``, as far as they are known.
         resets: how often a stamp jumped back.
     """
@@ -114,6 +117,7 @@ class Processor(ABC):
         self.resets = 0
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
+        self._set_topics(self.topics, 'off')
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -135,6 +139,8 @@ class Processor(ABC):
         known = publish_tf != 'off' and poses.TF_TYPE is not None
         tf = {poses.TF_TOPIC: poses.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
+        kinds = {**dict.fromkeys(self.debug_topics, Image), **self.periodic_topics, **self.topics}
+        self.message_types = {topic: type_name(kind) for topic, kind in kinds.items()}
 
     def _placements(
         self,
@@ -212,10 +218,6 @@ class Processor(ABC):
 
         Apart from it, so that a live node's results need not wait for them.
         """
-
-    def type_of(self, topic: str) -> type:
-        """The message class of an `Output`'s topic."""
-        return self.topics.get(topic) or self.periodic_topics.get(topic) or Image
 
     def set_camera(self, camera: CameraModel) -> None:
         """Take the calibration of the next frame on; it may be an unusable one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -45,6 +46,9 @@ _MAX_NAMES = 20
 _NS = 1_000_000_000
 _END_OF_TIME = 1 << 31
 """Seconds: a stamp has 32 bits for them."""
+_STAMP_START, _STAMP_END = 4, 12
+_STAMPS = (struct.Struct('>iI'), struct.Struct('<iI'))
+"""Of a message that begins with a header, by the last bit of its CDR's second byte."""
 _DECODER = ImageDecoder()
 """Of this process; what it remembers of the last message makes it faster, and nothing else."""
 
@@ -301,6 +305,7 @@ class SynchronizedTopics:
         self._camera_topic = camera_topic
         self._imu_topic = imu_topic
         self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
+        self._known: tuple[bytes, CameraModel] | None = None
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
@@ -344,11 +349,21 @@ class SynchronizedTopics:
             yield frame if attitude is None else replace(frame, attitude=attitude)
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
-        """Whether the message could be read."""
+        """Whether the message could be read; as a rule it is the last one with another stamp."""
+        data = recorded.data
+        if self._known is not None and self._known[0] == _without_stamp(data):
+            seconds, nanoseconds = _STAMPS[data[1] & 1].unpack_from(data, _STAMP_START)
+            self._cameras.add_info(seconds * _NS + nanoseconds, self._known[1])
+            return True
         try:
             message = decode_message(recorded.type, recorded.data)
         except MalformedMessageError:
             return False
         camera = decode_camera_info(message, self._image_topic)
         self._cameras.add_info(stamp_ns_of(message.header), camera)
+        self._known = _without_stamp(data), camera
         return True
+
+
+def _without_stamp(message: bytes | memoryview) -> bytes:
+    return bytes(message[:_STAMP_START]) + bytes(message[_STAMP_END:])
