@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from mvuav_ros.offline.evaluation.metrics import Array
-from mvuav_ros.simulation.light_flights import LightFlight, LightScene, LightTruth, random_rig
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.opening import camera_model
@@ -22,6 +21,7 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.reprojection import MIN_MARKERS
 from mvuav_ros.vision.rig import TANKER_747
+from mvuav_thesis.light_flights import LightFlight, LightScene, LightTruth, random_rig
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.metrics import Array, distance_rms
 from mvuav_ros.offline.report import Section, Table
-from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
 from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.predictions import METHODS, Extrapolation
 from mvuav_thesis.comparison import Claim
+from mvuav_thesis.marker_paths import MOTIONS, marker_path
 from mvuav_thesis.plan import Plan, words
 
 RATES = (15.0, 30.0)

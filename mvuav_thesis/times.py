@@ -18,8 +18,6 @@ from mvuav_ros.offline.report_figures import (
     label,
     legend_below,
     line_of,
-    plain_log,
-    quartet,
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TRIALS
@@ -30,6 +28,7 @@ from mvuav_ros.vision.markers.thesis_tracker import WHOLE_FRAMES
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import known
 from mvuav_thesis.comparison import SHIPPED, Claim, Compared
+from mvuav_thesis.panels import plain_log, quartet
 from mvuav_thesis.plan import Plan, tracker
 from mvuav_thesis.runway_stages import runway_rate_claim, table_5_7, time_runway
 from mvuav_thesis.stages import PARAMETERS, ProgramTimes, table_5_2, time_programs, trial_images

@@ -15,10 +15,10 @@ from mvuav_ros.offline.report_figures import (
     drawing,
     label,
     legend_below,
-    quartet,
 )
 from mvuav_thesis import known
 from mvuav_thesis.comparison import SHIPPED
+from mvuav_thesis.panels import quartet
 from mvuav_thesis.plan import PROGRAM, PROGRAM_OF
 from mvuav_thesis.trials import FlownMarkers, Trial, lengths
 

@@ -13,8 +13,6 @@ from mvuav_ros.offline.report_figures import (
     drawing,
     label,
     legend_below,
-    plain_log,
-    quartet,
 )
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings
@@ -30,6 +28,7 @@ from mvuav_thesis.comparison import (
     pooled_rms,
     spectrum,
 )
+from mvuav_thesis.panels import plain_log, quartet
 from mvuav_thesis.plan import Plan, tracker
 from mvuav_thesis.trials import FlownMarkers, MarkerTask
 

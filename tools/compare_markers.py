@@ -112,9 +112,9 @@ def _package_groups() -> dict[str, tuple[str, bool]]:
 
 
 def _fly_package(name: str, calibrated: bool, seed: int) -> dict[str, Any]:
-    from mvuav_ros.simulation.light_flights import LightFlight, random_rig
     from mvuav_ros.vision.rig import TANKER_747
     from mvuav_thesis.integrity_runs import SCENES
+    from mvuav_thesis.light_flights import LightFlight, random_rig
 
     scene, count = SCENES[name]
     rig = TANKER_747 if count == len(TANKER_747.names) else random_rig(count, seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,7 +11,6 @@ import matplotlib as mpl
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from mvuav_ros.offline import report
 
@@ -86,23 +85,6 @@ def drawing(width: float = 9.6, height: float = 3.8) -> Iterator[Canvas]:
         canvas.png = buffer.getvalue()
 
 
-@contextmanager
-def quartet(
-    titles: Sequence[str], height: float, x: str, y: str, *, sharey: bool = True, columns: int = 6
-) -> Iterator[tuple[Canvas, list[Axes]]]:
-    """Two rows of two panels with their titles, axis labels outside, and one legend below."""
-    with drawing(9.6, height) as canvas:
-        grid = canvas.figure.subplots(2, 2, sharex=True, sharey=sharey)
-        for axes, title in zip(grid.flat, titles, strict=True):
-            label(axes, title)
-        yield canvas, list(grid.flat)
-        for axes in grid[-1]:
-            axes.set_xlabel(x)
-        for axes in grid[:, 0]:
-            axes.set_ylabel(y)
-        legend_below(canvas.figure, *grid.flat, columns=columns)
-
-
 def label(axes: Axes, title: str = '', x: str = '', y: str = '') -> None:
     """Title and axis labels; each label names its unit."""
     if title:
@@ -126,11 +108,3 @@ def legend_below(figure: Figure, *panels: Axes, columns: int = 6) -> None:
         room = (0.1 + 0.22 * rows) / figure.get_figheight()
         figure.set_layout_engine('constrained', rect=(0.0, room, 1.0, 1.0 - room))
         figure.legend(handles.values(), handles.keys(), loc='lower center', ncols=columns)
-
-
-def plain_log(axes: Axes) -> None:
-    """A logarithmic y axis whose labels are ordinary numbers."""
-    axes.set_yscale('log')
-    axes.yaxis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(StrMethodFormatter('{x:g}'))
-    axes.yaxis.set_minor_formatter(NullFormatter())

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from mvuav_ros.simulation.light_flights import LightFlight, LightScene
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.camera import CameraModel
@@ -16,6 +15,7 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
 from mvuav_ros.vision.reprojection import Reprojection
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
+from mvuav_thesis.light_flights import LightFlight, LightScene
 
 CAMERA = CameraModel(640, 480, (554.0, 0.0, 319.5, 0.0, 554.0, 239.5, 0.0, 0.0, 1.0))
 

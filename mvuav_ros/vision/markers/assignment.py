@@ -159,7 +159,7 @@ def extend(
 class RecoveryTuning:
     """When lights that were not expected where they are get names.
 
-    Chosen on seeds 0 to 11 of flights of bare lights (`simulation.light_flights`).
+    Chosen on seeds 0 to 11 of flights of bare lights (`mvuav_thesis.light_flights`).
     """
 
     # Lights that must fit at once: a single one that does not go with the others may as well be

@@ -17,7 +17,7 @@ from mvuav_ros.vision.markers.view_filter import Correction, Point, ViewFilter
 class FaultTuning:
     """How much evidence a doubt takes.
 
-    Chosen on seeds 0 to 29 of flights of bare lights (`simulation.light_flights`) and on the
+    Chosen on seeds 0 to 29 of flights of bare lights (`mvuav_thesis.light_flights`) and on the
     simulator's docking approaches; `protected_by_few` and `fitting` on seeds 9000 to 9029 and 9500
     to 9529.
     """

@@ -114,7 +114,7 @@ _KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1  # Rows of the predictions 
 class MixtureTuning:
     """How fast the weights follow the errors.
 
-    Chosen on flights of the motions in `simulation.marker_paths` and some more, with seeds of
+    Chosen on flights of the motions in `mvuav_thesis.marker_paths` and some more, with seeds of
     their own; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same to 1 %.
     """
 

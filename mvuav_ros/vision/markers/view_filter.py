@@ -42,7 +42,7 @@ Point = tuple[float, float]
 class ViewTuning:
     """How views change, and how exactly rigs are measured.
 
-    Chosen on seeds 0 to 7 of flights of bare lights (`simulation.light_flights`) and on the
+    Chosen on seeds 0 to 7 of flights of bare lights (`mvuav_thesis.light_flights`) and on the
     simulator's docking approaches; `learning` and `max_unseen` on seeds 9000 to 9029 and 9500 to
     9529. The parameters are those of `WeakPerspective.project`.
     """

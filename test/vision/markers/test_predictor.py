@@ -7,13 +7,13 @@ import pytest
 from support.reference import load_trial
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
-from mvuav_ros.simulation.marker_paths import MOTIONS, marker_path
 from mvuav_ros.simulation.settings import TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.motion import MotionPredictor
 from mvuav_ros.vision.markers.thesis_tracker import Motion
 from mvuav_ros.vision.markers.tracker import MarkerTracker
+from mvuav_thesis.marker_paths import MOTIONS, marker_path
 
 THESIS = ('none', 'velocity', 'acceleration', 'acceleration_program')
 TRIALS = ('translation', 'erratic', 'roll', 'roll_translation')

@@ -5,11 +5,11 @@ from itertools import combinations
 
 import numpy as np
 
-from mvuav_ros.simulation.light_flights import random_rig
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.markers.lights import Lens
 from mvuav_ros.vision.markers.rig_view import WeakPerspective, views_of_three
 from mvuav_ros.vision.rig import TANKER_747
+from mvuav_thesis.light_flights import random_rig
 
 FOCAL = 554.0
 CAMERA = CameraModel(640, 480, (FOCAL, 0.0, 319.5, 0.0, FOCAL, 239.5, 0.0, 0.0, 1.0))
