@@ -11,6 +11,7 @@ import math
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,11 +47,9 @@ class CdrWriter:
 
     def text(self, text: str) -> None:
         """A string."""
-        encoded, data = text.encode(), self._data
+        data = self._data
         data += bytes(-len(data) % 4)
-        data += _LENGTH.pack(len(encoded) + 1)
-        data += encoded
-        data += b'\0'
+        data += _text(text)
 
     def octets(self, octets: bytes) -> None:
         """A sequence of bytes: their number, and they."""
@@ -86,11 +85,11 @@ def stamped_doubles(header: bytes, *values: float) -> bytes:
     return b''.join((header, padding, struct.pack(f'<{len(values)}d', *values)))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=512)
 def _text(text: str) -> bytes:
-    writer = CdrWriter(b'')
-    writer.text(text)
-    return writer.beginning()
+    """A string where it begins at a whole word; most come in every frame."""
+    encoded = text.encode()
+    return b'%b%b\0' % (_LENGTH.pack(len(encoded) + 1), encoded)
 
 
 def without_encapsulation(message: bytes) -> bytes:
@@ -269,22 +268,22 @@ class Status(NamedTuple):
 
 def encode_statuses(statuses: Sequence[Status], header: bytes) -> bytes:
     """A DiagnosticArray in CDR; ``header`` is a `cdr_header`."""
-    # Every field takes whole words, the level of a status with its padding.
-    pieces = [header, bytes(-len(header) % 4), _LENGTH.pack(len(statuses))]
+    data = bytearray(header)
+    data += bytes(-len(data) % 4)
+    data += _LENGTH.pack(len(statuses))
     for level, name, message, values in statuses:
         hardware_id = ''
-        pieces += _LENGTH.pack(level), _padded(name), _padded(message), _padded(hardware_id)
-        pieces.append(_LENGTH.pack(len(values)))
-        for pair in values.items():
-            pieces += map(_padded, pair)
-    return b''.join(pieces)
-
-
-@lru_cache(maxsize=512)
-def _padded(text: str) -> bytes:
-    """A string, filled up to whole words; most come in every frame."""
-    encoded = text.encode()
-    return _LENGTH.pack(len(encoded) + 1) + encoded + bytes(4 - len(encoded) % 4)
+        data.append(level)
+        for text in (name, message, hardware_id):
+            data += bytes(-len(data) % 4)
+            data += _text(text)
+        data += bytes(-len(data) % 4)
+        data += _LENGTH.pack(len(values))
+        for text in chain.from_iterable(values.items()):
+            data += bytes(-len(data) % 4)
+            data += _text(text)
+    data += bytes(-len(data) % 4)
+    return bytes(data)
 
 
 def texts(**values: float | bool) -> dict[str, str]:

@@ -12,7 +12,6 @@ from sensor_msgs.msg import Image
 from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import Frame
-from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.vision.camera import CameraModel
 
@@ -95,7 +94,7 @@ class Processor(ABC):
         triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
         frames_problem: the same of the frames that a pose needs.
-        message_types: of all topics, ``pkg/msg/Type``.
+        message_types: the message classes of all topics.
         static_transforms: those of ``/tf_static``, as far as they are known.
         resets: how often a stamp jumped back.
     """
@@ -139,8 +138,8 @@ class Processor(ABC):
         known = publish_tf != 'off' and poses.TF_TYPE is not None
         tf = {poses.TF_TOPIC: poses.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
-        kinds = {**dict.fromkeys(self.debug_topics, Image), **self.periodic_topics, **self.topics}
-        self.message_types = {topic: type_name(kind) for topic, kind in kinds.items()}
+        images = dict.fromkeys(self.debug_topics, Image)
+        self.message_types: Mapping[str, type] = {**images, **self.periodic_topics, **self.topics}
 
     def _placements(
         self,

@@ -83,7 +83,7 @@ def test_every_output_is_what_rclpy_would_have_written(processor, flight, missin
     seen = set()
     for frame_id, topic, ours in flight_of(processor, flight):
         seen.add(topic)
-        message = deserialize_message(ours, processor.type_of(topic))
+        message = deserialize_message(ours, processor.message_types[topic])
         theirs = serialize_message(message)
         theirs += bytes(-len(theirs) % 4)  # as DDS hands it on
         assert len(ours) == len(theirs), topic

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import mvuav_ros
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
-from mvuav_ros.messages.sensors import is_rectified_topic
+from mvuav_ros.messages.sensors import is_rectified_topic, type_name
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
@@ -430,7 +430,10 @@ def merged(stamp_ns: int, parts: Sequence[FrameResults], *, is_frame: bool = Tru
 
 def _messages(processor: Processor, outputs: Iterable[Output]) -> list[ResultMessage]:
     node, types = f'/{processor.name}', processor.message_types
-    return [ResultMessage(resolve(topic, node), types[topic], make()) for topic, make in outputs]
+    return [
+        ResultMessage(resolve(topic, node), type_name(types[topic]), make())
+        for topic, make in outputs
+    ]
 
 
 def gamma_corrected(items: Iterator[Item], gamma: float) -> Generator[Item, None, None]:
