@@ -28,10 +28,10 @@ from mvuav_thesis.comparison import EQUAL_SHARE, Claim, compared_cells, summary
 from mvuav_thesis.identity_runs import fly_names
 from mvuav_thesis.integrity_runs import fly_integrity, fly_poses
 from mvuav_thesis.plan import PROGRAM, Plan, thesis_detector, tracker
-from mvuav_thesis.predictions import fly_paths, path_tasks, predictions_section
+from mvuav_thesis.prediction_trials import fly_paths, path_tasks, predictions_section
 from mvuav_thesis.runway import fly_runway, runway_section, runway_tasks
 from mvuav_thesis.times import times_section
-from mvuav_thesis.tracking import tracking_section
+from mvuav_thesis.tracking_trials import tracking_section
 from mvuav_thesis.trials import fly_markers, tracking_tasks
 from mvuav_thesis.vibration import noise_tasks, roll_tasks, vibration_section
 

@@ -57,14 +57,14 @@ class Spectrum(NamedTuple):
     frequency: Array
     density: Array
 
-    def peaks(self, most: int, least_share: float = 0.002) -> list[float]:
+    def peaks(self, most: int, min_share: float = 0.002) -> list[float]:
         """The frequencies (Hz) of the strongest maxima in rising order.
 
-        Below ``least_share`` of the strongest one's density a maximum is noise.
+        Below ``min_share`` of the strongest one's density a maximum is noise.
         """
         inner = self.density[1:-1]
         top = (inner >= self.density[:-2]) & (inner > self.density[2:])
-        top &= inner > least_share * float(self.density.max(initial=0.0))
+        top &= inner > min_share * float(self.density.max(initial=0.0))
         places = np.flatnonzero(top) + 1
         strongest = places[np.argsort(self.density[places])[::-1][:most]]
         return sorted(float(self.frequency[place]) for place in strongest)

@@ -80,7 +80,7 @@ class NamedFlight:
         total: latencies where no marker had been named the frame before.
         whole: frames of all whole markers together.
         detected: of these, with a name.
-        most_predicted: largest distance of a predicted marker from its true place, px.
+        max_predicted: largest distance of a predicted marker from its true place, px.
         roll_error: the greatest while both wings were detected, rad, modulo a turn.
     """
 
@@ -93,7 +93,7 @@ class NamedFlight:
     total: tuple[int, ...] = ()
     whole: int = 0
     detected: int = 0
-    most_predicted: float = 0.0
+    max_predicted: float = 0.0
     roll_error: float = 0.0
     _waiting: dict[int, int] = field(default_factory=dict)
     _after_all: set[int] = field(default_factory=set)
@@ -120,7 +120,7 @@ class NamedFlight:
                 if detected[index]:
                     self._place(index, true, distances)
                 else:
-                    self.most_predicted = max(self.most_predicted, distances[index])
+                    self.max_predicted = max(self.max_predicted, distances[index])
             self.whole += true.whole
             self.detected += true.whole and detected[index]
             self._wait(index, true.whole, detected[index], none_before)

@@ -315,7 +315,7 @@ class Measured:
     @property
     def peaks_hz(self) -> list[float]:
         """As many peaks of the roll as frequencies are listed."""
-        return self.spectra[-1].peaks(len(self.listed_hz), least_share=1e-4)
+        return self.spectra[-1].peaks(len(self.listed_hz), min_share=1e-4)
 
     @property
     def primary_hz(self) -> float:

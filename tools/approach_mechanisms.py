@@ -8,9 +8,9 @@ from types import ModuleType
 from typing import Any
 
 from mvuav_ros.vision.approach import track, tuning
+from mvuav_ros.vision.approach.attitude import HorizonTracker
 from mvuav_ros.vision.approach.edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
-from mvuav_ros.vision.approach.horizon import HorizonTracker
 from mvuav_ros.vision.approach.search import LevelledImage
 from mvuav_ros.vision.approach.side_lines import LineChoice, _Side
 from mvuav_ros.vision.approach.track import EdgeTrack

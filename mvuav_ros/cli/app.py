@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext, redirect_stdout
 from importlib import import_module
 from io import StringIO
-from types import FrameType, UnionType
+from types import FrameType, SimpleNamespace, UnionType
 from typing import Annotated, Any, NoReturn, Union, get_args, get_origin, get_type_hints
 
 import typer
@@ -27,7 +27,6 @@ from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import Account, RecordingError, collecting
-from mvuav_ros.sources.source import SourceError
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""
@@ -59,11 +58,18 @@ def spell_unions_out(app: typer.Typer) -> None:
     if app.registered_callback is not None:
         callbacks.append(app.registered_callback.callback)
     for callback in filter(None, callbacks):
-        hints = get_type_hints(callback, include_extras=True)
+        hints = _hints(callback)
         _annotate(callback, {name: _spelt(hint) for name, hint in hints.items()})
     for group in app.registered_groups:
         if group.typer_instance is not None:
             spell_unions_out(group.typer_instance)
+
+
+def _hints(work: Callable[..., Any]) -> dict[str, Any]:
+    """Of its options; the type of what it returns may be known to type checkers only."""
+    options = {name: hint for name, hint in work.__annotations__.items() if name != 'return'}
+    where = getattr(work, '__globals__', {})
+    return get_type_hints(SimpleNamespace(__annotations__=options), where, include_extras=True)
 
 
 def _annotate(callback: Callable[..., Any], annotations: dict[str, Any]) -> None:
@@ -97,7 +103,7 @@ def account_for_inputs(app: typer.Typer) -> None:
 
 
 def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
-    signature, hints = inspect.signature(work), get_type_hints(work, include_extras=True)
+    signature, hints = inspect.signature(work), _hints(work)
     added = {name: each for name, each in _ADDED.items() if name not in signature.parameters}
 
     def run(**given: Any) -> None:
@@ -221,10 +227,12 @@ def _explained(error: Exception, name: str) -> tuple[str, int]:
     Raises:
         Exception: the error, if it is a defect of ours.
     """
-    if isinstance(error, (ParameterError, RecordingError, SourceError, OSError)):
-        return str(error), 1
     if isinstance(error, ImportError):
         return explain_missing_module(name, error), 1
+    from mvuav_ros.sources.source import SourceError
+
+    if isinstance(error, (ParameterError, RecordingError, SourceError, OSError)):
+        return str(error), 1
     # Usage errors of typer, whose own click is not importable under a public name.
     if hasattr(error, 'format_message'):
         return f'{error.format_message()} (see mvuav --help)', 2

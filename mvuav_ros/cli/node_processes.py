@@ -100,7 +100,7 @@ class NodeProcess:
 class NodeProcesses(AbstractContextManager['NodeProcesses']):
     """Processes in a ROS domain of their own, which end together.
 
-    Other ROS systems on the network are neither heard nor disturbed.
+    Other ROS systems on the network are neither received nor disturbed.
     """
 
     def __init__(self) -> None:

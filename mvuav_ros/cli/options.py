@@ -1,19 +1,15 @@
-"""Options that several commands share, and commands that take theirs as one object."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated
 
 import typer
 
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.remote import is_url, size_at
-
-OptionsT = TypeVar('OptionsT')
 
 
 class Storage(StrEnum):
@@ -79,18 +75,3 @@ def refuse_to_overwrite(output: Path | str, force: bool) -> None:
         return
     if output.exists() if isinstance(output, Path) else size_at(output) is not None:
         raise RecordingError(f'{output} exists; --force overwrites it')
-
-
-def takes(options: type[OptionsT]) -> Callable[[Callable[[OptionsT], Any]], Callable[..., Any]]:
-    """Make a command of a function of one dataclass, whose fields are annotated as its options."""
-
-    def command(work: Callable[[OptionsT], Any]) -> Callable[..., Any]:
-        def run(**given: Any) -> Any:
-            return work(options(**given))
-
-        run.__name__, run.__doc__ = work.__name__, work.__doc__
-        run.__annotations__ = get_type_hints(options, include_extras=True)
-        run.__signature__ = inspect.signature(options)  # type: ignore[attr-defined]
-        return run
-
-    return command

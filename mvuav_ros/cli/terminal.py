@@ -6,28 +6,16 @@ Nothing else of the command line prints: what comes from files passes `visible` 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    Task,
-    TextColumn,
-    TimeRemainingColumn,
-)
-from rich.text import Text
 
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.account import Account
 
-
-class _Rate(ProgressColumn):
-    def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text(f'{speed:.0f}/s' if speed else '')
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
 
 
 def frame_progress(*, thread: bool = True) -> Progress:
@@ -36,15 +24,24 @@ def frame_progress(*, thread: bool = True) -> Progress:
     Args:
         thread: whether a thread redraws the bar; without, every update does.
     """
+    from rich import progress
+    from rich.console import Console
+    from rich.text import Text
+
+    class Rate(progress.ProgressColumn):
+        def render(self, task: progress.Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text(f'{speed:.0f}/s' if speed else '')
+
     console = Console(stderr=True)
     # rich 13 (Ubuntu 24.04's) ends even a disabled bar with an empty line.
     console.quiet = not console.is_terminal
-    return Progress(
-        TextColumn('{task.description}', markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _Rate(),
-        TimeRemainingColumn(),
+    return progress.Progress(
+        progress.TextColumn('{task.description}', markup=False),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        Rate(),
+        progress.TimeRemainingColumn(),
         console=console,
         auto_refresh=thread,
         disable=not console.is_terminal,
@@ -53,6 +50,8 @@ def frame_progress(*, thread: bool = True) -> Progress:
 
 def table_console(width: int) -> Console:
     """For tables on stdout, of this width where that is a pipe, which has none itself."""
+    from rich.console import Console
+
     console = Console(markup=False, highlight=False)
     return console if console.is_terminal else Console(markup=False, highlight=False, width=width)
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
+from mvuav_ros.recordings.remote import write_whole
 from mvuav_ros.recordings.tables import ResultRows
 
 Array = NDArray[np.float64]
@@ -32,25 +36,73 @@ _SEVERITY = {1: 0, 2: 1, 0: 2}
 """Of a marker's state: an index into `_STATES`, the worst last."""
 _STATE_COLORS = ('#4477aa', '#ddaa33', '#d0d0d0')
 _COLORS = ('#4477aa', '#cc6677', '#228833', '#aa3377', '#66ccee', '#ccbb44')
-_ANGLES = ('roll_deg', 'pitch_deg', 'yaw_deg')
-_DEGREES = 180.0 / math.pi
 _FROM_ZERO = {'lines found': 5.5, 'confidence': 1.05, 'lights': 1.0}
 """Diagrams that begin at zero, and how far they reach at least."""
+_LEVELS = ('along', 'across', 'up', 'offset', 'height')
+_CURVES = {
+    'markers': ('lights',),
+    'rpy': ('roll_deg', 'pitch_deg', 'yaw_deg'),
+    'pose': ('x', 'y', 'z', 'yaw_deg', 'bound_x', 'bound_y', 'bound_z', 'bound_rz'),
+    'integrity': (*_LEVELS, *(f'alert_limit_{level}' for level in _LEVELS)),
+    'line_params': ('confidence', 'lines', 'line 1', 'line 2', 'line 3', 'line 4'),
+}
+"""What is drawn of each topic: columns of `ResultRows`, and what `_take` makes of them."""
+
+
+class Diagram(NamedTuple):
+    """One of a page: height (inches), title, topic, and curves.
+
+    Each curve has a name, its column, and the column of its bound, which may be empty.
+    """
+
+    height: float
+    title: str
+    topic: str
+    lines: tuple[tuple[str, str, str], ...]
+
+
+def _levels(*names: str) -> Diagram:
+    limits = ((f'limit {name}', f'alert_limit_{name}', '') for name in names)
+    lines = (*((name, name, '') for name in names), *limits)
+    return Diagram(1.5, 'protection level [m]', 'integrity', lines)
+
+
+_THETA = Diagram(
+    1.9, 'theta [°]', 'line_params', tuple((f'line {n}', f'line {n}', '') for n in (1, 2, 3, 4))
+)
+_RUNWAY = (
+    Diagram(1.7, 'lateral offset [m]', 'pose', (('left of the centreline', 'y', 'bound_y'),)),
+    Diagram(1.7, 'height [m]', 'pose', (('above the runway', 'z', 'bound_z'),)),
+    Diagram(1.7, 'heading [°]', 'pose', (('nose left of the runway', 'yaw_deg', 'bound_rz'),)),
+    _levels('offset', 'height'),
+    _THETA,
+    Diagram(1.1, 'lines found', 'line_params', (('lines', 'lines', ''),)),
+    Diagram(1.1, 'confidence', 'line_params', (('confidence', 'confidence', ''),)),
+)
+_MARKERS = (
+    Diagram(1.7, 'roll [°]', 'rpy', (('roll', 'roll_deg', ''),)),
+    Diagram(1.7, 'pitch, yaw [°]', 'rpy', (('pitch', 'pitch_deg', ''), ('yaw', 'yaw_deg', ''))),
+    Diagram(1.7, 'distance ahead [m]', 'pose', (('z', 'z', 'bound_z'),)),
+    Diagram(1.7, 'beside [m]', 'pose', (('x, right', 'x', 'bound_x'), ('y, down', 'y', 'bound_y'))),
+    Diagram(1.3, '95 % [± m]', 'pose', tuple((name, f'bound_{name}', '') for name in 'zxy')),
+    _levels('along', 'across', 'up'),
+    Diagram(1.3, 'lights', 'markers', (('tracked', 'lights', ''),)),
+)
 
 
 class Curves:
     """Numbers over time; of a long flight the mean, least and greatest of some frames at a time."""
 
-    def __init__(self, count: int, messages: int) -> None:
-        """Begin so many curves for about so many messages."""
+    def __init__(self, names: Sequence[str], messages: int) -> None:
+        """Begin curves of these names for about so many messages."""
+        self._names = ('seconds', *names)
         self._at_once = max(1, math.ceil(messages / _MAX_POINTS))
-        self._pending: list[Sequence[float]] = []
+        self._pending: list[list[float]] = []
         self._groups: list[Array] = []
-        self._count = count
 
-    def add(self, seconds: float, values: Sequence[float]) -> None:
-        """Take what one message says."""
-        self._pending.append((seconds, *values))
+    def add(self, seconds: float, values: Mapping[str, Any]) -> None:
+        """Take what one message says; it need not say everything."""
+        self._pending.append([seconds, *(values.get(name, math.nan) for name in self._names[1:])])
         if len(self._pending) >= self._at_once:
             self._close_group()
 
@@ -65,13 +117,12 @@ class Curves:
         group = np.stack([mean, least, greatest])
         self._groups.append(np.where(np.isfinite(group), group, np.nan))
 
-    def array(self) -> Array:
-        """(3, n, 1 + count): mean, least and greatest of the time (s) and each curve."""
+    def by_name(self) -> dict[str, Array]:
+        """(3, n) each: mean, least and greatest, also of the time, ``seconds``."""
         if self._pending:
             self._close_group()
-        if not self._groups:
-            return np.full((3, 0, 1 + self._count), np.nan)
-        return np.stack(self._groups, axis=1)
+        whole = np.array(self._groups).reshape(-1, 3, len(self._names))
+        return {name: whole[:, :, column].T for column, name in enumerate(self._names)}
 
 
 @dataclass
@@ -87,6 +138,7 @@ class NodePart:
         counts: markers in frames, by state.
         frames: how many there were.
         poses: frames with a pose.
+        extent: least, median and greatest of what the overview draws, once the page is drawn.
     """
 
     node: str
@@ -99,6 +151,7 @@ class NodePart:
     frames: int = 0
     poses: int = 0
     at_once: int = 1
+    extent: tuple[float, float, float] = (math.nan,) * 3
 
 
 @dataclass
@@ -132,8 +185,8 @@ def plot(flights: Mapping[str, Path], folder: Path, *, overwrite: bool = False) 
         if not collected.parts:
             raise RecordingError(f'{source} holds no results that can be drawn')
         _save(page(collected), path)
-        # The overview needs the numbers of a page no more.
-        drawn.append(_summary(collected))
+        _summarise(collected)
+        drawn.append(collected)
     _save(overview(drawn), paths[-1])
     return paths
 
@@ -144,26 +197,23 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
     parts: dict[str, NodePart] = {}
     wanted: dict[str, tuple[NodePart, str]] = {}
     sizes = {topic.name: topic.message_count for topic in recording.topics}
-    for kind, others in (
-        ('markers', ('rpy', 'pose', 'integrity')),
-        ('line_params', ('pose', 'integrity')),
-    ):
-        for topic in rows.kinds:
-            node = topic.removesuffix(f'/{kind}')
-            if node == topic or node.endswith('/truth'):
-                continue
-            part = parts[node] = NodePart(node.strip('/') or 'results', kind == 'line_params')
-            messages = sizes[topic]
-            if messages is None:
-                messages = sum(1 for _ in recording.messages({topic}))
-            part.at_once = max(1, math.ceil(messages / _MAX_POINTS))
-            for other in (kind, *others):
-                if f'{node}/{other}' in rows.kinds:
-                    wanted[f'{node}/{other}'] = part, other
-                    part.curves[other] = Curves(6, messages)
+    # What is said of markers stands above.
+    for topic in sorted(rows.kinds, key=lambda topic: topic.endswith('/line_params')):
+        node, _, kind = topic.rpartition('/')
+        if kind not in ('markers', 'line_params') or node.endswith('/truth'):
+            continue
+        part = parts[node] = NodePart(node.strip('/') or 'results', kind == 'line_params')
+        messages = sizes[topic]
+        if messages is None:
+            messages = sum(1 for _ in recording.messages({topic}))
+        part.at_once = max(1, math.ceil(messages / _MAX_POINTS))
+        for other in (kind, 'rpy', 'pose', 'integrity'):
+            if f'{node}/{other}' in rows.kinds:
+                wanted[f'{node}/{other}'] = part, other
+                part.curves[other] = Curves(_CURVES[other], messages)
     first_ns = last_ns = 0
     for message in recording.messages(wanted):
-        part, topic = wanted[message.topic]
+        part, kind = wanted[message.topic]
         try:
             columns, values = rows.of(message)
             points = [dict(zip(columns, row, strict=True)) for row in values]
@@ -174,61 +224,49 @@ def collect(recording: Recording, flight: str) -> FlightPlot:
         stamp_ns = int(points[0]['stamp_ns'])
         first_ns = first_ns or stamp_ns
         last_ns = stamp_ns
-        _take(part, topic, (stamp_ns - first_ns) * 1e-9, points)
+        _take(part, kind, (stamp_ns - first_ns) * 1e-9, points)
     length = (last_ns - first_ns) * 1e-9
     return FlightPlot(flight, length, [part for part in parts.values() if part.frames])
 
 
 def _take(part: NodePart, topic: str, seconds: float, points: list[dict[str, Any]]) -> None:
-    curves = part.curves[topic]
+    said = points[0]
     if topic == 'markers':
-        _take_markers(part, seconds, points)
-    elif topic == 'rpy':
-        curves.add(seconds, [points[0][name] for name in _ANGLES] + [math.nan] * 3)
-    elif topic == 'integrity':
-        axes = ('offset', 'height') if part.is_runway else ('along', 'across', 'up')
-        names = [*axes, *(f'alert_limit_{axis}' for axis in axes)]
-        values = [points[0][name] for name in names]
-        curves.add(seconds, values + [math.nan] * (6 - len(values)))
-    elif topic == 'pose':
-        of = points[0]
-        part.poses += math.isfinite(of['z'])
-        last = 'yaw_deg' if part.is_runway else 'x'
-        variances = [
-            of.get(f'cov_{a}_{a}', math.nan) for a in ('y', 'z', 'rz' if part.is_runway else 'x')
-        ]
-        sigmas = [math.sqrt(v) if 0 <= v < 1e6 else math.nan for v in variances]
-        if part.is_runway:
-            sigmas[2] *= _DEGREES
-        curves.add(seconds, [of['y'], of['z'], of[last], *sigmas])
-    else:
         part.frames += 1
-        best = [of.get('confidence', math.nan) for of in points]
-        lines = [of['theta_deg'] for of in points[:4]] + [math.nan] * 4
-        known = [value for value in best if math.isfinite(value)]
-        found = sum(math.isfinite(of['x']) for of in points)
-        curves.add(seconds, [max(known, default=math.nan), found, *lines[:4]])
+        if not any('id' in of or of.get('label') == 255 for of in points):
+            _take_markers(part, seconds, points)
+            return
+        # Without names there is nothing to withhold: how many lights there are.
+        said = {'lights': len(points)}
+    elif topic == 'line_params':
+        part.frames += 1
+        best = (of.get('confidence', math.nan) for of in points)
+        said = {
+            'confidence': max(filter(math.isfinite, best), default=math.nan),
+            'lines': sum(math.isfinite(of['x']) for of in points),
+            **{f'line {number}': of['theta_deg'] for number, of in enumerate(points, 1)},
+        }
+    elif topic == 'pose':
+        part.poses += math.isfinite(said['z'])
+        for axis, unit in (('x', 1.0), ('y', 1.0), ('z', 1.0), ('rz', math.degrees(1.0))):
+            variance = said.get(f'cov_{axis}_{axis}', math.nan)
+            if 0 <= variance < 1e6:
+                said[f'bound_{axis}'] = _SIGMAS * math.sqrt(variance) * unit
+    part.curves[topic].add(seconds, said)
 
 
 def _take_markers(part: NodePart, seconds: float, points: list[dict[str, Any]]) -> None:
-    if any('id' in of or of.get('label') == 255 for of in points):
-        # Without names there is nothing to withhold: how many lights there are.
-        part.frames += 1
-        part.curves['markers'].add(seconds, [len(points)] + [math.nan] * 5)
-        return
-    names = [of['name'] or f'marker {of["label"]}' for of in points]
     if not part.names:
-        part.names = names
+        part.names = [of['name'] or f'marker {of["label"]}' for of in points]
     severities = [_SEVERITY.get(int(of['state']), 2) for of in points][: len(part.names)]
     for severity in severities:
         part.counts[severity] += 1
-    if part.frames % part.at_once == 0:
+    if (part.frames - 1) % part.at_once == 0:
         part.times.append(seconds)
         part.states.append(severities)
     else:
         worst = part.states[-1]
         part.states[-1] = [max(pair) for pair in zip(worst, severities, strict=True)]
-    part.frames += 1
 
 
 def page(flight: FlightPlot) -> Figure:
@@ -254,87 +292,39 @@ def _words(part: NodePart) -> str:
     )
 
 
-def _panels(part: NodePart) -> list[tuple[float, Any]]:
-    """Heights (inches) of a node's diagrams, and what draws each."""
-    given = {topic: curves.array() for topic, curves in part.curves.items()}
-    panels: list[tuple[float, Any]] = []
-
-    def add(height: float, title: str, values: Array, *lines: tuple[str, int, int | None]) -> None:
-        if np.isfinite(values[0][:, [column for _, column, _ in lines]]).any():
-            panels.append((height, lambda axis: _draw(axis, title, values, lines)))
-
-    def add_levels(*axes: str) -> None:
-        if 'integrity' in given:
-            lines = [(name, 1 + i, None) for i, name in enumerate(axes)]
-            limits = [(f'limit {name}', 1 + len(axes) + i, None) for i, name in enumerate(axes)]
-            known = np.isfinite(given['integrity'][0]).any(axis=0)
-            add(
-                1.5,
-                'protection level [m]',
-                given['integrity'],
-                *lines,
-                *(limit for limit in limits if known[limit[1]]),
-            )
-
-    if part.is_runway:
-        pose = given.get('pose', np.full((3, 0, 7), np.nan))
-        add(1.7, 'lateral offset [m]', pose, ('left of the centreline', 1, 4))
-        add(1.7, 'height [m]', pose, ('above the runway', 2, 5))
-        add(1.7, 'heading [°]', pose, ('nose left of the runway', 3, 6))
-        add_levels('offset', 'height')
-        lines = given['line_params']
-        if not part.poses:
-            angles = [(f'line {number}', 2 + number, None) for number in range(1, 5)]
-            add(1.9, 'theta [°]', lines, *angles)
-        add(1.1, 'lines found', lines, ('lines', 2, None))
-        add(1.1, 'confidence', lines, ('confidence', 1, None))
-        return panels
-    if 'rpy' in given:
-        add(1.7, 'roll [°]', given['rpy'], ('roll', 1, None))
-        add(1.7, 'pitch, yaw [°]', given['rpy'], ('pitch', 2, None), ('yaw', 3, None))
-    if 'pose' in given:
-        add(1.7, 'distance ahead [m]', given['pose'], ('z', 2, 5))
-        add(1.7, 'beside [m]', given['pose'], ('x, right', 3, 6), ('y, down', 1, 4))
-        bounds = given['pose'].copy()
-        bounds[:, :, 4:] *= _SIGMAS
-        names = ('z', 5, None), ('x', 6, None), ('y', 4, None)
-        add(1.3, '95 % [± m]', bounds, *names)
-    add_levels('along', 'across', 'up')
-    if part.states:
-        panels.append((0.5 + 0.22 * len(part.names), lambda axis: _draw_states(axis, part)))
-    else:
-        add(1.3, 'lights', given['markers'], ('tracked', 1, None))
-    return panels
-
-
-def _draw(
-    axis: Axes, title: str, values: Array, lines: Sequence[tuple[str, int, int | None]]
-) -> None:
-    mean, least, greatest = values
-    seconds = mean[:, 0]
-    for (name, column, sigma), color in zip(lines, _COLORS, strict=False):
-        if not np.isfinite(mean[:, column]).any():
+def _panels(part: NodePart) -> Iterator[tuple[float, Callable[[Axes], None]]]:
+    """Heights (inches) of a node's diagrams with something in them, and what draws each."""
+    given = {topic: curves.by_name() for topic, curves in part.curves.items()}
+    for diagram in _RUNWAY if part.is_runway else _MARKERS:
+        curves = given.get(diagram.topic, {})
+        columns = [column for _, column, _ in diagram.lines if column in curves]
+        # The angles of the lines matter where they make no pose.
+        if diagram is _THETA and part.poses:
             continue
-        low, high = least[:, column], greatest[:, column]
-        if sigma is not None:
-            spread = np.nan_to_num(_SIGMAS * mean[:, sigma])
+        if any(np.isfinite(curves[column][0]).any() for column in columns):
+            yield diagram.height, partial(_draw, diagram=diagram, curves=curves)
+    if part.states:
+        yield 0.5 + 0.22 * len(part.names), partial(_draw_states, part=part)
+
+
+def _draw(axis: Axes, diagram: Diagram, curves: Mapping[str, Array]) -> None:
+    seconds = curves['seconds'][0]
+    for (name, column, bound), color in zip(diagram.lines, _COLORS, strict=False):
+        mean, low, high = curves[column]
+        if not np.isfinite(mean).any():
+            continue
+        if bound:
+            spread = np.nan_to_num(curves[bound][0])
             low, high = low - spread, high + spread
         axis.fill_between(seconds, low, high, color=color, alpha=0.25, linewidth=0)
         # A single frame between two gaps is a point.
-        axis.plot(
-            seconds,
-            mean[:, column],
-            color=color,
-            label=name,
-            linewidth=1.0,
-            marker='.',
-            markersize=2,
-        )
-    axis.set_ylabel(title)
-    if title in _FROM_ZERO:
-        axis.set_ylim(0, max(_FROM_ZERO[title], 1.05 * float(np.nanmax(mean[:, lines[0][1]]))))
+        axis.plot(seconds, mean, color=color, label=name, linewidth=1.0, marker='.', markersize=2)
+    axis.set_ylabel(diagram.title)
+    if diagram.title in _FROM_ZERO:
+        highest = float(np.nanmax(curves[diagram.lines[0][1]][0]))
+        axis.set_ylim(0, max(_FROM_ZERO[diagram.title], 1.05 * highest))
     axis.grid(alpha=0.3)
-    axis.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0), fontsize='small', frameon=False)
+    _add_legend(axis, None, (1.0, 1.0))
 
 
 def _draw_states(axis: Axes, part: NodePart) -> None:
@@ -356,54 +346,44 @@ def _draw_states(axis: Axes, part: NodePart) -> None:
     axis.hlines(np.arange(1, len(part.names)), edges[0], edges[-1], color='white', linewidth=2)
     axis.set_yticks(np.arange(len(part.names)) + 0.5, part.names, fontsize='small')
     axis.invert_yaxis()
-    _add_states_legend(axis)
+    _add_legend(axis, _states_key(), (1.0, 1.0))
 
 
-def _add_states_legend(axis: Axes) -> None:
-    patches = [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
+def _states_key() -> list[Patch]:
+    return [Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)]
+
+
+def _add_legend(
+    axis: Axes, handles: Sequence[Artist] | None, corner: tuple[float, float], columns: int = 1
+) -> None:
+    """Of these handles, or of what is drawn, beside a corner of the diagram."""
     axis.legend(
-        handles=patches,
-        loc='upper left',
-        bbox_to_anchor=(1.0, 1.0),
+        handles=handles,
+        loc='upper left' if corner[0] else 'lower left',
+        bbox_to_anchor=corner,
+        ncols=columns,
         fontsize='small',
         frameon=False,
     )
 
 
-@dataclass
-class NodeSummary:
-    """A line of the overview: of each node its part, and the quartiles of what is drawn."""
-
-    name: str
-    parts: list[tuple[NodePart, Array]]
-
-
-def _summary(flight: FlightPlot) -> NodeSummary:
-    parts = []
+def _summarise(flight: FlightPlot) -> None:
+    """Keep what the overview draws; it needs the numbers of the page no more."""
     for part in flight.parts:
-        topic, column = ('pose', 2) if part.is_runway else ('rpy', 1)
-        curves = part.curves.get(topic)
-        values = curves.array() if curves else np.full((3, 0, 7), np.nan)
-        parts.append((part, _range(values[:, :, column])))
+        topic, column = ('pose', 'z') if part.is_runway else ('rpy', 'roll_deg')
+        if topic in part.curves:
+            mean, least, greatest = part.curves[topic].by_name()[column]
+            if np.isfinite(mean).any():
+                part.extent = np.nanmin(least), float(np.nanmedian(mean)), np.nanmax(greatest)
         part.curves, part.states, part.times = {}, [], []
-    return NodeSummary(f'{flight.name}  {flight.seconds:.0f} s', parts)
 
 
-def _range(values: Array) -> Array:
-    """Least, median and greatest."""
-    known = np.isfinite(values[0])
-    if not known.any():
-        return np.full(3, np.nan)
-    mean, least, greatest = values[:, known]
-    return np.array([least.min(), np.median(mean), greatest.max()])
-
-
-def overview(flights: Sequence[NodeSummary]) -> Figure:
+def overview(flights: Sequence[FlightPlot]) -> Figure:
     """All flights on one page: a line for each."""
     kinds = [
         kind
         for kind in (False, True)
-        if any(p.is_runway is kind for f in flights for p, _ in f.parts)
+        if any(part.is_runway is kind for flight in flights for part in flight.parts)
     ]
     columns = [column for kind in kinds for column in ((kind, 'share'), (kind, 'range'))]
     figure = Figure(
@@ -412,14 +392,15 @@ def overview(flights: Sequence[NodeSummary]) -> Figure:
     axes = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
     for axis, (is_runway, what) in zip(axes, columns, strict=True):
         for row, flight in enumerate(flights):
-            for part, extent in flight.parts:
+            for part in flight.parts:
                 if part.is_runway is not is_runway:
                     continue
                 if what == 'share':
                     _draw_shares(axis, row, part)
                 else:
-                    axis.plot(extent[[0, 2]], [row, row], color=_COLORS[0], linewidth=2)
-                    axis.plot(extent[1], row, 'o', color=_COLORS[0], markersize=5)
+                    least, median, greatest = part.extent
+                    axis.plot([least, greatest], [row, row], color=_COLORS[0], linewidth=2)
+                    axis.plot(median, row, 'o', color=_COLORS[0], markersize=5)
         axis.grid(axis='x', alpha=0.3)
         if what == 'share':
             axis.set_xlim(0, 100)
@@ -427,22 +408,13 @@ def overview(flights: Sequence[NodeSummary]) -> Figure:
             if is_runway:
                 axis.set_title('runway', fontsize='medium')
             else:
-                patches = [
-                    *(Patch(color=c, label=s) for c, s in zip(_STATE_COLORS, _STATES, strict=True)),
-                    Patch(color=_COLORS[2], label='frames with a pose'),
-                ]
-                axis.legend(
-                    handles=patches,
-                    loc='lower left',
-                    bbox_to_anchor=(0, 1),
-                    ncol=2,
-                    fontsize='small',
-                    frameon=False,
-                )
+                posed = Patch(color=_COLORS[2], label='frames with a pose')
+                _add_legend(axis, [*_states_key(), posed], (0.0, 1.0), columns=2)
         else:
             words = 'height [m]' if is_runway else 'roll [°]'
             axis.set_xlabel(f'{words}: least, median, greatest')
-    axes[0].set_yticks(range(len(flights)), [flight.name for flight in flights], fontsize='small')
+    names = [f'{flight.name}  {flight.seconds:.0f} s' for flight in flights]
+    axes[0].set_yticks(range(len(flights)), names, fontsize='small')
     axes[0].set_ylim(len(flights) - 0.5, -0.5)
     return figure
 
@@ -459,12 +431,6 @@ def _draw_shares(axis: Axes, row: int, part: NodePart) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f'.{path.name}.part')
-    try:
-        figure.savefig(part, dpi=110, format='png')
-        part.replace(path)
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror or error}') from None
-    finally:
-        part.unlink(missing_ok=True)
+    content = io.BytesIO()
+    figure.savefig(content, dpi=110, format='png')
+    write_whole(path, content.getvalue())

@@ -42,8 +42,8 @@ class ProcessDiedError(Exception):
     """A process ended in the middle of its work."""
 
 
-class Told(NamedTuple):
-    """What the work on a task says meanwhile."""
+class TaskProgress(NamedTuple):
+    """How far the work on a task is."""
 
     number: int
     message: Any
@@ -103,14 +103,14 @@ class Worker:
         except OSError:
             self._process.join()
 
-    def receive(self) -> Told | Done[Any]:
+    def receive(self) -> TaskProgress | Done[Any]:
         """Wait for what it says.
 
         Raises:
             ProcessDiedError: it has ended.
         """
         try:
-            message: Told | Done[Any] = self._connection.recv()
+            message: TaskProgress | Done[Any] = self._connection.recv()
         except (EOFError, OSError):
             self._process.join()
             raise ProcessDiedError(_ending(self._process.exitcode)) from None
@@ -141,7 +141,7 @@ def run_in_processes(
     *,
     method: Method = 'spawn',
     closing_time: float = 30.0,
-) -> Generator[Told | Done[Any], None, None]:
+) -> Generator[TaskProgress | Done[Any], None, None]:
     """Do tasks in so many processes; one that dies costs its own task only.
 
     Once the end is asked for no task is begun, and those under way are asked to end as well.
@@ -174,8 +174,8 @@ def run_in_processes(
                 number, task = waiting.popleft()
                 worker.send(number, task)
                 busy[worker] = number
-            for worker in _speaking(busy, stop, deadline):
-                message = _heard(worker, busy[worker])
+            for worker in _ready_workers(busy, stop, deadline):
+                message = _receive(worker, busy[worker])
                 if isinstance(message, Done):
                     del busy[worker]
                     if isinstance(message.error, ProcessDiedError):
@@ -192,8 +192,8 @@ def run_in_processes(
             worker.end()
 
 
-def _speaking(busy: dict[Worker, int], stop: Stop, deadline: float | None) -> list[Worker]:
-    """The workers that have something to say; none where the end was asked for first."""
+def _ready_workers(busy: dict[Worker, int], stop: Stop, deadline: float | None) -> list[Worker]:
+    """The workers whose messages can be received; none where the end was asked for first."""
     descriptors = [worker.fileno() for worker in busy]
     if deadline is None:
         ready = wait([*descriptors, stop.fileno()])
@@ -202,7 +202,7 @@ def _speaking(busy: dict[Worker, int], stop: Stop, deadline: float | None) -> li
     return [worker for worker in busy if worker.fileno() in ready]
 
 
-def _heard(worker: Worker, number: int) -> Told | Done[Any]:
+def _receive(worker: Worker, number: int) -> TaskProgress | Done[Any]:
     try:
         return worker.receive()
     except ProcessDiedError as error:
@@ -241,7 +241,7 @@ def _serve(
                     # The pipe need not break: processes forked later hold it open as well.
                     if os.getppid() != parent:
                         stop.request()
-                    connection.send(Told(number, message))
+                    connection.send(TaskProgress(number, message))
 
                 done = attempted(number, partial(work, task, report, stop))
                 connection.send(_sendable(done))

@@ -66,7 +66,7 @@ class LiveNode:
 
     It is ``alive`` while it answers, and ``unread`` while it is to be asked for its parameters;
     ``controls`` are those, in order. ``status`` are its newest diagnostics (``level`` is 0 when
-    all is well), ``heard`` (s) says when they came; ``statistics`` are its newest
+    all is well), ``last_seen`` (s) says when they came; ``statistics`` are its newest
     ``~/statistics``, values by status name, which came when it ``counted`` (s).
     """
 
@@ -77,7 +77,7 @@ class LiveNode:
         self.controls: list[Control] = []
         self.values: dict[str, Any] = {}
         self.status: dict[str, str] = {}
-        self.message, self.level, self.heard = '', 0, 0.0
+        self.message, self.level, self.last_seen = '', 0, 0.0
         self.statistics: dict[str, dict[str, str]] = {}
         self.counted = 0.0
         self._ros = ros
@@ -103,7 +103,7 @@ class LiveNode:
         return {name: self.values[name] for name in own if self.values.get(name) is not None}
 
     def connect(self, counted: Callable[[LiveNode, DiagnosticArray], None]) -> None:
-        """Make clients for its parameters, and hear its statistics, until `disconnect`."""
+        """Make clients for its parameters, and subscribe to its statistics, until `disconnect`."""
         if self._clients:
             return
         client, topic = self._ros.node.create_client, f'{self.name}/statistics'
@@ -134,7 +134,7 @@ class LiveNode:
         values = (await self._ask(GetParameters, names=names)).values
         self.controls = [controls[name] for name in names]
         self.values = dict(zip(names, map(value_of, values), strict=False))
-        self.alive, self.unread, self.heard = True, False, time.monotonic()
+        self.alive, self.unread, self.last_seen = True, False, time.monotonic()
 
     async def set(self, values: Mapping[str, Value]) -> dict[str, str]:
         """Set values in one request; returns the reason for each that was not set."""
@@ -227,8 +227,8 @@ class LiveSystem:
                 (DiagnosticArray, '/diagnostics', self._on_diagnostics),
                 (ParameterEvent, '/parameter_events', self._on_parameters),
             ):
-                heard = partial(self._ros.call_in_loop, take)
-                self._subscriptions.callback(self._ros.subscribe(kind, topic, heard, 100))
+                receive = partial(self._ros.call_in_loop, take)
+                self._subscriptions.callback(self._ros.subscribe(kind, topic, receive, 100))
             self._scanning = asyncio.create_task(self._scan())
 
     def leave(self, listener: Listener) -> None:
@@ -240,8 +240,8 @@ class LiveSystem:
             self._subscriptions.close()
             for node in self.nodes.values():
                 node.disconnect()
-                # What changes while nobody looks is not heard of.
-                node.unread, node.heard = True, 0.0
+                # Changes while nobody looks are not received.
+                node.unread, node.last_seen = True, 0.0
 
     async def set(self, node: LiveNode, values: Mapping[str, Value]) -> dict[str, str]:
         """Set parameters of a node; returns for each that was not set the reason."""
@@ -276,7 +276,7 @@ class LiveSystem:
             if node.unread and (node.reading is None or node.reading.done()):
                 node.reading = asyncio.create_task(self._read(node))
         for name, node in self.nodes.items():
-            silent = node.heard and time.monotonic() - node.heard > _SILENCE
+            silent = node.last_seen and time.monotonic() - node.last_seen > _SILENCE
             if node.alive and (name not in found or silent):
                 node.alive, node.unread = False, True
                 self.notify('nodes', node)
@@ -298,8 +298,8 @@ class LiveSystem:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             node, now = self.nodes.get(status.name), time.monotonic()
-            if node is not None and now - node.heard > _MIN_INTERVAL:
-                node.heard = now
+            if node is not None and now - node.last_seen > _MIN_INTERVAL:
+                node.last_seen = now
                 node.status = sanitized.key_values(status.values)
                 node.message, node.level = sanitized.words(status.message), status.level[0]
                 self.notify('status', node)

@@ -259,12 +259,12 @@ def _written(value: float, unit: str, sign: str) -> str:
 class SeriesFeed:
     """Follows one node's results until `close` and keeps them until they are sent.
 
-    Called from the loop; ``heard`` is, too, whenever there is something to be sent.
+    Called from the loop; ``on_news`` is, too, whenever there is something to be sent.
     """
 
-    def __init__(self, ros: RosThread, node: LiveNode, heard: Callable[[], None]) -> None:
+    def __init__(self, ros: RosThread, node: LiveNode, on_news: Callable[[], None]) -> None:
         self.name = node.name
-        self._ros, self._node, self._heard = ros, node, heard
+        self._ros, self._node, self._on_news = ros, node, on_news
         self._figures = Figures(node.kind, lambda: node.values)
         self._charts = PROCESSORS[node.kind].panel.charts
         self._points: list[tuple[float, str, Curves]] = []
@@ -287,7 +287,7 @@ class SeriesFeed:
         self.close = self._subscriptions.close
 
     def take(self) -> str:
-        """What was heard since the last time; empty where nothing was.
+        """What was received since the last time; empty where nothing was.
 
         As JSON: ``{"series": node, "points": [[time, chart, {curve: value}], …], "marks": [[time,
         change], …]}`` and what `Figures.said` gives.
@@ -316,7 +316,7 @@ class SeriesFeed:
                 self._marks.append((now, f'{name} {value_text(value)}'))
         self._values = dict(self._node.values)
         self._new = True
-        self._heard()
+        self._on_news()
 
 
 def _number(value: float) -> float | None:

@@ -63,13 +63,13 @@ class RosThread:
         self,
         kind: type,
         topic: str,
-        heard: Callable[[Any], None],
+        on_message: Callable[[Any], None],
         qos: QoSProfile | int = 10,
         *,
         raw: bool = False,
     ) -> Callable[[], object]:
-        """Subscribe until the returned is called; ``heard`` is called in the ROS thread."""
-        made = self.node.create_subscription(kind, topic, heard, qos, raw=raw)
+        """Subscribe until the returned is called; ``on_message`` is called in the ROS thread."""
+        made = self.node.create_subscription(kind, topic, on_message, qos, raw=raw)
         return partial(self.node.destroy_subscription, made)
 
     async def request(self, client: Any, request: Any) -> Any:

@@ -17,7 +17,7 @@ from typing import Any
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.metrics import Metric
-from mvuav_ros.offline.processes import ProcessDiedError, Report, Told, Worker
+from mvuav_ros.offline.processes import ProcessDiedError, Report, TaskProgress, Worker
 from mvuav_ros.offline.replay.job import ReplayJob, ReplaySettings, attempt
 from mvuav_ros.offline.report import Cell, Column, Table
 from mvuav_ros.offline.stopping import Stop
@@ -93,7 +93,7 @@ class RunProcess:
             worker.send(0, (run, folder))
             if self.cancelled:
                 worker.request_stop()
-            while isinstance(message := await asyncio.to_thread(worker.receive), Told):
+            while isinstance(message := await asyncio.to_thread(worker.receive), TaskProgress):
                 progress(message.message.done, message.message.total)
             done, failure = message.result, str(message.error)
         except ProcessDiedError as error:

@@ -74,7 +74,8 @@ class ResultRows:
         # Their poses are in the camera's optical frame.
         self._optical = {f'{tracker}/pose' for tracker in trackers}
         self._names = {
-            f'{tracker}/markers': _marker_names(recording, tracker) for tracker in trackers
+            f'{tracker}/markers': _with_tanker(marker_names(recording, tracker))
+            for tracker in trackers
         }
 
     def of(self, recorded: RecordedMessage) -> tuple[Columns, Iterator[Row]]:
@@ -122,11 +123,11 @@ def _number(text: str) -> float:
     return math.nan if text == 'none' else float(text)
 
 
-def _marker_names(recording: Recording, tracker: str) -> dict[int, str]:
-    """The names of a tracker's markers by their labels.
+def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
+    """The names of a tracker's markers by their labels, as far as its topics show them.
 
-    Each is that of the topic which has the same position at the same time. A marker that was
-    never seen has the tanker's name if the others have, and none otherwise.
+    Each is that of the topic which has the same position at the same time. The order of topics
+    says nothing: `ros2 bag record` lists them as they were discovered.
     """
     above = f'{tracker}/marker/'
     missing = {
@@ -136,10 +137,8 @@ def _marker_names(recording: Recording, tracker: str) -> dict[int, str]:
     }
     names: dict[int, str] = {}
     labels: dict[tuple[int, float, float], int] = {}
-    wanted = {f'{tracker}/markers', *missing} if missing else set()
-    for recorded in recording.messages(wanted):
-        if not missing:
-            break
+    newest: dict[str, tuple[int, float, float]] = {}
+    for recorded in recording.messages({f'{tracker}/markers', *missing} if missing else set()):
         try:
             message = decode_message(recorded.type, recorded.data)
             points = view_points(message) if recorded.type == _CLOUD else None
@@ -148,13 +147,25 @@ def _marker_names(recording: Recording, tracker: str) -> dict[int, str]:
         stamp_ns = stamp_ns_of(message.header)
         if recorded.topic in missing:
             place = message.point
-            at = stamp_ns, float(np.float32(place.x)), float(np.float32(place.y))
-            if at in labels:
-                names[labels[at]] = recorded.topic.removeprefix(above)
-                missing.discard(recorded.topic)
+            newest[recorded.topic] = (
+                stamp_ns,
+                float(np.float32(place.x)),
+                float(np.float32(place.y)),
+            )
         elif points is not None and {'x', 'y', 'label'} <= set(points.dtype.names or ()):
             places = points[['label', 'x', 'y']].tolist()
             labels = {(stamp_ns, x, y): label for label, x, y in places}
+        # Either of the two messages may come first.
+        for topic in [topic for topic, at in newest.items() if at in labels]:
+            names[labels[newest.pop(topic)]] = topic.removeprefix(above)
+            missing.discard(topic)
+        if not missing:
+            break
+    return names
+
+
+def _with_tanker(names: dict[int, str]) -> dict[int, str]:
+    """With the tanker's names of markers that were never seen, if the others have those."""
     tanker = dict(enumerate(TANKER_NAMES))
     return {**tanker, **names} if names.items() <= tanker.items() else names
 

@@ -135,10 +135,13 @@ class Flight(ABC, Generic[TruthT]):
 
     Attributes:
         camera: that takes the images.
+        encoding: of the images.
     """
 
-    def __init__(self, settings: FlightSettings, camera: PinholeCamera) -> None:
-        self.camera = camera
+    def __init__(
+        self, settings: FlightSettings, camera: PinholeCamera, encoding: str = 'bgr8'
+    ) -> None:
+        self.camera, self.encoding = camera, encoding
         self._basics = settings
         self._noise: SensorNoise | None = None
         self._shake = Shake(
@@ -190,13 +193,20 @@ class Flight(ABC, Generic[TruthT]):
         """What frame ``index`` shows, without drawing it."""
         return self.truth_at(self.seen_at(index))
 
-    @abstractmethod
     def frame(self, index: int) -> SimulatedFrame[TruthT]:
         """Draw frame ``index``, dropped or not."""
+        time = self.seen_at(index)
+        truth = self.truth_at(time)
+        pixels = self._exposed(self._draw(truth, time), time)
+        return SimulatedFrame(self.stamp_ns(index), Image(pixels, self.encoding), truth)
 
     @abstractmethod
     def truth_at(self, time: float) -> TruthT:
         """What is true at any time (s)."""
+
+    @abstractmethod
+    def _draw(self, truth: TruthT, time: float) -> Pixels:
+        """The image at a time (s) before the lens's blur and the sensor."""
 
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
         """An image with the lens's blur and the sensor's faults; may be the same array."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mvuav_ros.simulation.flight import (
     Flight,
     RandomStream,
-    SimulatedFrame,
     apply_gain,
     motion_blur,
 )
@@ -23,7 +22,7 @@ from mvuav_ros.simulation.settings import RunwaySettings
 from mvuav_ros.simulation.shake import random_wave
 from mvuav_ros.simulation.sky import Panorama
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_rpy, quaternion, rpy
-from mvuav_ros.vision.image import Image
+from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.runway.normal_form import NormalForm
 from mvuav_ros.vision.runway.results import LineRole
 
@@ -284,16 +283,10 @@ class RunwayFlight(Flight[RunwayTruth]):
         """The camera, which may shake, in the runway's frame at a time (s)."""
         return self._path.pose(time, None if self._shake.still else self._shake.rotation(time))
 
-    def frame(self, index: int) -> SimulatedFrame[RunwayTruth]:
-        """Draw frame ``index``, dropped or not."""
-        time = self.seen_at(index)
-        truth = self.truth_at(time)
-        image: NDArray[np.uint8] = self._panorama.view(truth.pose)
+    def _draw(self, truth: RunwayTruth, time: float) -> Pixels:
+        image = self._panorama.view(truth.pose)
         self._painter.paint(image, truth.pose)
-        image = motion_blur(image, *self._smear(time))
-        image = apply_gain(image, truth.gain)
-        image = self._exposed(image, time)
-        return SimulatedFrame(self.stamp_ns(index), Image(image, 'bgr8'), truth)
+        return apply_gain(motion_blur(image, *self._smear(time)), truth.gain)
 
     def _smear(self, time: float) -> tuple[float, float]:
         """How far the vanishing point moves during the exposure, px."""

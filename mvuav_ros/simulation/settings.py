@@ -9,10 +9,12 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, parameter
-from mvuav_ros.simulation.pinhole import CameraError, PinholeCamera, parse_distortion
+
+if TYPE_CHECKING:
+    from mvuav_ros.simulation.pinhole import PinholeCamera
 
 ALL = 'all'
 _NUMBER = r'\d+(?:\.\d*)?|\.\d+'
@@ -218,6 +220,9 @@ class TankerSettings(FlightSettings):
     )
 
     def _check_together(self) -> None:
+        # With NumPy, which who only asks for --help does not wait for.
+        from mvuav_ros.simulation.pinhole import CameraError
+
         super()._check_together()
         if self.end_distance > self.start_distance:
             raise ParameterError(
@@ -252,6 +257,8 @@ class TankerSettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
+        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
+
         fov = self.fov_deg or VIEW_FOV_DEG[self.actual_view]
         return PinholeCamera.with_field_of_view(
             self.width, self.height, fov, parse_distortion(self.distortion)
@@ -291,6 +298,8 @@ class RunwaySettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
+        from mvuav_ros.simulation.pinhole import PinholeCamera
+
         return PinholeCamera.with_field_of_view(
             self.width, self.height, self.fov_deg or RUNWAY_FOV_DEG
         )

@@ -16,7 +16,6 @@ from mvuav_ros.simulation.airframe import IN_LAB, IN_SKY, Boom, paint_mesh, plac
 from mvuav_ros.simulation.flight import (
     Flight,
     RandomStream,
-    SimulatedFrame,
     apply_gain,
     motion_blur,
 )
@@ -39,7 +38,6 @@ from mvuav_ros.simulation.settings import (
 from mvuav_ros.simulation.shake import random_wave
 from mvuav_ros.simulation.sky import Background
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, Vector, about_y, from_rpy
-from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.rig import TANKER_747, MarkerRig, RigError, load_rig
 
@@ -277,7 +275,7 @@ class TankerFlight(Flight[TankerTruth]):
             ParameterError: the rig's file cannot be used, or a schedule names no light of it.
         """
         self.settings = settings or TankerSettings()
-        super().__init__(self.settings, self.settings.camera())
+        super().__init__(self.settings, self.settings.camera(), self.settings.encoding)
         self.rig = _open_rig(self.settings)
         self._failures = parse_schedule(self.settings.failures)
         self._occlusions = parse_schedule(self.settings.occlusions)
@@ -325,13 +323,6 @@ class TankerFlight(Flight[TankerTruth]):
             return pose
         turned = self._shake.rotation(time)
         return BodyPose(turned @ pose.rotation, turned @ pose.translation)
-
-    def frame(self, index: int) -> SimulatedFrame[TankerTruth]:
-        """Draw frame ``index``, dropped or not."""
-        time = self.seen_at(index)
-        truth = self.truth_at(time)
-        image = Image(self._exposed(self._draw(truth, time), time), self.settings.encoding)
-        return SimulatedFrame(self.stamp_ns(index), image, truth)
 
     def _draw(self, truth: TankerTruth, time: float) -> Pixels:
         pose = BodyPose(truth.rotation, truth.translation)

@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, quaternion, rpy
-from mvuav_ros.vision.pose_ambiguity import choose, meets_another
 from mvuav_ros.vision.reprojection import (
     MIN_MARKERS,
     Reprojection,
     Solution,
     inverse,
-    rotation_of,
 )
-from mvuav_ros.vision.residual_noise import ResidualNoise
 from mvuav_ros.vision.rig import MarkerRig
 
 Array = NDArray[np.float64]
@@ -50,6 +47,8 @@ class PoseTuning:
 
 
 TUNING = PoseTuning()
+_PLACE_FIRST = np.ix_(*2 * [[3, 4, 5, 0, 1, 2]])
+"""From turns and places to the order of `Pose.covariance`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,7 @@ class Pose:
 class PoseEstimator:
     """Poses of one rig, frame after frame; none where it cannot be vouched for.
 
-    OpenCV's perspective-n-point solvers give the first pose, Levenberg-Marquardt steps on the
+    OpenCV's perspective-n-point solvers give the first pose, Gauss-Newton steps on the
     reprojection error every pose; the last pose is where it starts, and decides where two
     solutions fit. A marker that the others contradict is left out where it is clear which one
     that is. The covariance is noise² (JᵀJ)⁻¹, with J the reprojection's derivative. The noise
@@ -126,7 +125,11 @@ class PoseEstimator:
         self._last: tuple[Array, Array] | None = None
         self._last_time = -math.inf
         self._vouched: frozenset[int] = frozenset()
-        self._residuals = ResidualNoise()
+        # Whether three lights had two poses, or one that was not certain before one of them was out
+        # of sight: what they show later does not decide which is right, as another light may have
+        # taken the place of one of them. More than three decide.
+        self._is_mirrored = self._is_uncertain = False
+        self._residuals = _ResidualNoise()
 
     @property
     def noise(self) -> float:
@@ -152,6 +155,7 @@ class PoseEstimator:
         time = operator.index(stamp_ns) * 1e-9
         self._vouched &= frozenset(labels)
         if len(labels) < MIN_MARKERS:
+            self._is_mirrored |= self._is_uncertain
             self.reason = f'{len(labels)} markers; a pose needs {MIN_MARKERS}'
             return None
         if not np.isfinite(pixels).all():
@@ -159,17 +163,18 @@ class PoseEstimator:
             return None
         markers = np.array(labels, np.intp)
         image = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
-        chosen, view, solution = self._solve(camera, markers, image, time)
+        chosen, solution = self._solve(camera, markers, image, time)
         if solution is None:
             return None
         if not self._vouched_for(markers[chosen], time):
             return None
-        pose = self._pose(camera, view, markers[chosen].tolist(), solution)
+        pose = self._pose(camera, markers[chosen].tolist(), solution)
         if pose is not None:
-            self._last, self._last_time = solution[:2], time
+            self._last, self._last_time = (solution.rotation, solution.translation), time
+            self._is_uncertain = False
         elif len(chosen) == MIN_MARKERS:
             # Where two solutions of three lights meet, nothing says which one goes on.
-            self._last = None
+            self._last, self._is_uncertain = None, True
         return pose
 
     def _vouched_for(self, markers: NDArray[np.intp], time: float) -> bool:
@@ -188,21 +193,21 @@ class PoseEstimator:
 
     def _solve(
         self, camera: CameraModel, markers: NDArray[np.intp], image: Array, time: float
-    ) -> tuple[NDArray[np.intp], Reprojection, Solution | None]:
+    ) -> tuple[NDArray[np.intp], Solution | None]:
         """The pose's solution, and which of the markers it is from."""
         self.reason = ''
         everything = np.arange(len(markers))
         view = Reprojection(camera, self._points[markers], image)
         solution = self._follow(view, time) or self._find(view, time)
         usual = (TUNING.unusual * self._residuals.usual) ** 2
-        if solution is None or solution[2] > 2 * len(markers) * usual:
+        if solution is None or solution.squares > 2 * len(markers) * usual:
             rest = self._without_one(camera, markers, image, time, usual)
             if rest is not None:
                 self.reason = ''
                 return rest
         if solution is not None:
-            self._residuals.learn(solution[2], 2 * len(markers) - 6)
-        return everything, view, solution
+            self._residuals.learn(solution.squares, 2 * len(markers) - 6)
+        return everything, solution
 
     def _without_one(
         self,
@@ -211,7 +216,7 @@ class PoseEstimator:
         image: Array,
         time: float,
         usual: float,
-    ) -> tuple[NDArray[np.intp], Reprojection, Solution] | None:
+    ) -> tuple[NDArray[np.intp], Solution] | None:
         """The solution without the one marker that the others contradict; None if unclear."""
         if len(markers) < MIN_MARKERS + 2:
             return None
@@ -221,47 +226,41 @@ class PoseEstimator:
             rest = np.delete(everything, index)
             view = Reprojection(camera, self._points[markers[rest]], image[rest])
             solution = self._follow(view, time) or self._find(view, time)
-            if solution is not None and solution[2] <= 2 * len(rest) * usual:
-                fitting.append((rest, view, solution))
+            if solution is not None and solution.squares <= 2 * len(rest) * usual:
+                fitting.append((rest, solution))
         return fitting[0] if len(fitting) == 1 else None
 
-    def _pose(
-        self, camera: CameraModel, view: Reprojection, labels: list[int], solution: Solution
-    ) -> Pose | None:
+    def _pose(self, camera: CameraModel, labels: list[int], solution: Solution) -> Pose | None:
         """What is published of a solution, if it is known well enough."""
-        rvec, tvec, squares = solution
-        count = 2 * len(view.image)
-        jacobian = view.jacobian(rvec, tvec)
-        spread = inverse(jacobian.T @ jacobian)
-        shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
+        rotation, translation, squares, seen, slopes = solution
+        count = len(slopes)
+        spread = inverse(slopes.T.dot(slopes))
         if spread is not None:
             noise = self.noise
-            covariance = max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2 * spread
+            shown = math.sqrt(squares / (count - 6)) if count > 6 else 0.0
+            spread *= max(noise, shown if shown > TUNING.unusual * noise else 0.0) ** 2
         share = TUNING.of_three if count == 2 * MIN_MARKERS else 1.0
-        if spread is None or not _is_known(covariance, tvec, share):
+        if spread is None or not _is_known(spread, translation, share):
             self.reason = 'the pose is too uncertain'
             return None
-        everything = labels == list(range(len(self._points)))
-        seen = view.places(rvec, tvec) if everything else camera.project(self._points, rvec, tvec)
-        return Pose(
-            rotation_of(rvec),
-            tvec.reshape(3),
-            np.asarray(covariance, np.float64),
-            np.asarray(seen, np.float64).reshape(-1, 2),
-            math.sqrt(squares / count),
-        )
+        if labels != list(range(len(self._points))):
+            seen = camera.project(self._points.dot(rotation.T), tvec=translation)
+        misfit = math.sqrt(squares / count)
+        return Pose(rotation, translation, spread[_PLACE_FIRST], seen, misfit)
 
     def _follow(self, view: Reprojection, time: float) -> Solution | None:
         """From the last pose, if that is fresh and nothing looks odd."""
         if self._last is None or time - self._last_time > TUNING.holds:
             return None
         solution = view.refine(*self._last)
-        usual = TUNING.unusual * self.noise
         count = 2 * len(view.image)
-        if solution is None or solution[2] > count * min(usual, _most_misfit(view)) ** 2:
+        most = TUNING.unusual * self.noise
+        if most > TUNING.max_misfit:
+            most = min(most, _most_misfit(view))
+        if solution is None or solution.squares > count * most**2:
             return None
-        if count == 2 * MIN_MARKERS and meets_another(solution, view.closed_forms()):
-            self._last = None
+        if count == 2 * MIN_MARKERS and _meets_another(solution, view.closed_forms()):
+            self._last, self._is_mirrored = None, True
             return None
         return solution
 
@@ -272,13 +271,18 @@ class PoseEstimator:
         if fresh and self._last is not None:
             again = view.refine(*self._last)
             solutions += [again] if again is not None else []
-        least = min((squares for _, _, squares in solutions), default=math.inf)
+        least = min((solution.squares for solution in solutions), default=math.inf)
         count = 2 * len(view.image)
         if least > count * _most_misfit(view) ** 2:
             self.reason = 'no pose fits the markers'
             return None
-        last = rotation_of(self._last[0]) if fresh and self._last is not None else None
-        chosen = choose(solutions, self.noise, len(view.image), last)
+        last = self._last[0] if fresh and self._last is not None else None
+        chosen = _choose(solutions, self.noise, len(view.image), last)
+        if count > 2 * MIN_MARKERS:
+            self._is_mirrored = self._is_uncertain = False
+        elif last is None:
+            self._is_mirrored |= chosen is None
+            chosen = None if self._is_mirrored else chosen
         if chosen is None:
             self.reason = 'more than one pose fits the markers'
             if last is None and count > 2 * MIN_MARKERS:
@@ -291,13 +295,161 @@ def _most_misfit(view: Reprojection) -> float:
     return max(TUNING.max_misfit, TUNING.max_relative_misfit * span)
 
 
-def _is_known(covariance: Array, tvec: Array, share: float) -> bool:
-    """Whether a pose with this covariance is good enough to publish, in a share of the limits."""
-    variances: list[float] = covariance.diagonal().tolist()
+def _is_known(spread: Array, translation: Array, share: float) -> bool:
+    """Whether turns and places are known well enough to publish, in a share of the limits."""
+    variances: list[float] = spread.diagonal().tolist()
     if not all(math.isfinite(variance) for variance in variances):
         return False
-    moved = math.sqrt(max(*variances[:3], 0.0))
-    turned = math.sqrt(max(*variances[3:], 0.0))
-    distance = math.hypot(*tvec.ravel().tolist())
+    turned = math.sqrt(max(*variances[:3], 0.0))
+    moved = math.sqrt(max(*variances[3:], 0.0))
+    distance = math.hypot(*translation.tolist())
     known = moved <= share * TUNING.max_distance_error * distance
     return known and turned <= share * TUNING.max_turn_error
+
+
+@dataclass(frozen=True)
+class AmbiguityTuning:
+    """When one of several solutions is taken.
+
+    Chosen as `PoseTuning`; those of three lights on seeds 0 to 29 of flights of random rigs.
+    """
+
+    alike: float = 4.0  # of two solutions' squared residuals, up to where both fit
+    same: float = math.radians(5.0)  # rad, up to which two rotations are one solution
+    # Difference of two solutions' squared residuals, over the noise's variance, from which on the
+    # less one is right.
+    decisive: float = 12.0
+    # rad, by which a solution must be nearer to the last pose than the next one.
+    nearer: float = math.radians(3.0)
+    max_tilt: float = math.radians(45.0)  # rad, from straight behind, of three lights' first pose
+    one: float = math.radians(0.5)  # rad, up to which two solutions of three lights are the same
+    meeting: float = math.radians(8.0)  # rad, up to which two of them may be taken for each other
+
+
+AMBIGUITY = AmbiguityTuning()
+
+
+def _choose(
+    solutions: Sequence[Solution], noise: float, count: int, last: Array | None
+) -> Solution | None:
+    """The right one of all solutions of a frame, of which one fits at least; None if not clear.
+
+    The noise of a marker's place is in px per axis; the last rotation (3, 3) is a short while old.
+    """
+    least = min(solution.squares for solution in solutions)
+    limit = AMBIGUITY.alike * least + 2 * count * noise**2
+    fitting = [solution for solution in solutions if solution.squares <= limit]
+    if last is not None:
+        return _nearest(last, fitting)
+    if count == MIN_MARKERS:
+        # As their names do, a pose of three lights presupposes that they are seen from behind.
+        fitting = [solution for solution in fitting if _tilt(solution) < AMBIGUITY.max_tilt]
+        limit, same = math.inf, AMBIGUITY.one
+    else:
+        same = AMBIGUITY.same
+        limit = least + AMBIGUITY.decisive * noise**2
+    if not fitting:
+        return None
+    best = min(fitting, key=lambda solution: solution.squares)
+    others = [s for s in fitting if s.squares < limit and not _are_alike(best, s, same)]
+    return None if others else best
+
+
+def _meets_another(solution: Solution, others: Sequence[tuple[Array, Array]]) -> bool:
+    """Whether another solution of three lights is so near that either may be the right one."""
+    angles = [_angle(solution.rotation, rotation) for rotation, _ in others]
+    return any(AMBIGUITY.one < angle < AMBIGUITY.meeting for angle in angles)
+
+
+def _nearest(last: Array, fitting: Sequence[Solution]) -> Solution | None:
+    """The solution that goes on from the last pose."""
+    angles = [_angle(last, solution.rotation) for solution in fitting]
+    chosen = fitting[int(np.argmin(angles))]
+    same = [solution for solution in fitting if _are_alike(chosen, solution)]
+    others = [a for a, s in zip(angles, fitting, strict=True) if not _are_alike(chosen, s)]
+    if min(others, default=math.inf) < min(angles) + AMBIGUITY.nearer:
+        return None
+    # Some starts come to a halt before the minimum that they share with others.
+    return min(same, key=lambda solution: solution.squares)
+
+
+def _are_alike(a: Solution, b: Solution, same: float = AMBIGUITY.same) -> bool:
+    return _angle(a.rotation, b.rotation) < same
+
+
+def _tilt(solution: Solution) -> float:
+    """From the line of sight to the body's x axis, rad."""
+    place = solution.translation
+    ahead = float(solution.rotation[:, 0] @ place) / float(np.linalg.norm(place))
+    return math.acos(min(1.0, max(-1.0, ahead)))
+
+
+def _angle(first: Array, second: Array) -> float:
+    trace = float(np.sum(first * second))
+    return math.acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+
+
+@dataclass(frozen=True)
+class NoiseTuning:
+    """How fast the noise follows the residuals.
+
+    Chosen as `PoseTuning`.
+    """
+
+    first_noise: float = 0.3  # px, assumed before there are residuals
+    first_weight: float = 4.0  # degrees of freedom that this assumption is worth
+    first_memory: float = 0.9  # of that, per frame
+    memory: float = 0.999  # of the residuals, per frame
+    recent_memory: float = 0.6  # of those that show a sudden rise: back to normal in 15 frames
+    rise: float = 2.5  # ratio of the recent noise to the usual one from which on it counts
+    max_rise: int = 60  # frames after which it is the usual noise that has changed
+    # px, of a centroid, the same from frame to frame: the residuals do not show all of it.
+    steady_error: float = 0.015
+
+
+NOISE = NoiseTuning()
+
+
+class _ResidualNoise:
+    """Deviation of a marker's place per axis, px, from the residuals of poses that fit.
+
+    A sudden rise counts while it lasts, and is soon forgotten.
+    """
+
+    def __init__(self) -> None:
+        self._squares = self._freedom = self._recent = 0.0
+        self._doubt = NOISE.first_weight
+        self._risen_for = 0
+
+    @property
+    def noise(self) -> float:
+        """In the newest frame, px."""
+        variance = self._variance
+        if self._recent > NOISE.rise**2 * variance:
+            variance = self._recent
+        return math.hypot(math.sqrt(variance), NOISE.steady_error)
+
+    @property
+    def usual(self) -> float:
+        """Where there is no sudden rise, px."""
+        return math.hypot(math.sqrt(self._variance), NOISE.steady_error)
+
+    @property
+    def _variance(self) -> float:
+        squares = self._squares + self._doubt * NOISE.first_noise**2
+        return squares / (self._freedom + self._doubt)
+
+    def learn(self, squares: float, freedom: int) -> None:
+        """Take a frame's squared residuals, px², and their degrees of freedom."""
+        if freedom <= 0:
+            return
+        variance = self._variance
+        self._recent += (1 - NOISE.recent_memory) * (squares / freedom - self._recent)
+        rise = self._recent > NOISE.rise**2 * variance
+        self._risen_for = self._risen_for + 1 if rise else 0
+        most = math.inf
+        if 0 < self._risen_for < NOISE.max_rise:
+            most = variance * freedom
+        self._squares = NOISE.memory * self._squares + min(squares, most)
+        self._freedom = NOISE.memory * self._freedom + freedom
+        self._doubt *= NOISE.first_memory

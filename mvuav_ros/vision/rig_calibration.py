@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
@@ -215,17 +216,18 @@ class _Bundle:
         solutions = []
         last = self._poses.get(frame)
         if last is not None:
-            again = view.refine(last[:3].reshape(3, 1), last[3:].reshape(3, 1))
+            again = view.refine(rotation_of(last[:3]), last[3:])
             solutions = [] if again is None else [again]
         if thorough and not solutions:
             solutions = view.solve()
-        elif not solutions or solutions[0][2] > 2 * len(rows) * _FITS**2:
+        elif not solutions or solutions[0].squares > 2 * len(rows) * _FITS**2:
             starts = view.closed_forms()
             solutions += [found for start in starts if (found := view.refine(*start)) is not None]
         if not solutions:
             return None
-        rvec, tvec, squares = min(solutions, key=lambda solution: solution[2])
-        return np.concatenate((rvec.ravel(), tvec.ravel())), squares
+        best = min(solutions, key=lambda solution: solution.squares)
+        rvec = cv2.Rodrigues(best.rotation)[0].ravel()
+        return np.concatenate((rvec, best.translation)), best.squares
 
     def _without_wrong(
         self, rows: Indices, frame: int, variance: float

@@ -254,11 +254,11 @@ def _least_residual(points: Array, seen: Array, camera: CameraModel) -> float:
     """Root mean square of the best pose that is seen from behind, px; infinite for none."""
     view = Reprojection(camera, points, np.ascontiguousarray(seen))
     least = math.inf
-    for rvec, tvec in view.closed_forms():
-        solution = view.refine(rvec, tvec)
+    for start in view.closed_forms():
+        solution = view.refine(*start)
         # The body's x axis is to point away from the camera.
-        if solution is not None and rotation_of(solution[0])[2, 0] >= _MIN_AHEAD:
-            least = min(least, math.sqrt(solution[2] / len(points)))
+        if solution is not None and solution.rotation[2, 0] >= _MIN_AHEAD:
+            least = min(least, math.sqrt(solution.squares / len(points)))
     return least
 
 

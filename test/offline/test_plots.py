@@ -186,16 +186,16 @@ def test_a_page_draws_what_is_in_the_results(season: Path) -> None:
 
 def test_a_long_flight_is_drawn_by_its_extremes_in_little_memory() -> None:
     tracemalloc.start()
-    curves = Curves(2, 90_000)
+    curves = Curves(('wave', 'nothing'), 90_000)
     for index in range(90_000):
-        curves.add(index / 30, [1e6 if index == 71_234 else math.sin(index), math.nan])
-    mean, _, greatest = curves.array()
+        curves.add(index / 30, {'wave': 1e6 if index == 71_234 else math.sin(index)})
+    drawn = curves.by_name()
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert len(mean) <= 3000 and peak < 3 << 20
+    assert len(drawn['seconds'][0]) <= 3000 and peak < 3 << 20
     # One frame of 90,000 that stands out is on the page.
-    assert np.nanmax(greatest[:, 1]) == 1e6
-    assert np.isnan(mean[:, 2]).all()
+    assert np.nanmax(drawn['wave'][2]) == 1e6
+    assert np.isnan(drawn['nothing'][0]).all()
 
 
 def test_what_cannot_be_drawn_is_one_line_and_nothing_is_overwritten(

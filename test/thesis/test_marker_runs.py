@@ -11,7 +11,7 @@ from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_thesis import known
 from mvuav_thesis.comparison import Compared
 from mvuav_thesis.plan import RUNS, Plan, tracker, tracking_pipelines
-from mvuav_thesis.tracking import claims_of, table_5_3
+from mvuav_thesis.tracking_trials import claims_of, table_5_3
 from mvuav_thesis.trials import MarkerTask, fly_markers, trials_of
 
 # Left wing, left stabilizer, rudder, right stabilizer, right wing.

@@ -23,11 +23,11 @@ from mvuav_thesis.runway import (
 )
 from mvuav_thesis.runway_stages import THESIS_YAML
 from mvuav_thesis.stages import time_programs, trial_images
-from mvuav_thesis.tracking import (
+from mvuav_thesis.tracking_figures import mean_and_deviation
+from mvuav_thesis.tracking_trials import (
     found_table as places_table,
 )
-from mvuav_thesis.tracking import predicted_table, table_5_3, vibration_table
-from mvuav_thesis.tracking_figures import mean_and_deviation
+from mvuav_thesis.tracking_trials import predicted_table, table_5_3, vibration_table
 from mvuav_thesis.trials import fly_markers, tracking_tasks, trials_of
 from mvuav_thesis.vibration import cells_of, measure, roll_tables, roll_tasks, table_5_4
 

@@ -13,7 +13,7 @@ from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.pose import PoseEstimator
-from mvuav_ros.vision.reprojection import Reprojection
+from mvuav_ros.vision.reprojection import Reprojection, projection_derivatives
 from mvuav_ros.vision.rig import TANKER_747, parse_rig
 from mvuav_thesis.light_flights import LightFlight, LightScene
 
@@ -136,21 +136,48 @@ def test_the_refinement_ends_where_opencvs_does(distortion):
         rotation = OPTICAL_FROM_BODY @ from_rpy(*rng.uniform(-0.4, 0.4, 3))
         translation = rng.uniform((-10, -8, 80), (10, 8, 150))
         image = seen(rotation, translation, camera=camera) + rng.normal(0, 0.3, (5, 2))
-        start = cv2.Rodrigues(rotation @ from_rpy(*rng.normal(0, 0.1, 3)))[0]
+        start = rotation @ from_rpy(*rng.normal(0, 0.1, 3))
         view = Reprojection(camera, TANKER_747.positions, image)
-        rvec, tvec, squares = view.refine(start, 1.1 * translation.reshape(3, 1))
+        found = view.refine(start, 1.1 * translation)
+        rvec, tvec = cv2.Rodrigues(found.rotation)[0], found.translation[:, None]
         model = camera.matrix, camera.distortion
         strict = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
         start = rvec.copy(), tvec.copy()
         best = cv2.solvePnPRefineLM(TANKER_747.positions, image, *model, *start, strict)
         np.testing.assert_allclose(rvec, best[0], atol=1e-6)
         np.testing.assert_allclose(tvec, best[1], atol=1e-4)
-        assert squares == pytest.approx(((image - view.places(rvec, tvec)) ** 2).sum())
+        assert found.squares == pytest.approx(((image - found.seen) ** 2).sum())
         # What the steps left is what the solution has, but for the square of the last one.
-        fresh = Reprojection(camera, TANKER_747.positions, image)
-        np.testing.assert_allclose(view.places(rvec, tvec), fresh.places(rvec, tvec), atol=1e-6)
-        expected = fresh.jacobian(rvec, tvec)
-        np.testing.assert_allclose(view.jacobian(rvec, tvec), expected, rtol=1e-4, atol=1e-3)
+        places, by_place, by_turn = projection_derivatives(
+            camera, TANKER_747.positions, found.rotation, found.translation, np.zeros(3)
+        )
+        np.testing.assert_allclose(found.seen, places, atol=1e-6)
+        slopes = np.concatenate((by_turn, by_place), axis=2).reshape(-1, 6)
+        np.testing.assert_allclose(found.slopes, slopes, rtol=1e-4, atol=1e-2)
+
+
+@pytest.mark.parametrize('model', ['plumb_bob', 'equidistant'])
+def test_the_slopes_are_the_differences_of_places(model):
+    distortion = (-0.15, 0.04, 0.001, -0.001, 0.0) if model == 'plumb_bob' else (0.1, -0.02, 0, 0)
+    camera = CameraModel(640, 480, CAMERA.k, distortion, distortion_model=model)
+    rotation, translation = OPTICAL_FROM_BODY @ from_rpy(0.2, -0.1, 0.3), np.array((3.0, -2, 60))
+    about = np.array((2.0, 1.0, -1.0))
+
+    def places(turn, move):
+        turned = cv2.Rodrigues(turn)[0] @ rotation
+        # The point about which the body turns stays in its place.
+        origin = translation + move + (rotation - turned) @ about
+        return camera.project(TANKER_747.positions, cv2.Rodrigues(turned)[0], origin)
+
+    _, by_place, by_turn = projection_derivatives(
+        camera, TANKER_747.positions, rotation, translation, about
+    )
+    for axis, step in enumerate(1e-5 * np.eye(3)):
+        none = np.zeros(3)
+        moved = (places(none, step) - places(none, -step)) / 2e-5
+        turned = (places(step, none) - places(-step, none)) / 2e-5
+        np.testing.assert_allclose(by_place[..., axis], moved, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(by_turn[..., axis], turned, rtol=1e-4, atol=1e-4)
 
 
 def test_three_lights_have_several_solutions_and_the_last_pose_decides():
@@ -281,3 +308,21 @@ def test_three_lights_whose_solutions_meet_have_no_wrong_pose():
             assert np.linalg.norm(deviations(pose, truth)[3:]) < math.radians(5.0)
     assert sum(told) >= 12
     assert not all(told)
+
+
+def test_a_light_that_takes_the_place_of_one_of_three_does_not_decide_between_two_poses():
+    """It may drift to where one of the two would be seen from the side, and the wrong one stays."""
+    three = parse_rig({'markers': {'a': [0, 4, 0], 'b': [1, -4, 0], 'c': [-1, 0, 3]}}, 'three')
+    rotation = OPTICAL_FROM_BODY @ from_rpy(0.0, 0.3, -0.3)
+    right = seen(rotation, np.array((0.0, 0.0, 30.0)), three)
+    followed, worst = PoseEstimator(three), 0.0
+    assert followed.estimate(CAMERA, range(3), right, 0) is None
+    assert followed.estimate(CAMERA, [0, 1], right[:2], 1_000_000) is None
+    for index in range(1, 80):
+        pixels = right + np.array(((0.0, 0.0), (0.0, 0.0), (0.5 * index, 0.0)))
+        stamp_ns = round(index / 30 * 1e9)
+        fresh = PoseEstimator(three).estimate(CAMERA, range(3), pixels, stamp_ns)
+        if fresh is not None:
+            worst = max(worst, angle_between(fresh.rotation, rotation))
+        assert followed.estimate(CAMERA, range(3), pixels, stamp_ns) is None
+    assert worst > math.radians(10.0), 'nothing was to be withheld'

@@ -59,7 +59,7 @@ class Measurement(NamedTuple):
         }
 
 
-def measure(case: Case, seconds: float = 1.0, most_pairs: int = 3000) -> Measurement:
+def measure(case: Case, seconds: float = 1.0, max_pairs: int = 3000) -> Measurement:
     """Run a case and its baseline in turn for about ``seconds``, at least five times."""
     for _ in range(3):
         case.run()
@@ -68,7 +68,7 @@ def measure(case: Case, seconds: float = 1.0, most_pairs: int = 3000) -> Measure
     end = time.perf_counter() + seconds
     times: list[float] = []
     baselines: list[float] = []
-    while len(times) < 5 or (time.perf_counter() < end and len(times) < most_pairs):
+    while len(times) < 5 or (time.perf_counter() < end and len(times) < max_pairs):
         times.append(_time(case.run))
         if case.baseline is not None:
             baselines.append(_time(case.baseline))

@@ -3,32 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from typing import Annotated
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
-from mvuav_ros.cli.bench.case import Measurement, measure
-from mvuav_ros.cli.bench.live import LiveResult, live_cases, measure_live
-from mvuav_ros.cli.bench.replay_cases import replay_cases
-from mvuav_ros.cli.bench.vision_cases import (
-    approach_cases,
-    marker_cases,
-    runway_cases,
-    simulation_cases,
-)
 from mvuav_ros.cli.options import Json
 from mvuav_ros.cli.terminal import frame_progress, table_console
 
-SUITES = {
-    'markers': marker_cases,
-    'runway': runway_cases,
-    'approach': approach_cases,
-    'simulation': simulation_cases,
-    'replay': replay_cases,
-}
+if TYPE_CHECKING:
+    from mvuav_ros.cli.bench.case import Case, Measurement
+    from mvuav_ros.cli.bench.live import LiveResult
 
+SUITES = ('markers', 'runway', 'approach', 'simulation', 'replay')
 LIVE = 'live'
 """The suite of processes on real DDS, which takes minutes and is run only when named."""
 LIVE_SECONDS = 5.0
@@ -59,12 +46,15 @@ def bench(
     ] = False,
 ) -> None:
     """Measure medians in one process, each case in turn with its baseline; or live nodes."""
+    from mvuav_ros.cli.bench.case import measure
+    from mvuav_ros.cli.bench.live import live_cases, measure_live
+
     known = (*SUITES, LIVE)
     unknown = [name for name in suite or () if name not in known]
     if unknown:
         raise typer.BadParameter(f'{", ".join(unknown)}; there are {", ".join(known)}')
-    names = suite or list(SUITES)
-    cases = [case for name in names if name != LIVE for case in SUITES[name]()]
+    names = suite or SUITES
+    cases = [case for name in names if name != LIVE for case in _cases_of(name)()]
     live = live_cases(full) if LIVE in names else []
     with frame_progress() as progress:
         measured = [measure(c, seconds) for c in progress.track(cases, description='bench')]
@@ -85,7 +75,22 @@ def bench(
         raise typer.Exit(1)
 
 
+def _cases_of(suite: str) -> Callable[[], list[Case]]:
+    from mvuav_ros.cli.bench import replay_cases, vision_cases
+
+    makers: dict[str, Callable[[], list[Case]]] = {
+        'markers': vision_cases.marker_cases,
+        'runway': vision_cases.runway_cases,
+        'approach': vision_cases.approach_cases,
+        'simulation': vision_cases.simulation_cases,
+        'replay': replay_cases.replay_cases,
+    }
+    return makers[suite]
+
+
 def _print(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False)
     for heading in headings:
         table.add_column(heading, justify='left' if heading in _WORDS else 'right')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -17,13 +17,17 @@ from mvuav_ros.cli.options import (
     Param,
     ParamsFile,
     refuse_to_overwrite,
-    takes,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.parameters.declaration import ParameterError
 
 _LITTLE = 0.6
 """Part of the image below which its coverage is worth a word."""
+
+
+ReportFolder = Annotated[
+    Path | None, typer.Option(help='Folder for the report; _report beside the file if not given.')
+]
 
 
 class LensModel(StrEnum):
@@ -35,46 +39,37 @@ class LensModel(StrEnum):
     EQUIDISTANT = 'equidistant'
 
 
-@dataclass(frozen=True)
-class CalibrateOptions:
-    """The options of ``mvuav calibrate``."""
-
+def calibrate(
     source: Annotated[
         str, typer.Argument(help='A video, folder of images, bag, or camera (0, /dev/video0).')
-    ]
+    ],
     board: Annotated[
         str, typer.Option(help='Inner corners of the board, columns x rows, as in 9x6.')
-    ]
-    square: Annotated[float, typer.Option(help='Side of a square, m.')]
+    ],
+    square: Annotated[float, typer.Option(help='Side of a square, m.')],
     charuco: Annotated[
         str | None,
         typer.Option(help='The board is a ChArUco board with this dictionary: DICT_5X5_100.'),
-    ] = None
+    ] = None,
     marker: Annotated[
         float, typer.Option(help="Side of a ChArUco board's markers over that of its squares.")
-    ] = 0.75
+    ] = 0.75,
     model: Annotated[
         LensModel,
         typer.Option(help='Of the lens. auto: the simplest that does best on views kept back.'),
-    ] = LensModel.AUTO
+    ] = LensModel.AUTO,
     output: Annotated[Path, typer.Option('--output', '-o', help='Calibration file.')] = Path(
         'camera.yaml'
-    )
-    report: Annotated[
-        Path | None,
-        typer.Option(help='Folder for the report; _report beside the file if not given.'),
-    ] = None
-    name: Annotated[str, typer.Option(help='Name of the camera in the file.')] = 'camera'
-    topic: ImageTopic = None
-    views: Annotated[int, typer.Option(help='Different views that are used at most.', min=5)] = 120
+    ),
+    report: ReportFolder = None,
+    name: Annotated[str, typer.Option(help='Name of the camera in the file.')] = 'camera',
+    topic: ImageTopic = None,
+    views: Annotated[int, typer.Option(help='Different views that are used at most.', min=5)] = 120,
     seconds: Annotated[
         float, typer.Option(help='Time after which a camera is left, if views are missing, s.')
-    ] = 120.0
-    force: Force = False
-
-
-@takes(CalibrateOptions)
-def calibrate(options: CalibrateOptions) -> None:
+    ] = 120.0,
+    force: Force = False,
+) -> None:
     """Calibrate a camera from a recording of a checkerboard or a ChArUco board.
 
     Move the board slowly over the whole image, near and far, and tilt it in all directions by 20
@@ -89,32 +84,24 @@ def calibrate(options: CalibrateOptions) -> None:
     from mvuav_ros.vision.board import Board, BoardError
     from mvuav_ros.vision.camera import CalibrationError
 
-    columns, _, rows = options.board.lower().partition('x')
+    columns, _, rows = board.lower().partition('x')
     if not (columns.isdigit() and rows.isdigit()):
-        raise ParameterError('--board', f'write columns x rows, as in 9x6, not {options.board!r}')
+        raise ParameterError('--board', f'write columns x rows, as in 9x6, not {board!r}')
     try:
-        board = Board(
-            int(columns), int(rows), options.square, options.charuco or '', options.marker
-        )
+        printed = Board(int(columns), int(rows), square, charuco or '', marker)
     except BoardError as error:
         raise ParameterError('--board', str(error)) from error
-    report = options.report or options.output.with_name(f'{options.output.stem}_report')
-    refuse_to_overwrite(options.output, options.force)
-    source = open_source(options.source, topic=options.topic)
+    report = report or output.with_name(f'{output.stem}_report')
+    refuse_to_overwrite(output, force)
+    with closing(open_source(source, topic=topic)) as images, frame_progress() as progress:
+        task = progress.add_task('frames', total=images.count)
+        search = work.search_board(images, printed, views, seconds, lambda: progress.advance(task))
     try:
-        with frame_progress() as progress:
-            task = progress.add_task('frames', total=source.count)
-            search = work.search_board(
-                source, board, options.views, options.seconds, lambda: progress.advance(task)
-            )
-        chosen, found = work.calibrate_from(search, board, options.model.value, options.views)
+        chosen, found = work.calibrate_from(search, printed, model.value, views)
     except CalibrationError as error:
-        raise SourceError(f'{source.name}: {error}') from error
-    finally:
-        source.close()
-    page = work.report_of(source.name, board, search, chosen, found)
-    write_report(page, report)
-    save_calibration(found.camera, options.output, options.name)
+        raise SourceError(f'{images.name}: {error}') from error
+    write_report(work.report_of(images.name, printed, search, chosen, found), report)
+    save_calibration(found.camera, output, name)
     say(
         f'{search.frames} frames, board found in {len(search.views)} of {search.searched} looked '
         f'at, {found.used.sum()} views used'
@@ -127,7 +114,7 @@ def calibrate(options: CalibrateOptions) -> None:
         f'corners in {100 * covered:.0f} % of the image'
         + ('' if covered >= _LITTLE else ': the lens is extrapolated outside; show the board there')
     )
-    say(options.output)
+    say(output)
     say(report / 'index.html')
 
 
@@ -211,13 +198,11 @@ def check(
         raise typer.Exit(1)
 
 
-@dataclass(frozen=True)
-class RigOptions:
-    """The options of ``mvuav rig calibrate``."""
-
-    source: Annotated[str, typer.Argument(help='A recorded flight: bag, video or images.')]
-    rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')]
-    camera_info: CameraInfo = None
+@rig.command('calibrate')
+def calibrate_rig(
+    source: Annotated[str, typer.Argument(help='A recorded flight: bag, video or images.')],
+    rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')],
+    camera_info: CameraInfo = None,
     distance: Annotated[
         str | None,
         typer.Option(
@@ -225,21 +210,14 @@ class RigOptions:
             'rig.',
             metavar='left:right=0.82',
         ),
-    ] = None
-    output: Annotated[Path, typer.Option('--output', '-o', help='Rig file.')] = Path('rig.yaml')
-    report: Annotated[
-        Path | None,
-        typer.Option(help='Folder for the report; _report beside the file if not given.'),
-    ] = None
-    topic: ImageTopic = None
-    params_file: ParamsFile = None
-    param: Param = None
-    force: Force = False
-
-
-@rig.command('calibrate')
-@takes(RigOptions)
-def calibrate_rig(options: RigOptions) -> None:
+    ] = None,
+    output: Annotated[Path, typer.Option('--output', '-o', help='Rig file.')] = Path('rig.yaml'),
+    report: ReportFolder = None,
+    topic: ImageTopic = None,
+    params_file: ParamsFile = None,
+    param: Param = None,
+    force: Force = False,
+) -> None:
     """Find out from a flight where the lights of a rig really are.
 
     The body has to turn before the camera, by 20 degrees and more about two axes. marker_tracker
@@ -258,37 +236,34 @@ def calibrate_rig(options: RigOptions) -> None:
     from mvuav_ros.vision.rig_calibration import RigCalibrationError
 
     try:
-        rough = load_rig(options.rig)
+        rough = load_rig(rig)
     except RigError as error:
         raise ParameterError('--rig', str(error)) from error
     try:
-        distance = work.parse_distance(options.distance) if options.distance else None
+        measured = work.parse_distance(distance) if distance else None
     except ValueError as error:
         raise ParameterError('--distance', str(error)) from error
-    given = resolve_parameters(['marker_tracker'], options.params_file, options.param or [])
+    given = resolve_parameters(['marker_tracker'], params_file, param or [])
     parameters = MarkerTrackerParameters.from_mapping(given['marker_tracker'])
-    report = options.report or options.output.with_name(f'{options.output.stem}_report')
-    refuse_to_overwrite(options.output, options.force)
-    camera = load_calibration(options.camera_info) if options.camera_info else None
-    source = open_source(options.source, topic=options.topic)
-    try:
-        with frame_progress() as progress:
-            task = progress.add_task('frames', total=source.count)
+    report = report or output.with_name(f'{output.stem}_report')
+    refuse_to_overwrite(output, force)
+    camera = load_calibration(camera_info) if camera_info else None
+    with closing(open_source(source, topic=topic)) as flight, frame_progress() as progress:
+        task = progress.add_task('frames', total=flight.count)
+        try:
             made = work.calibrate_from(
-                source,
+                flight,
                 rough,
                 camera,
                 parameters,
-                distance,
+                measured,
                 lambda frames: progress.update(task, completed=frames),
             )
-    except RigCalibrationError as error:
-        raise SourceError(f'{source.name}: {error}') from error
-    finally:
-        source.close()
+        except RigCalibrationError as error:
+            raise SourceError(f'{flight.name}: {error}') from error
     found = made.found
-    write_report(work.report_of(source.name, made), report)
-    write_whole(options.output, rig_text(made.rig, found.deviations))
+    write_report(work.report_of(flight.name, made), report)
+    write_whole(output, rig_text(made.rig, found.deviations))
     say(
         f'{made.frames} frames, {found.frames} used; {found.used.sum()} of {len(found.used)} '
         f'sightings fit, noise {found.noise:.2f} px',
@@ -300,9 +275,9 @@ def calibrate_rig(options: RigOptions) -> None:
         position = ' '.join(f'{value:.4f}' for value in place)
         spread = ' '.join(f'{1000 * value:.2f}' for value in deviation)
         say(f'{name}: {position}, {spread}, {1000 * math.dist(place, before):.1f}')
-    if distance is None:
+    if measured is None:
         say(
             f'the scale is that of the rough rig, known to {100 * found.scale_deviation:.2g} %; '
             'a measured --distance is better'
         )
-    say(options.output, report / 'index.html')
+    say(output, report / 'index.html')

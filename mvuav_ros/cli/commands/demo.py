@@ -1,16 +1,25 @@
-"""``mvuav demo``: see the nodes at work on the sample bags."""
+"""``mvuav demo``: the nodes at work on the sample bags, once, or repeatedly with the panel."""
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from mvuav_ros.cli.terminal import say
+from mvuav_ros.offline.stopping import Interrupted
 from mvuav_ros.recordings.layout import shipped_folder
-from mvuav_ros.sources.source import SourceError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_STARTING_TIME = 180.0
+_PREFIX = 'tuning_panel: '
 
 
 def demo(
@@ -29,15 +38,60 @@ def demo(
 
     Leaves demo.mcap with all messages, and three figures: tanker, runway and roll.
     """
-    from mvuav_ros.cli.demo.live_demo import run_demo
-    from mvuav_ros.cli.demo.panel_demo import run_panel
+    from rich.console import Console
+
+    from mvuav_ros.sources.source import SourceError
 
     # Of a checkout, or installed with the package.
     folder = bags or shipped_folder('bags')
     if folder is None:
         raise SourceError('the sample bags are not installed; name their folder with --bags')
     if panel:
-        run_panel(folder, Console())
+        try:
+            _run_panel(folder, Console())
+        except Interrupted as interruption:
+            if interruption.number != signal.SIGINT:
+                raise
         return
+    from mvuav_ros.cli.demo.live_demo import run_demo
+
     for path in run_demo(folder, output, Console()):
         say(path)
+
+
+def _run_panel(bags: Path, console: Console) -> None:
+    """Start the looping bags, the nodes and the panel, say where that is, and wait for Ctrl-C.
+
+    Raises:
+        SourceError: a bag is missing, or a process failed.
+        Interrupted: by Ctrl-C.
+    """
+    import webbrowser
+
+    from mvuav_ros.cli.demo.sample_flights import panel_flights
+    from mvuav_ros.cli.node_processes import NodeProcesses
+    from mvuav_ros.sources.source import SourceError
+
+    flights = panel_flights(bags)
+    with NodeProcesses() as nodes:
+        panel = nodes.start('mvuav_ros', 'tuning_panel', '--port', '0', '--bags', str(bags))
+        for flight in flights:
+            flight.start_node(nodes)
+            flight.start_source(nodes, loop='true')
+        url = panel.wait_for(_PREFIX, _STARTING_TIME).removeprefix(_PREFIX)
+        console.print('The tuning panel is at', style='bold')
+        console.print(f'  {url}', style='bold cyan', highlight=False, soft_wrap=True)
+        console.print(
+            f'ROS_DOMAIN_ID is {nodes.domain_id}. Ctrl-C ends everything.', highlight=False
+        )
+        if _has_browser():
+            webbrowser.open(url)
+        while not (reason := nodes.failure()):
+            time.sleep(0.5)
+        raise SourceError(reason)
+
+
+def _has_browser() -> bool:
+    """Whether there is a screen to open a browser on; never one in the terminal."""
+    screen = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
+    return bool(screen) or sys.platform == 'darwin'

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import math
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from typer.core import TyperGroup
 
@@ -20,13 +18,9 @@ from mvuav_ros.cli.options import (
     Param,
     ParamsFile,
     refuse_to_overwrite,
-    takes,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
-from mvuav_ros.offline.node_parameters import resolve_parameters
-from mvuav_ros.parameters.parameter_file import parse_assignment
 from mvuav_ros.recordings.account import RecordingError
-from mvuav_ros.sources.source import SourceError
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.evaluation.corners import CornersScore
@@ -36,42 +30,36 @@ if TYPE_CHECKING:
 _NODE = 'runway_detector'
 
 
-@dataclass(frozen=True)
-class CornersOptions:
-    """The options of ``mvuav evaluate corners``."""
-
+def corners(
     labels: Annotated[
         Path, typer.Argument(metavar='CSV', help='The labels; the images are in the same folder.')
-    ]
-    params_file: ParamsFile = None
-    param: Param = None
+    ],
+    params_file: ParamsFile = None,
+    param: Param = None,
     horizon: Annotated[
         Path | None,
         typer.Option(
             help='CSV file with the horizon of each frame, instead of an attitude: columns file, '
             'row_at_centre (px) and slope_deg (right end down positive).'
         ),
-    ] = None
-    gray: Annotated[bool, typer.Option('--gray', help='Convert the images to grey first.')] = False
-    tolerance: Annotated[float, typer.Option(help='Horizontal error allowed, px.', min=0)] = 3.0
+    ] = None,
+    gray: Annotated[bool, typer.Option('--gray', help='Convert the images to grey first.')] = False,
+    tolerance: Annotated[float, typer.Option(help='Horizontal error allowed, px.', min=0)] = 3.0,
     tolerance_share: Annotated[
         float,
         typer.Option(help='The same as a share of the near width; the larger one holds.', min=0),
-    ] = 0.05
-    as_json: Json = None
+    ] = 0.05,
+    as_json: Json = None,
     images: Annotated[
         Path | None, typer.Option(help='Folder for overlays: best, median, worst, each failure.')
-    ] = None
+    ] = None,
     minimum: Annotated[
         float,
         typer.Option(
             help='Exit with status 1 if both edges are found in fewer frames (share).', min=0
         ),
-    ] = 0.0
-
-
-@takes(CornersOptions)
-def corners(options: CornersOptions) -> None:
+    ] = 0.0,
+) -> None:
     """Say in how many frames both runway edges were found, and in how many they are wrong.
 
     The columns of CSV are file and near_left, near_right, far_right, far_left, each with _x and
@@ -90,30 +78,34 @@ def corners(options: CornersOptions) -> None:
         run_detector,
         write_images,
     )
+    from mvuav_ros.offline.node_parameters import resolve_parameters
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+    from mvuav_ros.sources.source import SourceError
 
-    given = resolve_parameters([_NODE], options.params_file, options.param or [])[_NODE]
+    given = resolve_parameters([_NODE], params_file, param or [])[_NODE]
     parameters = RunwayDetectorParameters.from_mapping({'mode': 'approach', **given})
     try:
-        frames = read_corners(options.labels)
-        horizon = None if options.horizon is None else read_horizon(options.horizon, frames)
-        allowed = Tolerance(options.tolerance, options.tolerance_share)
-        run = LabelledRun(options.labels.parent, frames, horizon, options.gray, allowed)
+        frames = read_corners(labels)
+        lines = None if horizon is None else read_horizon(horizon, frames)
+        allowed = Tolerance(tolerance, tolerance_share)
+        run = LabelledRun(labels.parent, frames, lines, gray, allowed)
         with frame_progress() as progress:
             task = progress.add_task('frames', total=len(frames))
             score = run_detector(run, parameters, lambda: progress.advance(task))
-        if options.images is not None:
-            write_images(run, parameters, score, options.images)
+        if images is not None:
+            write_images(run, parameters, score, images)
     except CornersError as error:
         raise SourceError(str(error)) from error
     _report(score)
-    if options.as_json is not None:
-        options.as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
-    if not score.both >= options.minimum:
+    if as_json is not None:
+        as_json.write_text(json.dumps(score.figures(), indent=2) + '\n')
+    if not score.both >= minimum:
         raise typer.Exit(1)
 
 
 def _report(score: CornersScore) -> None:
+    import numpy as np
+
     from mvuav_ros.offline.evaluation.corners import WARM_UP
 
     say(f'frames counted {len(score.counted)} (from the {WARM_UP + 1}th)')
@@ -227,37 +219,31 @@ def integrity(
     say(page)
 
 
-@dataclass(frozen=True)
-class BagOptions:
-    """The options of ``mvuav evaluate bag``."""
-
+@evaluate.command()
+def bag(
     source: Annotated[
         str,
         typer.Argument(
             metavar='INPUT', help="A bag with truth, or a flight such as 'sim:tanker?motion=roll'."
         ),
-    ]
-    output: Output = Path('out/evaluation')
+    ],
+    output: Output = Path('out/evaluation'),
     replayed: Annotated[
         bool,
         typer.Option('--replay', help='Run the nodes even if the bag holds their results.'),
-    ] = False
+    ] = False,
     params_file: Annotated[
         Path | None, typer.Option(help='A ROS 2 parameter file; implies --replay.')
-    ] = None
+    ] = None,
     param: Annotated[
         list[str] | None,
         typer.Option(
             help='node:name:=value; may be repeated; implies --replay.', show_default=False
         ),
-    ] = None
-    image_topic: ImageTopic = None
-    force: Force = False
-
-
-@evaluate.command()
-@takes(BagOptions)
-def bag(options: BagOptions) -> None:
+    ] = None,
+    image_topic: ImageTopic = None,
+    force: Force = False,
+) -> None:
     """Compare the nodes' results in a bag with the bag's truth.
 
     Truth is /truth/markers, /truth/rpy and /truth/lines, as `mvuav simulate` writes them. Where
@@ -267,21 +253,21 @@ def bag(options: BagOptions) -> None:
     from mvuav_ros.offline.evaluation.bag_report import bag_report
     from mvuav_ros.offline.report import write_report
 
-    refuse_to_overwrite(options.output / PAGE, options.force)
+    refuse_to_overwrite(output / PAGE, force)
     run = None
-    again = options.replayed or options.param or options.params_file is not None
-    if not again and not options.source.startswith('sim:'):
-        run = running.read_bag(Path(options.source).expanduser())
+    again = replayed or param or params_file is not None
+    if not again and not source.startswith('sim:'):
+        run = running.read_bag(Path(source).expanduser())
         _require_truth(run)
     parameters: dict[str, dict[str, Any]] = {}
     if run is None or not len(run.results):
-        parameters = _parameters(options)
-        run = running.replay(options.source, parameters, options.image_topic)
+        parameters = _parameters(source, param or [], params_file)
+        run = running.replay(source, parameters, image_topic)
         _require_truth(run)
     how = 'replayed by this version' if parameters else "the bag's own"
     described = {node: str(given or 'defaults') for node, given in parameters.items()}
     report = bag_report(run, {'results': how, **described})
-    page = write_report(report, options.output)
+    page = write_report(report, output)
     for table in report.tables():
         if table.key == 'metrics':
             for row in range(len(table.rows)):
@@ -289,15 +275,17 @@ def bag(options: BagOptions) -> None:
     say(page)
 
 
-def _parameters(options: BagOptions) -> dict[str, dict[str, Any]]:
+def _parameters(
+    source: str, assignments: list[str], params_file: Path | None
+) -> dict[str, dict[str, Any]]:
     """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
     from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
+    from mvuav_ros.parameters.parameter_file import parse_assignment
 
-    assignments = options.param or []
     asked = [parse_assignment(assignment)[0] for assignment in assignments]
-    nodes = node_names(','.join([*nodes_for(options.source), *asked]))
-    return resolve_parameters(nodes, options.params_file, assignments)
+    nodes = node_names(','.join([*nodes_for(source), *asked]))
+    return resolve_parameters(nodes, params_file, assignments)
 
 
 def _require_truth(run: EvaluationRun) -> None:

@@ -7,20 +7,18 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from rich.table import Table
 
 from mvuav_ros.cli.options import Force, Format, SplitMb, Storage, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, say, table_console
-from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.recordings.remote import inside, is_url, local_copy, local_output
-from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary, summarise
-from mvuav_ros.sources.opening import looks_like_bag, open_source
-from mvuav_ros.sources.source import FrameSource
+
+if TYPE_CHECKING:
+    from mvuav_ros.recordings.summary import RecordingSummary, TopicSummary
+    from mvuav_ros.sources.source import FrameSource
 
 _MAX_ROWS = 200
 
@@ -48,6 +46,9 @@ def info(
     ],
 ) -> RecordingSummary | FrameSummary:
     """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
+    from mvuav_ros.recordings.summary import summarise
+    from mvuav_ros.sources.opening import looks_like_bag, open_source
+
     summary: RecordingSummary | FrameSummary
     with local_copy(source) as path:
         if path.exists() and looks_like_bag(path):
@@ -60,14 +61,18 @@ def info(
             name = str(path) if is_url(source) else source
             summary = _summarise_images(source, open_source(name, cameras=False))
     summary.path = source
-    if isinstance(summary, RecordingSummary):
-        _print_recording(summary)
-    else:
+    if isinstance(summary, FrameSummary):
         _print_images(summary)
+    else:
+        _print_recording(summary)
     return summary
 
 
 def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
+    import numpy as np
+
+    from mvuav_ros.messages.images import BadFrame
+
     summary = FrameSummary(text, rate_hz=frames.rate)
     formats: Counter[str] = Counter()
     stamps = array('q')
@@ -91,6 +96,8 @@ def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
 
 
 def _print_recording(summary: RecordingSummary) -> None:
+    from rich.table import Table
+
     say(f'{summary.path}: {summary.messages} messages in {summary.duration_s:.2f} s')
     table = Table(box=None, pad_edge=False)
     for heading in ('topic', 'type', 'count', 'Hz', 'images', 'warnings'):

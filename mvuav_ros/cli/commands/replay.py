@@ -5,11 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import Progress, TaskID
 
 from mvuav_ros.cli.options import (
     CameraInfo,
@@ -22,15 +20,15 @@ from mvuav_ros.cli.options import (
     SplitMb,
     Storage,
     Strict,
-    takes,
 )
 from mvuav_ros.cli.terminal import frame_progress, report_account, report_damage, say
 from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.messages.untrusted import visible
 from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
-from mvuav_ros.sources.source import Selection, SourceError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from mvuav_ros.offline.replay.batch import Plan
     from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome
 
@@ -157,17 +155,14 @@ def _report(outcome: ReplayOutcome) -> None:
         say(f'mvuav: {outcome.failure}', err=True)
 
 
-@dataclass(frozen=True)
-class ReplayOptions:
-    """The options of ``mvuav replay``."""
-
+def replay(
     sources: Annotated[
         list[str],
         typer.Argument(
             metavar='INPUT...',
             help='Bags, videos, folders or globs of images, folders of them; or their URLs.',
         ),
-    ]
+    ],
     output: Annotated[
         str,
         typer.Option(
@@ -177,43 +172,43 @@ class ReplayOptions:
             'or a URL.',
             show_default=False,
         ),
-    ]
+    ],
     nodes: Annotated[str, typer.Option(help='Nodes to run, separated by commas.')] = ','.join(
         DETECTORS
-    )
-    image_topic: ImageTopic = None
-    params_file: ParamsFile = None
-    param: Param = None
+    ),
+    image_topic: ImageTopic = None,
+    params_file: ParamsFile = None,
+    param: Param = None,
     fps: Annotated[
         float | None,
         typer.Option(
             help='Frame rate of images without stamps (folder: 30, video: its own).', min=0.001
         ),
-    ] = None
+    ] = None,
     start: Annotated[
         float, typer.Option(help='Start at this time of the recording, s.', min=0.0)
-    ] = 0.0
+    ] = 0.0,
     duration: Annotated[
         float | None, typer.Option(help='Length of the part to process, s.', min=0.0)
-    ] = None
+    ] = None,
     every: Annotated[
         int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
-    ] = 1
-    camera_info: CameraInfo = None
+    ] = 1,
+    camera_info: CameraInfo = None,
     image_is_rectified: Annotated[
         bool,
         typer.Option(
             '--image-is-rectified',
             help='The images are rectified: P of the calibration holds, without distortion.',
         ),
-    ] = False
+    ] = False,
     keep_inputs: Annotated[
         bool,
         typer.Option('--keep-inputs', help="Also copy the input's topics; images as /image_raw."),
-    ] = False
+    ] = False,
     debug_images: Annotated[
         bool, typer.Option('--debug-images', help='Also write the debug images.')
-    ] = False
+    ] = False,
     gamma: Annotated[
         float,
         typer.Option(
@@ -221,9 +216,9 @@ class ReplayOptions:
             min=0.01,
             max=100.0,
         ),
-    ] = 1.0
-    storage: Format = Storage.MCAP
-    split_mb: SplitMb = 0
+    ] = 1.0,
+    storage: Format = Storage.MCAP,
+    split_mb: SplitMb = 0,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -231,14 +226,11 @@ class ReplayOptions:
             min=1,
             show_default=False,
         ),
-    ] = None
-    dask: Dask = None
-    strict: Strict = False
-    force: Force = False
-
-
-@takes(ReplayOptions)
-def replay(options: ReplayOptions) -> dict[str, Any]:
+    ] = None,
+    dask: Dask = None,
+    strict: Strict = False,
+    force: Force = False,
+) -> dict[str, Any]:
     """Run the nodes' own code over recordings and write their topics as mcap bags.
 
     The messages are those that the live nodes publish for the same images.
@@ -250,36 +242,37 @@ def replay(options: ReplayOptions) -> dict[str, Any]:
     from mvuav_ros.offline.replay.batch import plan
     from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.sources.calibration import load_calibration
+    from mvuav_ros.sources.source import Selection, SourceError
 
-    nodes = node_names(options.nodes)
-    assignments = list(options.param or [])
-    if options.image_is_rectified:
-        assignments += [f'{node}:image_is_rectified:=true' for node in nodes]
+    chosen = node_names(nodes)
+    assignments = list(param or [])
+    if image_is_rectified:
+        assignments += [f'{node}:image_is_rectified:=true' for node in chosen]
     settings = ReplaySettings(
-        parameters=complete(resolve_parameters(nodes, options.params_file, assignments)),
-        image_topic=options.image_topic,
-        fps=options.fps,
-        selection=Selection(options.start, options.duration, options.every),
-        keep_inputs=options.keep_inputs,
-        debug_images=options.debug_images,
-        gamma=options.gamma,
-        camera=load_calibration(options.camera_info) if options.camera_info else None,
-        split_bytes=options.storage.split_bytes(options.split_mb),
+        parameters=complete(resolve_parameters(chosen, params_file, assignments)),
+        image_topic=image_topic,
+        fps=fps,
+        selection=Selection(start, duration, every),
+        keep_inputs=keep_inputs,
+        debug_images=debug_images,
+        gamma=gamma,
+        camera=load_calibration(camera_info) if camera_info else None,
+        split_bytes=storage.split_bytes(split_mb),
     )
     planned = plan(
-        options.sources,
-        options.output,
+        sources,
+        output,
         settings,
-        overwrite=options.force,
-        absolute=options.dask is not None,
+        overwrite=force,
+        absolute=dask is not None,
     )
-    jobs = options.jobs or len(os.sched_getaffinity(0))
+    jobs = jobs or len(os.sched_getaffinity(0))
     with stop_on_signals() as stop:
-        outcomes = replay_all(planned, jobs, options.dask, stop)
+        outcomes = replay_all(planned, jobs, dask, stop)
     if stop:
         raise Interrupted(stop.number)
     if any(outcome.failure for outcome in outcomes):
         raise typer.Exit(1)
-    if options.strict and any(outcome.lossy for outcome in outcomes):
+    if strict and any(outcome.lossy for outcome in outcomes):
         raise SourceError('--strict: something was lost or rejected; see the warnings')
     return {'recordings': [outcome.record() for outcome in outcomes]}

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
-from dataclasses import field, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from mvuav_ros.cli.options import Force, refuse_to_overwrite, takes
+from mvuav_ros.cli.options import Force, refuse_to_overwrite
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
-from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.simulation.flight import SimulatedFrame
 from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
-from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
+
+if TYPE_CHECKING:
+    from mvuav_ros.simulation.flight import SimulatedFrame
 
 simulate = typer.Typer(
     help='Write a synthetic flight: images, calibration and the truth.',
@@ -27,31 +27,29 @@ simulate = typer.Typer(
 
 def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
     """A command with one option for each setting of the flight."""
-    options: list[tuple[str, Any, Any]] = [
-        ('output', Annotated[Path, typer.Option('--output', '-o', help='OUT.mcap.')], field()),
-        (
-            'size',
-            Annotated[str, typer.Option(help='WxH, instead of --width and --height.')],
-            field(default=''),
-        ),
-        ('force', Force, field(default=False)),
-    ]
-    for spec in settings.specs():
-        limits = ', '.join(filter(None, (spec.unit, spec.constraint)))
-        words = spec.description + (f' [{limits}]' if limits else '')
-        kind_of_value: Any = spec.type
-        option = Annotated[kind_of_value, typer.Option(help=words)]
-        options.append((spec.name, option, field(default=spec.default)))
 
-    def run(chosen: Any) -> None:
-        given = vars(chosen)
-        output, size, force = (given.pop(name) for name in ('output', 'size', 'force'))
+    def run(
+        output: Annotated[Path, typer.Option('--output', '-o', help='OUT.mcap.')],
+        size: Annotated[str, typer.Option(help='WxH, instead of --width and --height.')] = '',
+        force: Force = False,
+        **given: Any,
+    ) -> None:
         if size:
             given['width'], given['height'] = _parse_size(size)
         _write(kind, given, output, force)
 
-    run.__doc__ = settings.__doc__
-    return takes(make_dataclass(f'{kind.title()}Options', options))(run)
+    parameters = list(inspect.signature(run).parameters.values())[:-1]
+    hints = get_type_hints(run, include_extras=True)
+    for spec in settings.specs():
+        limits = ', '.join(filter(None, (spec.unit, spec.constraint)))
+        words = spec.description + (f' [{limits}]' if limits else '')
+        hints[spec.name] = Annotated[spec.type, typer.Option(help=words)]
+        parameters.append(
+            inspect.Parameter(spec.name, inspect.Parameter.KEYWORD_ONLY, default=spec.default)
+        )
+    run.__doc__, run.__annotations__ = settings.__doc__, hints
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
 
 
 simulate.command('tanker')(_command('tanker', TankerSettings))
@@ -67,6 +65,8 @@ def _parse_size(text: str) -> tuple[int, int]:
 
 def _write(kind: str, given: dict[str, object], output: Path, force: bool) -> None:
     from mvuav_ros.offline.simulated_messages import simulated_messages
+    from mvuav_ros.recordings.writing import RecordingWriter
+    from mvuav_ros.sources.opening import FRAME_ID, camera_model, make_flight
 
     flight = make_flight(kind, given)
     refuse_to_overwrite(output, force)

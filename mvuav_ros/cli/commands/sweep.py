@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +13,6 @@ from mvuav_ros.cli.options import (
     ImageTopic,
     ParamsFile,
     refuse_to_overwrite,
-    takes,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
 
@@ -24,37 +22,31 @@ if TYPE_CHECKING:
 CSV = 'sweep.csv'
 
 
-@dataclass(frozen=True)
-class SweepOptions:
-    """The options of ``mvuav sweep``."""
-
+def sweep(
     sources: Annotated[
         list[str],
         typer.Argument(
             metavar='INPUT...',
             help="Bags, videos, image folders, or flights such as 'sim:tanker?motion=roll&seed=3'.",
         ),
-    ]
+    ],
     param: Annotated[
         list[str] | None,
         typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
-    ] = None
+    ] = None,
     output: Annotated[
         Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
-    ] = Path('out/sweep')
+    ] = Path('out/sweep'),
     nodes: Annotated[
         str | None,
         typer.Option(help='Nodes to run; default: those of --param.', show_default=False),
-    ] = None
-    params_file: ParamsFile = None
-    image_topic: ImageTopic = None
-    jobs: Annotated[int, typer.Option(help='Number of runs in parallel.', min=1)] = 1
-    dask: Dask = None
-    force: Force = False
-
-
-@takes(SweepOptions)
-def sweep(options: SweepOptions) -> None:
+    ] = None,
+    params_file: ParamsFile = None,
+    image_topic: ImageTopic = None,
+    jobs: Annotated[int, typer.Option(help='Number of runs in parallel.', min=1)] = 1,
+    dask: Dask = None,
+    force: Force = False,
+) -> None:
     """Run every combination of parameters on every INPUT; keep the numbers and draw trends.
 
     Leaves sweep.csv, index.html, and every table and figure. A run that fails is reported and
@@ -72,23 +64,22 @@ def sweep(options: SweepOptions) -> None:
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
     from mvuav_ros.offline.report import write_csv, write_report
 
-    output = options.output
-    axes = [parse_axis(text) for text in options.param or []]
+    axes = [parse_axis(text) for text in param or []]
     swept = list(dict.fromkeys(axis.node for axis in axes))
-    nodes = node_names(options.nodes, swept or PROCESSING_NODES)
-    base = resolve_parameters(nodes, options.params_file)
-    runs = plan_runs(options.sources, axes, base, options.image_topic)
-    refuse_to_overwrite(output / CSV, options.force)
+    chosen = node_names(nodes, swept or PROCESSING_NODES)
+    base = resolve_parameters(chosen, params_file)
+    runs = plan_runs(sources, axes, base, image_topic)
+    refuse_to_overwrite(output / CSV, force)
     with frame_progress() as progress:
-        made = run_sweep(runs, options.jobs, options.dask)
+        made = run_sweep(runs, jobs, dask)
         results = in_order(progress.track(made, total=len(runs), description='sweep'))
     described = {
-        'inputs': ', '.join(options.sources),
+        'inputs': ', '.join(sources),
         'parameters swept': ', '.join(
             f'{axis.title} = {", ".join(map(str, axis.values))}' for axis in axes
         ),
         'other parameters': ', '.join(f'{n}: {g or "defaults"}' for n, g in base.items()),
-        'jobs': options.dask or options.jobs,
+        'jobs': dask or jobs,
     }
     output.mkdir(parents=True, exist_ok=True)
     write_csv(sweep_table(results, axes), output / CSV)

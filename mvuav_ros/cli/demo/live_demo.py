@@ -56,7 +56,7 @@ class DemoRecorder(Node):
             self.create_subscription(kind, topic, self._keeper(topic, kind), EVERYTHING, raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
-    def hears(self, topics: Iterable[str]) -> bool:
+    def has_publishers(self, topics: Iterable[str]) -> bool:
         """Whether each of the topics has a publisher."""
         return all(self.count_publishers(topic) > 0 for topic in topics)
 
@@ -125,7 +125,7 @@ def _topics(flights: list[SampleFlight]) -> dict[str, type]:
 def _watch(
     flights: list[SampleFlight], recorder: DemoRecorder, nodes: NodeProcesses, console: Console
 ) -> None:
-    """Play the bags once the recorder hears every node, until every frame is answered."""
+    """Play the bags once the recorder finds every node, until every frame is answered."""
     executor = SingleThreadedExecutor(context=recorder.context)
     executor.add_node(recorder)
     end = time.monotonic() + MAX_DURATION
@@ -137,7 +137,7 @@ def _watch(
             if now - shown > 0.1:
                 live.update(_screen(flights, recorder), refresh=True)
                 shown = now
-            if ready_at is None and recorder.hears(flight.main for flight in flights):
+            if ready_at is None and recorder.has_publishers(flight.main for flight in flights):
                 ready_at = now
             if ready_at is not None and not playing and now - ready_at > SETTLING_TIME:
                 playing = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -24,6 +24,7 @@ from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.opening import FRAME_ID, PREFIX, looks_like_bag, make_flight, open_source
 from mvuav_ros.sources.source import SourceError
 
@@ -42,8 +43,6 @@ RESULT_TOPICS = {
 Rows = NDArray[np.void]
 ONE_MARKER = '/marker_tracker/marker/'
 """Of the topics that hold one marker each; its name follows."""
-_SAME_PLACE = 1e-2
-"""px; rows are in single precision, points in double."""
 
 
 @dataclass
@@ -76,40 +75,6 @@ class Observations:
         return {*self.markers, *self.rpy, *self.lines}
 
 
-class NamedPoints:
-    """What the topics of single markers say, to find the row that each of them repeats.
-
-    The order of topics says nothing: `ros2 bag record` lists them as they were discovered.
-    """
-
-    def __init__(self) -> None:
-        self._points: dict[str, dict[int, tuple[float, float]]] = defaultdict(dict)
-
-    def add(self, topic: str, data: bytes | memoryview) -> None:
-        """Take in a message's CDR.
-
-        Raises:
-            MalformedMessageError: it is no PointStamped.
-        """
-        message = decode_message('geometry_msgs/msg/PointStamped', data)
-        place = float(message.point.x), float(message.point.y)
-        # A dollar sign would begin a formula in a figure.
-        name = words(topic.removeprefix(ONE_MARKER)).replace('$', '')
-        self._points[name][stamp_ns_of(message.header)] = place
-
-    def names(self, markers: Mapping[int, Rows]) -> dict[int, str]:
-        """The names that are certain, by label, from rows of ``~/markers`` by stamp (ns)."""
-        found: dict[int, str] = {}
-        for name, points in self._points.items():
-            for stamp in points.keys() & markers.keys():
-                rows, (x, y) = markers[stamp], points[stamp]
-                near = rows[np.hypot(rows['x'] - x, rows['y'] - y) < _SAME_PLACE]
-                if len(near) == 1:
-                    found[int(near['label'][0])] = name
-                    break
-        return found
-
-
 def names_of(processors: Iterable[Processor]) -> dict[int, str]:
     """The names of the rig that is tracked, by label."""
     topics = (resolve(t, f'/{each.name}') for each in processors for t in each.topics)
@@ -134,7 +99,7 @@ class EvaluationRun:
     name: str
     results: Observations = field(default_factory=Observations)
     truth: Observations = field(default_factory=Observations)
-    names: Mapping[int, str] = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
     frames: int = 0
     rejected: int | None = None
     milliseconds: float = float('nan')
@@ -147,16 +112,13 @@ def read_bag(path: Path) -> EvaluationRun:
     Raises:
         RecordingError: nothing can be read from there.
     """
-    run, named = EvaluationRun(str(path)), NamedPoints()
+    run = EvaluationRun(str(path))
     with open_recording(path) as recording:
         unreadable = 0
-        single = {topic.name for topic in recording.topics if topic.name.startswith(ONE_MARKER)}
-        for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS, *single}):
+        for message in recording.messages({*TRUTH_TOPICS, *RESULT_TOPICS}):
             topic, data = message.topic, message.data
             try:
-                if topic in single:
-                    named.add(topic, data)
-                elif topic in TRUTH_TOPICS:
+                if topic in TRUTH_TOPICS:
                     run.truth.add(TRUTH_TOPICS[topic], data)
                 else:
                     run.results.add(RESULT_TOPICS[topic], data)
@@ -165,9 +127,11 @@ def read_bag(path: Path) -> EvaluationRun:
         if unreadable:
             said = f'{unreadable} messages of truth or results do not decode'
             recording.account.lose('', 'decoding', said, unreadable)
+        for label, name in marker_names(recording, '/marker_tracker').items():
+            # A dollar sign would begin a formula in a figure.
+            run.names[label] = words(name).replace('$', '')
         run.errors = recording.account.errors
     run.frames = len(run.results.stamps)
-    run.names = named.names(run.results.markers)
     return run
 
 

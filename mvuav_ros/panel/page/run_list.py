@@ -46,7 +46,9 @@ class Trends:
                 self._arrangement = ui.toggle(
                     _ARRANGEMENTS, value='single', on_change=self._draw
                 ).props('dense unelevated toggle-color=primary size=sm no-caps')
-                self._csv = el.button('CSV', self._export_csv)
+                self._csv = el.button(
+                    'CSV', lambda: ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
+                )
                 self._csv.tooltip('Save the numbers and parameters of the chosen runs')
             with el.box('line wrap fields'):
                 self._over = el.choice([_OVER_NAMES], 'Over', _OVER_NAMES, on_change=self._draw)
@@ -93,9 +95,6 @@ class Trends:
         chart.style(f'height: {height}px')
         names = ', '.join(columns)
         el.set_props(chart, data_trend=names, aria_label=f'Trend of {names}')
-
-    def _export_csv(self) -> None:
-        ui.download.content(csv_text(run_table(self._runs)), 'runs.csv')
 
 
 def line_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:

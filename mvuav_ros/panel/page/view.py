@@ -186,19 +186,19 @@ class PanelView:
             show_keys()
 
     def _connected(self) -> None:
-        self._page.services.system.listen(self._heard)
+        self._page.services.system.listen(self._node_changed)
         self._refresh()
 
     def _disconnected(self) -> None:
         if not self._client.has_socket_connection:
-            self._page.services.system.leave(self._heard)
+            self._page.services.system.leave(self._node_changed)
 
     def _closed(self) -> None:
-        self._page.services.system.leave(self._heard)
+        self._page.services.system.leave(self._node_changed)
         self._head.recording.stop()
         self._runs.frames.end()
 
-    def _heard(self, what: str, node: LiveNode) -> None:
+    def _node_changed(self, what: str, node: LiveNode) -> None:
         ours = node.name == self._page.selected
         with self._root:
             if what == 'nodes':

@@ -6,7 +6,7 @@
   const seen = new Set(); // canvases on the screen
   const drawnAt = new Map();
   const LENGTH = 25; // m, of the camera's view in space
-  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], heard = 0;
+  let socket = null, asked = '', retry = 500, series = '', curves = new Map(), marks = [], receivedAt = 0;
 
   const panel = () => document.querySelector('.panel');
   const paused = () => !!document.querySelector('[data-paused=true]');
@@ -35,7 +35,7 @@
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => { retry = 500; asked = ''; ask(); };
     socket.onclose = () => { socket = null; setTimeout(connect, retry); retry = Math.min(retry * 2, 5000); };
-    socket.onmessage = (event) => typeof event.data === 'string' ? hear(JSON.parse(event.data)) : show(event.data);
+    socket.onmessage = (event) => typeof event.data === 'string' ? receive(JSON.parse(event.data)) : show(event.data);
   }
 
   async function show(data) {
@@ -90,9 +90,9 @@
     if (at) canvas.dispatchEvent(new CustomEvent('pixel', { detail: at }));
   });
 
-  function hear(message) {
+  function receive(message) {
     if (message.series !== series) { series = message.series; curves = new Map(); marks = []; }
-    heard = performance.now();
+    receivedAt = performance.now();
     marks.push(...message.marks);
     const touched = new Set();
     for (const [time, chart, values] of message.points) {
@@ -191,7 +191,7 @@
       else if (now - time > STALE) canvas.parentElement.dataset.fresh = 'false';
     }
     if (paused()) trust('stale', 'paused');
-    else if (now - heard > STALE) trust('stale', `no results for ${Math.round((now - heard) / 1000)} s`);
+    else if (now - receivedAt > STALE) trust('stale', `no results for ${Math.round((now - receivedAt) / 1000)} s`);
     followAll();
     ask(true);
   }

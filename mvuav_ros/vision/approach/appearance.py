@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.edges import Strips
-from mvuav_ros.vision.approach.evidence import UNIT, EvidenceMap
-from mvuav_ros.vision.approach.numeric import best_run, in_common
+from mvuav_ros.vision.approach.evidence import MIRROR, UNIT, EvidenceMap, in_common
 from mvuav_ros.vision.approach.tuning import APPEARANCE, SEARCH
 
 WEIGHTS = np.array(SEARCH.weights, np.float32)
+_INDEX = np.arange(APPEARANCE.rows)
+_ROWS = _INDEX + 1
+"""Below the vanishing point."""
 Numbers = NDArray[np.floating[Any]]
 
 
@@ -25,8 +27,7 @@ class Profile:
         strips: (n, 6), with the ends that were found.
         rows: of the map.
         depth: rows below the vanishing point.
-        left: column of the left edge.
-        right: column of the right edge.
+        edges: (2, n, rows) columns of the left and of the right edge.
         visible: both edges are in the image.
         parts: (n, rows, 4) what both edges have in common, in textures, with the strip's sign.
         total: their weighted sum, limited.
@@ -40,8 +41,7 @@ class Profile:
     strips: Strips
     rows: NDArray[np.intp]
     depth: Numbers
-    left: Numbers
-    right: Numbers
+    edges: Numbers
     visible: NDArray[np.bool_]
     parts: Numbers
     total: Numbers
@@ -58,51 +58,105 @@ class Profile:
         return result
 
 
+def best_run(
+    gain: NDArray[Any], slack: float = 0.0
+) -> tuple[NDArray[Any], NDArray[np.intp], NDArray[np.intp]]:
+    """The run of columns with the largest sum in each row.
+
+    Args:
+        gain: (n, columns) what each column adds.
+        slack: sums that differ by no more begin equally well; the shortest such run is taken.
+
+    Returns:
+        Arrays (n,): the sum, the first column, and the one after the last.
+
+    Examples:
+        >>> best_run(np.array([[-1.0, 2.0, 3.0, -4.0]]))
+        (array([5.]), array([1]), array([3]))
+    """
+    count, columns = gain.shape
+    total = np.zeros((count, columns + 1))
+    np.cumsum(gain, axis=1, out=total[:, 1:])
+    lowest = np.minimum.accumulate(total, axis=1)
+    rise = total - lowest
+    last = rise.argmax(axis=1)
+    number = np.arange(count)
+    # The last place before the end at which the total was that low.
+    least = lowest[number, last][:, None] + slack
+    at_lowest = (total <= least) & (np.arange(columns + 1) <= last[:, None])
+    first = columns - at_lowest[:, ::-1].argmax(axis=1)
+    return rise[number, last], np.minimum(first, columns - 1), last
+
+
 def profile(image: EvidenceMap, strips: Strips) -> Profile:
     """Measure strips row by row, on the level where near ends are 10 to 40 px deep, and find ends.
 
     Their near ends say which rows the strips are known by.
     """
-    x, y, left_slope, right_slope, _, expected = strips.T
-    rows = np.rint(y[:, None] + np.arange(1, APPEARANCE.rows + 1)).astype(np.intp)
-    depth = rows - y[:, None]
-    left, right = (x[:, None] + slope[:, None] * depth for slope in (left_slope, right_slope))
-    lefts, in_left = image.at(rows, left)
-    rights, in_right = image.at(rows, right)
-    visible = in_left & in_right
-    one, other = lefts.astype(np.float32) / UNIT, rights.astype(np.float32) / UNIT
-    other[..., :3] *= -1
-    common = in_common(one, other)
-    known = (depth > SEARCH.first_row * expected[:, None]) & (depth <= expected[:, None])
+    count = len(strips)
+    x, y, expected = (strips[:, column, None] for column in (0, 1, 5))
+    rows = np.rint(y + _ROWS).astype(np.intp)
+    depth = rows - y
+    edges = x + strips.T[2:4, :, None] * depth
+    found, seen = image.at(rows, edges)
+    visible = seen[0] & seen[1]
+    evidence = found.astype(np.float32) * np.float32(1 / UNIT)
+    evidence[1] *= MIRROR
+    common = in_common(evidence[0], evidence[1])
+    known = (depth > SEARCH.first_row * expected) & (depth <= expected)
+    # Each channel has the sign that it has on most of the rows.
     sign = np.where((common * known[..., None]).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
     parts = common * sign
-    total = np.minimum(parts @ WEIGHTS, APPEARANCE.max_gain)
-    used = visible & (depth >= APPEARANCE.first_depth) & (right - left >= APPEARANCE.min_width)
-    used &= depth <= 1.9 * expected[:, None]
+    # Of both edges together, of the left and of the right one.
+    totals = np.concatenate([parts, *(evidence * sign)]) @ WEIGHTS
+    np.minimum(totals, APPEARANCE.max_gain, out=totals)
+    used = visible & (depth >= APPEARANCE.first_depth)
+    used &= (edges[1] - edges[0] >= APPEARANCE.min_width) & (depth <= 1.9 * expected)
     worth = used / np.maximum(depth, 2.0)
-    run, first, last = best_run((total - SEARCH.row_bias) * worth, APPEARANCE.slack)
-    number = np.arange(len(strips))
-    last = np.maximum(last - 1, first)
-    found = strips.copy()
-    found[:, 4], found[:, 5] = depth[number, first], depth[number, last] + 0.5
-    index = np.arange(APPEARANCE.rows)
-    inside = used & (index >= first[:, None]) & (index <= last[:, None])
-    single = [np.minimum((each * sign) @ WEIGHTS, APPEARANCE.max_gain) for each in (one, other)]
-    ends = [best_run((each - SEARCH.row_bias) * worth, APPEARANCE.slack)[2] for each in single]
-    near = [depth[number, np.maximum(end - 1, 0)] for end in ends]
-    apart = np.log(np.maximum(near[0], 1.0) / np.maximum(near[1], 1.0))
-    means = [(each * inside).sum(axis=1) for each in single]
-    balance = np.minimum(*means) / np.maximum(np.maximum(*means), 1e-6)
+    gain = (totals - SEARCH.row_bias).reshape(3, count, -1) * worth
+    runs, firsts, ends = best_run(gain.reshape(totals.shape), APPEARANCE.slack)
+    first = firsts[:count]
+    last = np.maximum(ends[:count] - 1, first)
+    number = np.arange(count)
+    strips = strips.copy()
+    strips[:, 4], strips[:, 5] = depth[number, first], depth[number, last] + 0.5
+    inside = used & (first[:, None] <= _INDEX) & (last[:, None] >= _INDEX)
+    totals = totals.reshape(3, count, -1)
+    ends = np.maximum(ends[count:].reshape(2, count) - 1, 0)
+    left_end, right_end = np.maximum(depth[number, ends], 1.0)
+    means = (totals[1:] * inside).sum(axis=2)
+    balance = means.min(axis=0) / np.maximum(means.max(axis=0), 1e-6)
+    apart = np.log(left_end / right_end)
     return Profile(
-        found, rows, depth, left, right, visible, parts, total, inside, run, last, apart, balance
+        strips,
+        rows,
+        depth,
+        edges,
+        visible,
+        parts,
+        totals[0],
+        inside,
+        runs[:count],
+        last,
+        apart,
+        balance,
     )
 
 
-_MIRROR = np.array([-1, -1, -1, 1], np.float32)
+_BELOW = np.geomspace(1.12, 2.6, 12)
+"""Near ends' depths, at which it is looked whether the edges go on."""
+_ALONG = np.linspace(0.15, 0.95, 9)
+"""Between the far and the near end, where neighbours are compared."""
+_UP = np.arange(2, 16)
+"""Px above the vanishing point, where no runway goes on."""
 _SCALES = np.array([1.35, 1.7, 2.2, 3.0, 0.35, 0.5, 0.7])
 """Widths of strips around and within a strip that are compared with it, of its width."""
-_SIDE = np.array([1.0, 2.0])
+_SIDE, _NONE = np.array([1.0, 2.0]), np.zeros(2)
 """Of half its width: how much wider on one side."""
+_OUTWARDS = np.stack(
+    [np.concatenate([_SCALES - 1, _SIDE, _NONE]), np.concatenate([_SCALES - 1, _NONE, _SIDE])]
+)
+"""Of half its width: how far outside the left and the right edge of each neighbour lies."""
 
 
 FEATURES = (
@@ -151,8 +205,8 @@ def describe(
         | _of_the_near_end(image, measured)
         | _of_the_sky(image, measured, scene)
     )
-    table = np.stack([np.asarray(values[name], np.float64) for name in FEATURES], axis=1)
-    return table, measured.strips
+    table = np.array([values[name] for name in FEATURES], np.float64)
+    return np.ascontiguousarray(table.T), measured.strips
 
 
 def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
@@ -175,23 +229,20 @@ def _of_the_run(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 
 
 def _sampled(
-    image: EvidenceMap, of: Profile, first: Numbers, second: Numbers, depth: Numbers
+    image: EvidenceMap, of: Profile, slopes: Numbers, depth: Numbers
 ) -> tuple[Numbers, NDArray[np.bool_]]:
-    """Evidence that pairs of edges of (n, pairs) slopes have in common at (n, rows) depths.
+    """Evidence that pairs of edges of (2, n, pairs) slopes have in common at (n, rows) depths.
 
     Returns:
         That, and where it is known: (n, pairs, rows).
     """
     x, y = of.strips[:, 0, None, None], of.strips[:, 1, None]
     rows = np.rint(y + depth).astype(np.intp)[:, None, :]
-    slopes = np.concatenate([first, second], axis=1)[:, :, None]
-    evidence, inside = image.at(rows, x + slopes * depth[:, None, :])
-    values = evidence.astype(np.float32) / UNIT
-    count = first.shape[1]
-    left, right = values[:, :count], values[:, count:] * _MIRROR
-    common = in_common(left, right)
-    known = inside[:, :count] & inside[:, count:]
-    return np.minimum(np.abs(common) @ WEIGHTS, APPEARANCE.max_gain), known
+    found, inside = image.at(rows, x + slopes[..., None] * depth[:, None, :])
+    values = found.astype(np.float32) * np.float32(1 / UNIT)
+    values[1] *= MIRROR
+    common = np.abs(in_common(values[0], values[1]))
+    return np.minimum(common @ WEIGHTS, APPEARANCE.max_gain), inside[0] & inside[1]
 
 
 def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
@@ -199,12 +250,11 @@ def _below(image: EvidenceMap, of: Profile) -> tuple[Numbers, Numbers]:
 
     A road goes on there as a runway does not; where nothing can be seen nobody knows.
     """
-    left, right, near = of.strips[:, 2:3], of.strips[:, 3:4], of.strips[:, 5:6]
-    share = np.geomspace(1.12, 2.6, 12)
-    found, seen = (each[:, 0] for each in _sampled(image, of, left, right, near * share + 1.0))
+    depth = of.strips[:, 5:6] * _BELOW + 1.0
+    found, seen = (each[:, 0] for each in _sampled(image, of, of.strips.T[2:4, :, None], depth))
     count = seen.sum(axis=1)
     mean: Numbers = (found * seen).sum(axis=1) / np.maximum(count, 1)
-    return mean, count / share.size
+    return mean, count / _BELOW.size
 
 
 def _of_the_neighbours(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
@@ -213,13 +263,10 @@ def _of_the_neighbours(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     A streak of rubber has the runway around it, half a runway has its other half beside it.
     """
     left, right, far, near = (of.strips[:, column : column + 1] for column in (2, 3, 4, 5))
-    depth = far + (near - far) * np.linspace(0.15, 0.95, 9)
-    middle, half = 0.5 * (left + right), 0.5 * (right - left)
-    first = np.concatenate([middle - _SCALES * half, left - _SIDE * half, left + 0 * _SIDE], axis=1)
-    second = np.concatenate(
-        [middle + _SCALES * half, right + 0 * _SIDE, right + _SIDE * half], axis=1
-    )
-    means = _sampled(image, of, first, second, depth)[0].mean(axis=2)
+    depth = far + (near - far) * _ALONG
+    half = 0.5 * (right - left)
+    slopes = np.stack([left - half * _OUTWARDS[0], right + half * _OUTWARDS[1]])
+    means = _sampled(image, of, slopes, depth)[0].mean(axis=2)
     return {
         'wider': means[:, :4].max(axis=1),
         'narrower': means[:, 4:7].max(axis=1),
@@ -229,16 +276,12 @@ def _of_the_neighbours(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
 
 def _above(image: EvidenceMap, strips: Strips) -> Numbers:
     """Evidence along the edges beyond the vanishing point, where no runway goes on."""
-    x, y, left, right, _, near = strips.T
-    up = -np.arange(2, 16)
-    rows = np.rint(y[:, None] + up).astype(np.intp)
-    one, in_one = image.at(rows, x[:, None] + left[:, None] * up)
-    other, in_other = image.at(rows, x[:, None] + right[:, None] * up)
-    strength = np.maximum(
-        np.abs(one.astype(np.float32)) @ WEIGHTS, np.abs(other.astype(np.float32)) @ WEIGHTS
-    )
-    counted = (-up <= np.maximum(0.5 * near, 4)[:, None]) & in_one & in_other
-    strength = np.minimum(strength / UNIT, APPEARANCE.max_gain) * counted
+    y, near = strips[:, 1], strips[:, 5]
+    rows = np.rint(y[:, None] - _UP).astype(np.intp)
+    found, inside = image.at(rows, strips[:, 0:1] - strips.T[2:4, :, None] * _UP)
+    strength = (np.abs(found.astype(np.float32)) @ WEIGHTS).max(axis=0)
+    counted = (np.maximum(0.5 * near, 4)[:, None] >= _UP) & inside[0] & inside[1]
+    strength = np.minimum(strength * np.float32(1 / UNIT), APPEARANCE.max_gain) * counted
     result: Numbers = strength.sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
     return np.where(y < APPEARANCE.min_sky_row, np.nan, result)
 
@@ -262,17 +305,21 @@ def _of_the_shape(of: Profile, scene: Scene, level: int) -> dict[str, Numbers]:
 
 def _of_the_surface(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, Numbers]:
     number = np.arange(len(of.strips))[:, None]
-    count = of.inside.sum(axis=1)
-    first = of.last - np.maximum(count - 1, 0)
+    first = of.last - np.maximum(of.inside.sum(axis=1) - 1, 0)
     share = np.linspace(0, 1, 8) * (of.last - first)[:, None] + first[:, None]
     row = np.clip(np.rint(share).astype(np.intp), 0, APPEARANCE.rows - 1)
-    rows, left, right = of.rows[number, row], of.left[number, row], of.right[number, row]
+    rows = of.rows[number, row]
+    left, right = of.edges[:, number, row]
     width = np.maximum(right - left, 1)
-    inside, _ = image.means(rows, left + 0.15 * width, right - 0.15 * width)
-    before, seen_left = image.means(rows, left - 0.8 * width - 1, left - 0.15 * width - 1)
-    after, seen_right = image.means(rows, right + 0.15 * width + 1, right + 0.8 * width + 1)
+    near, wide = 0.15 * width, 0.8 * width
+    means, seen = image.means(
+        rows,
+        np.stack([left + near, left - wide - 1, right + near + 1]),
+        np.stack([right - near, left - near - 1, right + wide + 1]),
+    )
+    inside, before, after = means[:, 0], means[:, 1], means[:, 2]
     texture = _texture(image, rows, (left + right) / 2)
-    one, other = (inside - before) * seen_left / texture, (inside - after) * seen_right / texture
+    one, other = (inside - before) * seen[1] / texture, (inside - after) * seen[2] / texture
     common = in_common(one, other)
     sides = [_length(each.mean(axis=2)) for each in (one, other)]
     spread = max(scene.brightest - scene.darkest, 0.0) + 1
@@ -298,45 +345,45 @@ def _greyness(inside: Numbers, before: Numbers, after: Numbers) -> Numbers:
     return np.clip(less, -30, 30) / 10
 
 
+_INTO = np.linspace(-3.2, -0.2, 3)
+"""Rows within a strip, below its near end."""
+_PAST = np.linspace(1.2, 3.5, 3)
+"""Rows beyond its near end."""
+_BEGIN, _END = np.array([0.1, -0.8, 1.2]), np.array([0.9, -0.2, 1.8])
+"""Widths from the left edge: inside the strip, and beside it to the left and to the right."""
+
+
 def _of_the_near_end(image: EvidenceMap, of: Profile) -> dict[str, Numbers]:
     x, y, left, right, _, near = of.strips.T
-    # Inside the strip, and beside it to the left and to the right.
-    begin, end = np.array([0.1, -0.8, 1.2]), np.array([0.9, -0.2, 1.8])
-
-    def band(first: float, last: float) -> Numbers:
-        """(channels, n, 3) means over three rows."""
-        depth = near[:, None] + np.linspace(first, last, 3)
-        start = (x[:, None] + left[:, None] * depth)[:, :, None]
-        width = np.maximum((right - left)[:, None] * depth, 1)[:, :, None]
-        rows = np.rint(y[:, None] + depth).astype(np.intp)[:, :, None]
-        means = image.means(rows, start + begin * width, start + end * width)[0]
-        result: Numbers = means.mean(axis=2)
-        return result
-
-    rows = np.rint(y + near).astype(np.intp)
-    texture = _texture(image, rows, x + (left + right) / 2 * near)
-    steps = _length((band(-3.2, -0.2) - band(1.2, 3.5)) / texture[:, None]).T
+    depth = near[:, None] + np.concatenate([_INTO, _PAST])
+    start = (x[:, None] + left[:, None] * depth)[:, :, None]
+    width = np.maximum((right - left)[:, None] * depth, 1)[:, :, None]
+    rows = np.rint(y[:, None] + depth).astype(np.intp)[:, :, None]
+    means, _ = image.means(rows, start + _BEGIN * width, start + _END * width)
+    into, past = means[:, :, :3].mean(axis=2), means[:, :, 3:].mean(axis=2)
+    texture = _texture(image, np.rint(y + near).astype(np.intp), x + (left + right) / 2 * near)
+    steps = _length((into - past) / texture[:, None]).T
     return {
         'near_end': np.minimum(steps[0], 8),
         'near_end_beside': np.clip(steps[0] - np.maximum(steps[1], steps[2]), -8, 8),
     }
 
 
+_BANDS = np.concatenate([np.linspace(-12, -4, 4), np.linspace(3, 12, 4)])
+"""Rows of the sky above a vanishing point, and of the land below it."""
+
+
 def _of_the_sky(image: EvidenceMap, of: Profile, scene: Scene) -> dict[str, Numbers]:
     x, y, near = of.strips[:, 0], of.strips[:, 1], of.strips[:, 5]
-
-    def band(first: float, last: float) -> Numbers:
-        rows = np.rint(y[:, None] + np.linspace(first, last, 4)).astype(np.intp)
-        centre = np.broadcast_to(x[:, None], rows.shape)
-        result: Numbers = image.means(rows, centre - 20, centre + 20)[0][0].mean(axis=1)
-        return result
-
-    rows = np.rint(y).astype(np.intp)
+    rows = np.rint(y[:, None] + _BANDS).astype(np.intp)
+    means, _ = image.means(rows, x[:, None] - 20, x[:, None] + 20)
+    above, below = means[0, :, :4].mean(axis=1), means[0, :, 4:].mean(axis=1)
+    row = np.rint(y).astype(np.intp)
     column = np.clip(np.rint(x).astype(np.intp), 0, scene.skyline.size - 1)
-    above, below = _texture(image, rows - 8, x) - 1.0, _texture(image, rows + 8, x) - 1.0
+    rough_above, rough_below = _texture(image, np.stack([row - 8, row + 8]), x) - 1.0
     values = {
-        'sky': np.clip((band(-12, -4) - band(3, 12)) / 40, -3, 3),
-        'sky_texture': np.log(above / below),
+        'sky': np.clip((above - below) / 40, -3, 3),
+        'sky_texture': np.log(rough_above / rough_below),
         'skyline': np.clip((y - scene.skyline[column]) / np.maximum(near, 5), -3, 3),
     }
     return {

@@ -1,16 +1,20 @@
-"""Where attitude says that the horizon is, and the image turned until it is level."""
+"""Where the horizon is, and the image turned until it is level.
+
+A sensor's attitude says it, or the image itself: as the straight line that has bright sky above it
+and darker land below.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.tuning import ATTITUDE
+from mvuav_ros.vision.approach.tuning import ATTITUDE, HORIZON
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
 from mvuav_ros.vision.runway.normal_form import NormalForm
@@ -107,6 +111,10 @@ def horizon_from(
     return HorizonLine(float(row), math.atan(slope))
 
 
+Box = tuple[int, int, int, int]
+"""First column and row of a part of an image, and column and row after the last ones."""
+
+
 @dataclass(frozen=True)
 class Derotation:
     """A turn of the working image about its middle.
@@ -133,15 +141,15 @@ class Derotation:
         """About which it is turned, px of the working image."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
-    def turned(self, pixels: NDArray[np.uint8], first_row: int = 0) -> NDArray[np.uint8]:
-        """The rows from ``first_row`` on of the working image with a level horizon."""
+    def turned(self, pixels: NDArray[Any], box: Box | None = None) -> NDArray[Any]:
+        """The working image, or a box of it, with a level horizon."""
+        left, top, right, bottom = box or (0, 0, self.width, self.height)
         if self.slope == 0.0:
-            return pixels[first_row:]
+            return pixels[top:bottom, left:right]
         matrix = cv2.getRotationMatrix2D(self.centre, math.degrees(self.slope), 1.0)
-        matrix[1, 2] -= first_row
-        size = (self.width, self.height - first_row)
-        turned = cv2.warpAffine(pixels, matrix, size, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(turned, np.uint8)
+        matrix[:, 2] -= left, top
+        size = (right - left, bottom - top)
+        return np.asarray(cv2.warpAffine(pixels, matrix, size, borderMode=cv2.BORDER_REPLICATE))
 
     def row_of(self, horizon_row: float) -> float:
         """The level horizon's row, of the row where the slanted one crosses the middle column."""
@@ -150,12 +158,11 @@ class Derotation:
 
     def to_frame(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Points on the frame, of points on the levelled working image."""
-        cos, sin = math.cos(self.slope), math.sin(self.slope)
         centre_x, centre_y = self.centre
-        dx, dy = x - centre_x, y - centre_y
-        on_x = centre_x + cos * dx - sin * dy
-        on_y = centre_y + sin * dx + cos * dy
-        return (on_x + 0.5) * self.factor - 0.5, (on_y + 0.5) * self.factor - 0.5
+        cos, sin = self.factor * math.cos(self.slope), self.factor * math.sin(self.slope)
+        first_x = self.factor * (centre_x + 0.5) - 0.5 - cos * centre_x + sin * centre_y
+        first_y = self.factor * (centre_y + 0.5) - 0.5 - sin * centre_x - cos * centre_y
+        return cos * x - sin * y + first_x, sin * x + cos * y + first_y
 
 
 def line_through(x1: float, y1: float, x2: float, y2: float) -> NormalForm:
@@ -194,3 +201,197 @@ def turn_strips(strips: NDArray[np.float64], old: Derotation, new: Derotation) -
             apex = first - left * depth, y + near - depth
             strip[:] = (*apex, left, right, depth * far / near, depth)
     return turned
+
+
+def vertex(values: NDArray[Any], index: int) -> float:
+    """Where the parabola through a maximum and its neighbours has its vertex, from the maximum."""
+    if not 0 < index < values.size - 1:
+        return 0.0
+    before, at, after = (float(value) for value in values[index - 1 : index + 2])
+    bend = before - 2 * at + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+class Horizon(NamedTuple):
+    """A line y = row + (x - centre column) tan(slope) on an image.
+
+    Attributes:
+        row: where it crosses the image's middle column, px.
+        slope: rad, right end down positive; the camera's roll is its negative.
+        strength: mean step across it, grey levels of blue; 0 where nothing was found.
+        texture: how much neighbouring columns differ right above it, grey levels of blue;
+            infinite where too little of that is in the image.
+    """
+
+    row: float
+    slope: float
+    strength: float
+    texture: float
+
+    @property
+    def trusted(self) -> bool:
+        """It looks like sky above it, not like the edge of treetops or walls."""
+        return (
+            self.strength > HORIZON.min_strength
+            and self.texture < HORIZON.max_texture * self.strength
+        )
+
+
+class HorizonFinder:
+    """Finds the horizon on images of one size."""
+
+    def __init__(self, height: int, width: int) -> None:
+        self._size = (height, width)
+        self._across = width / HORIZON.width
+        self._down = height / HORIZON.height
+        count = int(HORIZON.max_roll_deg / HORIZON.slope_step_deg)
+        self._slopes = np.radians(np.arange(-count, count + 1) * HORIZON.slope_step_deg)
+        columns = (np.arange(HORIZON.width) - 0.5 * (HORIZON.width - 1)) * self._across
+        # Rows by which each column is moved for each slope.
+        self._shift = np.rint(np.tan(self._slopes)[:, None] * columns / self._down).astype(np.intp)
+        self._pad = int(np.abs(self._shift).max())
+        rows = np.arange(HORIZON.height)[None, :, None] + self._shift[:, None, :] + self._pad
+        self._index = rows * HORIZON.width + np.arange(HORIZON.width)
+
+    def find(self, blue: NDArray[Any], near: Horizon | None = None) -> Horizon:
+        """Find the horizon on (height, width) grey levels; near the last one, if it is there."""
+        if near is not None and near.trusted:
+            found, agreeing = _refined(near, blue)
+            if agreeing > HORIZON.min_agreement:
+                return found
+        size = HORIZON.width, HORIZON.height
+        small = cv2.resize(blue, size, interpolation=cv2.INTER_AREA)
+        steps = self._steps(small)
+        padded = np.zeros((HORIZON.height + 2 * self._pad, HORIZON.width), np.float32)
+        # Of steps alike, the upper one: sky is above all land.
+        lower = (HORIZON.row_cost * np.arange(HORIZON.height, dtype=np.float32))[:, None]
+        steps -= lower + HORIZON.texture_cost * _texture_above(small)
+        padded[self._pad : self._pad + HORIZON.height] = steps
+        sums = padded.take(self._index).mean(axis=2)
+        best, row = np.unravel_index(int(np.argmax(sums)), sums.shape)
+        strength = float(sums[best, row])
+        if strength <= 0:
+            return Horizon(0.5 * (self._size[0] - 1), 0.0, 0.0, 0.0)
+        slope = self._slopes[best] + math.radians(HORIZON.slope_step_deg) * vertex(
+            sums[:, row], int(best)
+        )
+        exact_row = int(row) + vertex(sums[best], int(row))
+        texture = self._texture(small, int(row) + self._shift[best])
+        found = Horizon((exact_row + 0.5) * self._down - 0.5, float(slope), strength, texture)
+        if not found.trusted:
+            return found
+        # The first fit is drawn towards the coarse line.
+        found, _ = _refined(found, blue)
+        return _refined(found, blue)[0]
+
+    def _texture(self, blue: NDArray[Any], horizon: NDArray[np.intp]) -> float:
+        """Mean difference of neighbouring columns in the rows above the horizon's ``horizon``."""
+        rows = np.arange(HORIZON.height)[:, None]
+        above = (rows < horizon - HORIZON.step_rows) & (
+            rows > horizon - HORIZON.step_rows - HORIZON.sky_rows
+        )
+        above = above[:, 1:]
+        change = cv2.absdiff(blue[:, 1:], blue[:, :-1])
+        # Of what nothing can be seen, nobody knows that it is sky.
+        return (
+            float(change[above].mean())
+            if above.sum() > HORIZON.min_sky_rows * HORIZON.width
+            else math.inf
+        )
+
+    def _steps(self, blue: NDArray[Any]) -> NDArray[np.float32]:
+        """How much brighter it is above each place than below, capped."""
+        total = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
+        np.cumsum(blue, axis=0, dtype=np.float32, out=total[1:])
+        steps = np.zeros((HORIZON.height, HORIZON.width), np.float32)
+        middle = total[HORIZON.step_rows : -HORIZON.step_rows]
+        # The boundary between rows y - 1 and y counts half to each.
+        between = (
+            2 * middle - total[: -2 * HORIZON.step_rows] - total[2 * HORIZON.step_rows :]
+        ) / HORIZON.step_rows
+        np.clip(between, 0, HORIZON.max_step, out=between)
+        steps[HORIZON.step_rows : HORIZON.height - HORIZON.step_rows] = 0.5 * (
+            between[:-1] + between[1:]
+        )
+        return steps
+
+
+def _texture_above(blue: NDArray[Any]) -> NDArray[np.float32]:
+    """How much neighbouring columns differ in the rows above each place, capped."""
+    change = np.zeros((HORIZON.height + 1, HORIZON.width), np.float32)
+    difference = cv2.absdiff(blue[:, 1:], blue[:, :-1])
+    np.cumsum(np.minimum(difference, HORIZON.max_texture_cost), axis=0, out=change[1:, 1:])
+    rows = np.arange(HORIZON.height)
+    last = np.maximum(rows - HORIZON.step_rows, 0)
+    first = np.maximum(last - HORIZON.sky_rows, 0)
+    above: NDArray[np.float32] = change[last] - change[first]
+    above /= np.maximum(last - first, 1)[:, None]
+    above[last - first < HORIZON.min_sky_rows] = HORIZON.max_texture_cost
+    return above
+
+
+def _refined(horizon: Horizon, blue: NDArray[Any]) -> tuple[Horizon, float]:
+    """Fit a line, known to a few px, anew through the steepest step of every few columns.
+
+    Returns the line, and the share of columns whose steps lie on it.
+    """
+    height, width = blue.shape
+    columns = np.arange(HORIZON.column_step // 2, width, HORIZON.column_step)
+    away = columns - 0.5 * (width - 1)
+    expected = np.rint(horizon.row + math.tan(horizon.slope) * away).astype(np.intp)
+    reach = HORIZON.reach
+    inside = (expected >= reach + 2) & (expected < height - reach - 2)
+    if np.count_nonzero(inside) < HORIZON.min_columns:
+        return horizon, 0.0
+    first, away = expected[inside] - reach, away[inside]
+    values = blue[first[:, None] + np.arange(-2, 2 * reach + 3), columns[inside, None]]
+    values = values.astype(np.float32)
+    steps = values[:, :-4] + values[:, 1:-3] - values[:, 3:-1] - values[:, 4:]
+    np.maximum(steps, 0.0, out=steps)
+    # Of two steps, sky to hills and hills to land, the nearer one to where all columns agree.
+    steps *= 1.0 - (np.arange(-reach, reach + 1) / (reach + 1.0)) ** 2
+    best = steps.argmax(axis=1)
+    number = np.arange(best.size)
+    before, after = np.maximum(best - 1, 0), np.minimum(best + 1, 2 * reach)
+    around = steps[number, before], steps[number, best], steps[number, after]
+    bend = around[0] - 2 * around[1] + around[2]
+    vertex = np.where(bend < 0, 0.5 * (around[0] - around[2]) / np.minimum(bend, -1e-6), 0.0)
+    places = first + best + np.minimum(np.maximum(vertex, -0.5), 0.5)
+    weights = around[1].astype(np.float64)
+    tangent, row = math.tan(horizon.slope), horizon.row
+    for limit in (3.0, 1.5, 1.0):
+        error = places - row - tangent * away
+        weight = weights / (1.0 + (error / limit) ** 2) ** 2
+        total = weight.sum()
+        if not total > 0:
+            return horizon, 0.0
+        mean_away, mean_place = (weight * away).sum() / total, (weight * places).sum() / total
+        weighted = weight * (away - mean_away)
+        tangent = (weighted * places).sum() / (weighted * away).sum()
+        row = mean_place - tangent * mean_away
+    on_line = (np.abs(places - row - tangent * away) < 1.5) & (weights > 2 * HORIZON.min_strength)
+    found = horizon._replace(row=float(row), slope=math.atan(tangent))
+    return found, float(on_line.mean())
+
+
+class HorizonTracker:
+    """The horizon as the image shows it, followed from frame to frame."""
+
+    def __init__(self) -> None:
+        self._finder: HorizonFinder | None = None
+        self._last: Horizon | None = None
+        self._frames = 0
+
+    def find(self, pixels: NDArray[Any]) -> Horizon | None:
+        """In a working image of grey levels, or colours blue first; None without one."""
+        # Of land and sky, blue differs most.
+        blue = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
+        if blue.dtype != np.uint8:
+            blue = np.clip(blue, 0, 255).astype(np.uint8)
+        if self._finder is None:
+            self._finder = HorizonFinder(*blue.shape)
+        near = None if self._frames % HORIZON.full_period == 0 else self._last
+        self._frames += 1
+        horizon = self._finder.find(blue, near)
+        self._last = horizon if horizon.trusted else None
+        return self._last

@@ -11,7 +11,9 @@ from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.vision.approach.attitude import (
     Attitude,
     Derotation,
+    Horizon,
     HorizonLine,
+    HorizonTracker,
     horizon_from,
     is_upside_down,
     line_through,
@@ -20,10 +22,8 @@ from mvuav_ros.vision.approach.attitude import (
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.evidence import shrink_levels
 from mvuav_ros.vision.approach.guidance import fit_edge, locate
-from mvuav_ros.vision.approach.horizon import Horizon, HorizonTracker
 from mvuav_ros.vision.approach.results import ROLES, ApproachResult, Guidance, Point
-from mvuav_ros.vision.approach.road import TARGETS
-from mvuav_ros.vision.approach.road_tracker import RoadTracker
+from mvuav_ros.vision.approach.road import TARGETS, RoadTracker
 from mvuav_ros.vision.approach.strips import FollowedStrip
 from mvuav_ros.vision.approach.tracker import RunwayTracker, Sight
 from mvuav_ros.vision.approach.tuning import DETECTOR

@@ -8,6 +8,7 @@ far and to the near end, px. Edges are steps of brightness and colour, or painte
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -15,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.attitude import Derotation
-from mvuav_ros.vision.approach.evidence import opponent_channels
-from mvuav_ros.vision.approach.numeric import in_common
+from mvuav_ros.vision.approach.evidence import in_common, opponent_channels
 from mvuav_ros.vision.approach.tuning import EDGES, SHOULDERS
 from mvuav_ros.vision.point_operations import Pixels
 
@@ -40,7 +40,7 @@ class LevelledFrame(NamedTuple):
             The pixels, (2 count, places) or (2 count, places, 3), and the frame's columns and
             rows, each as ``columns``.
         """
-        on_x, on_y = self.level.to_frame(columns, np.broadcast_to(rows, columns.shape))
+        on_x, on_y = self.level.to_frame(columns, rows)
         flat = (-1, columns.shape[-1])
         # Fixed-point maps: with others, OpenCV 5 rounds as the arrays happen to lie in memory.
         places, parts = cv2.convertMaps(
@@ -94,62 +94,76 @@ class EdgeSamples:
     inside: NDArray[np.bool_]
     base: int
 
-    @property
-    def _middle(self) -> slice:
-        return slice(self.base // 2, -(self.base // 2))
-
     def by_side(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values between the samples, (2 count, places - base), as (2, count, places - base).
+        """Values between the samples, (..., 2 count, places - base), as (..., 2, count, -1).
 
         Those that are not on the frame are 0.
         """
-        values = values.reshape(2, self.rows.size, -1)
-        return np.where(self.inside[:, :, self._middle], values, 0.0)
+        half = self.base // 2
+        shape = (*values.shape[:-2], 2, self.rows.size, values.shape[-1])
+        return values.reshape(shape) * self.inside[:, :, half:-half]
 
-    def steps(self, profile: NDArray[Any]) -> NDArray[Any]:
-        """(2, count, places - base) rise of a profile of the pixels towards the strip's inside."""
-        step = profile[:, self.base :] - profile[:, : -self.base]
-        step[self.rows.size :] *= -1
-        return self.by_side(step)
+    def steps(self, channels: NDArray[Any]) -> NDArray[Any]:
+        """(..., 2, count, places - base) rise of channels (..., 2 count, places) inwards."""
+        steps = self.by_side(channels[..., self.base :] - channels[..., : -self.base])
+        steps[..., 1, :, :] *= -1
+        return steps
 
     def fit(self, steps: NDArray[Any], size: float) -> Edges:
-        """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size."""
+        """Points of both edges, of (2, count, places - base) steps from 0 to a whole one's size.
+
+        The straight line with the most steps is chosen, then the steps' own places near it.
+        """
+        base, size = self.base, max(size, 1e-6)
+        _, count, places = steps.shape
+        lines = _straight_lines(count, places)
+        votes = steps.reshape(2, -1).take(lines.sample, axis=1).sum(axis=2) * lines.worth
+        best = votes.argmax(axis=1)
+        near_line = lines.at[best][:, :, None] + np.arange(-base // 2 - 1, base // 2 + 2)
+        valid = (near_line >= 0) & (near_line < places)
+        near_line = np.clip(near_line, 0, places - 1)
+        local = np.take_along_axis(steps, near_line, axis=2) * valid
+        total = local.sum(axis=2)
+        across = self.across[base // 2 :].take(near_line)
+        columns = self.expected + (local * across).sum(axis=2) / np.maximum(total, 1e-6)
+        # A step of the contrast's size is seen by all samples around it.
+        weights = np.clip(total / (base * size), 0.0, 1.0)
+        weights *= weights > EDGES.min_step_share
+        # Where there are steps everywhere, the best line is not worth much.
+        rank = int(EDGES.usual_rank * lines.worth.size)
+        usual = np.partition(votes, rank, axis=1)[:, rank]
+        support = np.clip((votes.max(axis=1) - usual) / (count * size), 0.0, 1.0)
         left, right = (
-            self._fit(self.expected[side], steps[side], max(size, 1e-6)) for side in (0, 1)
+            EdgePoints(self.rows, *points)
+            for points in zip(columns, weights, support.tolist(), strict=True)
         )
         return left, right
 
-    def _fit(self, expected: NDArray[Any], step: NDArray[Any], size: float) -> EdgePoints:
-        """Choose the straight line with the most steps, then the steps' own places."""
-        rows, base = self.rows, self.base
-        count, places = step.shape
-        along = (rows - rows[0]) / max(rows[-1] - rows[0], 1e-6)
-        ends = np.arange(0, places, 2)
-        far, near = (v.ravel() for v in np.meshgrid(ends, ends, indexing='ij'))
-        at = far[:, None] + (near - far)[:, None] * along
-        index = np.rint(at).astype(np.intp) + np.arange(count) * places
-        middle = 0.5 * (places - 1)
-        # Of equal lines the expected one.
-        away = (np.abs(far - middle) + np.abs(near - middle)) / places
-        votes = step.ravel().take(index).sum(axis=1)
-        votes = votes * (1.0 - 0.3 * away)
-        best = int(votes.argmax())
-        chosen = np.rint(at[best]).astype(np.intp)
-        near_line = chosen[:, None] + np.arange(-base // 2 - 1, base // 2 + 2)
-        valid = (near_line >= 0) & (near_line < places)
-        near_line = np.clip(near_line, 0, places - 1)
-        local = np.where(valid, np.take_along_axis(step, near_line, axis=1), 0.0)
-        total = local.sum(axis=1)
-        across = self.across[self._middle][near_line]
-        columns = expected + (local * across).sum(axis=1) / np.maximum(total, 1e-6)
-        # A step of the contrast's size is seen by all samples around it.
-        weights = np.clip(total / (base * size), 0.0, 1.0)
-        weights = np.where(weights > EDGES.min_step_share, weights, 0.0)
-        # Where there are steps everywhere, the best line is not worth much.
-        rank = int(EDGES.usual_rank * votes.size)
-        usual = float(np.partition(votes, rank)[rank])
-        support = (float(votes[best]) - usual) / (count * size)
-        return EdgePoints(rows, columns, weights, float(np.clip(support, 0.0, 1.0)))
+
+class _Lines(NamedTuple):
+    """All straight lines through samples across an edge.
+
+    Attributes:
+        at: (n, count) the sample in each row.
+        sample: the same in all samples.
+        worth: (n,) factor of the votes.
+    """
+
+    at: NDArray[np.intp]
+    sample: NDArray[np.intp]
+    worth: NDArray[np.float64]
+
+
+@lru_cache(maxsize=64)
+def _straight_lines(count: int, places: int) -> _Lines:
+    ends = np.arange(0, places, 2)
+    far, near = (v.ravel() for v in np.meshgrid(ends, ends, indexing='ij'))
+    along = np.linspace(0.0, 1.0, count)
+    at = np.rint(far[:, None] + (near - far)[:, None] * along).astype(np.intp)
+    middle = 0.5 * (places - 1)
+    # Of equal lines the expected one.
+    away = (np.abs(far - middle) + np.abs(near - middle)) / places
+    return _Lines(at, at + np.arange(count) * places, 1.0 - 0.3 * away)
 
 
 def sample_edges(frame: LevelledFrame, strip: Strip) -> EdgeSamples:
@@ -220,8 +234,8 @@ class EdgeLook:
         Those of a wide one may be farther from the strip's than its lines are apart.
         """
         samples = sample_edges(frame, strip)
-        channels = opponent_channels(samples.pixels)
-        steps = np.stack([samples.steps(channel) for channel in channels])
+        channels = np.stack(opponent_channels(samples.pixels))
+        steps = samples.steps(channels)
         self._learn(steps, samples, channels, wide)
         if self.paint_lead > EDGES.min_paint_lead:
             ridge = _ridges(samples, channels[0])
@@ -244,7 +258,7 @@ class EdgeLook:
         self,
         steps: NDArray[Any],
         samples: EdgeSamples,
-        channels: list[NDArray[np.float32]],
+        channels: NDArray[np.float32],
         wide: bool,
     ) -> None:
         """Take the strongest step that both edges have in common near where they are expected."""
@@ -269,12 +283,11 @@ class EdgeLook:
 
 
 def _regions(
-    samples: EdgeSamples, channels: list[NDArray[np.float32]]
+    samples: EdgeSamples, channels: NDArray[np.float32]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Inside minus outside, farthest from either edge: lines beside the edge do not count."""
-    rows = samples.rows.size
     outer = max(1, samples.across.size // EDGES.region)
-    values = np.stack([channel.reshape(2, rows, -1).mean(axis=1) for channel in channels])
+    values = channels.reshape(len(channels), 2, samples.rows.size, -1).mean(axis=2)
     first, last = values[:, :, :outer].mean(axis=2), values[:, :, -outer:].mean(axis=2)
     rise = last - first
     return rise[:, 0], -rise[:, 1]

@@ -88,6 +88,8 @@ COARSE = 4
 _MAX_COARSE = 15
 CHANNELS = 4
 """Of the maps: brightness, blue against yellow, red against green, paint."""
+MIRROR = np.array([-1, -1, -1, 1], np.int8)
+"""Of a right edge steps have the other sign, paint has none."""
 
 _BRIGHT_16_BITS = 230.0
 """Grey level to which the brightest pixels of a 16-bit image are raised: cameras of 10 to 14 bits
@@ -102,6 +104,20 @@ def shrink_levels(image: NDArray[Any]) -> tuple[NDArray[Any], int]:
         brightest = float(np.percentile(levels[::4, ::4], 99))
         return levels * (_BRIGHT_16_BITS / max(brightest, 256.0)), factor
     return image, factor
+
+
+def in_common(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+    """What both sides agree in: the smaller of two values of one sign, else 0.
+
+    Examples:
+        >>> in_common(np.array([3.0, -3.0, 3.0]), np.array([5.0, -2.0, -1.0]))
+        array([ 3., -2.,  0.])
+    """
+    least: NDArray[Any] = np.minimum(one, other)
+    most = np.maximum(one, other)
+    # The median of both and 0.
+    np.maximum(least, np.minimum(most, 0, out=most), out=least)
+    return least
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,38 +146,40 @@ class EvidenceMap:
         """Columns."""
         return int(self.evidence.shape[1])
 
-    def packed(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """All four channels of a pixel in one number, coarse: as left and as right edges."""
-        coarse = np.clip(self.evidence // COARSE, -_MAX_COARSE, _MAX_COARSE).astype(np.int8)
-        mirrored = coarse.copy()
-        mirrored[..., :3] *= -1
-        left, right = (
-            np.ascontiguousarray(each).reshape(-1, CHANNELS).view(np.int32).ravel()
-            for each in (coarse, mirrored)
-        )
-        return left, right
+    def packed(self) -> NDArray[np.int32]:
+        """(height * width,) all four channels of a pixel in one number, coarse."""
+        coarse = self.evidence // COARSE
+        np.maximum(coarse, -_MAX_COARSE, out=coarse)
+        np.minimum(coarse, _MAX_COARSE, out=coarse)
+        return coarse.view(np.int32).ravel()
 
     def at(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[np.int8], Any]:
         """Evidence at the pixels nearest to places, 0 outside; and whether they are in view."""
         column = np.rint(columns).astype(np.int32)
-        row = np.broadcast_to(rows, column.shape)
-        inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
-        found = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel()
-        index = np.where(inside, row * self.width + column, 0)
-        values = found.take(index)
+        row = np.asarray(rows, np.int32)
+        # As unsigned numbers those below 0 are too large as well.
+        inside = (column.view(np.uint32) < self.width) & (row.view(np.uint32) < self.height)
+        index = row * np.int32(self.width) + column
+        index *= inside
+        values = self.evidence.reshape(-1, CHANNELS).view(np.int32).ravel().take(index)
         if self.hidden is not None:
             inside &= ~self.hidden.ravel().take(index)
-        values[~inside] = 0
+        values *= inside
         return values.view(np.int8).reshape((*column.shape, CHANNELS)), inside
 
     def means(
         self, rows: NDArray[Any], first: NDArray[Any], last: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Mean of each channel between columns, in the image; and where there are any."""
-        begin = np.rint(np.clip(first + 0.5, 0, self.width)).astype(np.intp)
-        end = np.maximum(np.rint(np.clip(last + 0.5, 0, self.width)).astype(np.intp), begin)
-        row = np.clip(rows, 0, self.height - 1)
-        total = self.sums[:, row, end] - self.sums[:, row, begin]
+        ends = np.stack([first, last])
+        ends += 0.5
+        np.maximum(ends, 0, out=ends)
+        begin, end = np.rint(np.minimum(ends, self.width, out=ends)).astype(np.intp)
+        np.maximum(end, begin, out=end)
+        start = np.minimum(np.maximum(rows, 0), self.height - 1) * (self.width + 1)
+        flat = self.sums.reshape(len(self.sums), -1)
+        total = flat.take(start + end, axis=1)
+        total -= flat.take(start + begin, axis=1)
         return total / np.maximum(end - begin, 1), end > begin
 
 
@@ -171,23 +189,25 @@ def gather_evidence(pixels: NDArray[Any], hidden: NDArray[np.bool_] | None = Non
     There is no evidence where it is hidden, (height, width).
     """
     channels = opponent_channels(pixels)
-    height, width = channels[0].shape
-    evidence = np.zeros((height, width, CHANNELS), np.int8)
+    brightness = channels[0]
+    evidence = np.zeros((*brightness.shape, CHANNELS), np.int8)
     for number, channel in enumerate(channels):
         floor = SEARCH.colour_floor if number else SEARCH.brightness_floor
         evidence[..., number] = _quantised(_steps(channel, floor))
-    change = np.zeros((height, width), np.float32)
-    np.abs(channels[0][:, 1:] - channels[0][:, :-1], out=change[:, :-1])
-    evidence[..., 3] = _quantised(_paint(channels[0], change))
-    texture = cv2.blur(np.minimum(change, 20.0), (31, 9))
+    change = np.zeros_like(brightness)
+    np.abs(brightness[:, 1:] - brightness[:, :-1], out=change[:, :-1])
+    evidence[..., 3] = _quantised(_paint(brightness, change))
+    texture = cv2.blur(np.minimum(change, np.float32(20.0), out=change), (31, 9))
     if hidden is not None:
         evidence[hidden] = 0
     return EvidenceMap(row_sums(channels), evidence, np.asarray(texture, np.float32), hidden)
 
 
 def _quantised(values: NDArray[np.float32]) -> NDArray[np.int8]:
+    """In units of the maps; ``values`` are lost."""
     most = SEARCH.most_evidence * UNIT
-    return np.clip(values * UNIT, -most, most).astype(np.int8)
+    values *= UNIT
+    return np.clip(values, -most, most, out=values).astype(np.int8)
 
 
 def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
@@ -198,8 +218,10 @@ def _steps(channel: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     size: NDArray[Any] = np.abs(step)
     # One bright roof must not hide the field beside it.
     np.minimum(size, 4.0 * float(size[::3, ::3].mean()) + floor, out=size)
-    usual = cv2.blur(size, SEARCH.texture_window)
-    return np.asarray(step / (1.25 * usual + floor), np.float32)
+    usual = np.asarray(cv2.blur(size, SEARCH.texture_window), np.float32)
+    usual *= 1.25
+    usual += floor
+    return np.asarray(np.divide(step, usual, out=usual), np.float32)
 
 
 def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -208,8 +230,11 @@ def _paint(brightness: NDArray[np.float32], change: NDArray[np.float32]) -> NDAr
     for reach in SEARCH.ridge_reaches:
         sides = np.maximum(brightness[:, : -2 * reach], brightness[:, 2 * reach :])
         inner = ridge[:, reach:-reach]
-        np.maximum(inner, brightness[:, reach:-reach] - sides, out=inner)
+        np.subtract(brightness[:, reach:-reach], sides, out=sides)
+        np.maximum(inner, sides, out=inner)
     limit = 4.0 * float(change.mean()) + 1.0
-    usual = cv2.blur(np.minimum(change, limit), SEARCH.texture_window)
-    found = cv2.dilate(ridge / (1.5 * usual + 1.5), np.ones((1, 3), np.uint8))
-    return np.asarray(found, np.float32)
+    usual = np.asarray(cv2.blur(np.minimum(change, limit), SEARCH.texture_window), np.float32)
+    usual *= 1.5
+    usual += 1.5
+    ridge /= usual
+    return np.asarray(cv2.dilate(ridge, np.ones((1, 3), np.uint8)), np.float32)

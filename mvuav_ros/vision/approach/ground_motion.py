@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.attitude import Derotation, vertex
 from mvuav_ros.vision.approach.edges import Strip
-from mvuav_ros.vision.approach.numeric import vertex
 from mvuav_ros.vision.approach.tuning import MOTION
 
 
@@ -150,7 +149,7 @@ class Overlaid:
         plane, agree = cv2.findHomography(
             old[moving],
             new[moving],
-            cv2.RANSAC,
+            cv2.USAC_FAST,
             ransacReprojThreshold=MOTION.max_residual,
             maxIters=200,
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.vision.approach.appearance import FEATURES, Scene, describe, profile
-from mvuav_ros.vision.approach.attitude import Derotation
+from mvuav_ros.vision.approach.attitude import Box, Derotation
 from mvuav_ros.vision.approach.edges import Strip, Strips
 from mvuav_ros.vision.approach.evidence import (
     CHANNELS,
     COARSE,
+    MIRROR,
     UNIT,
     EvidenceMap,
     gather_evidence,
     halved,
+    in_common,
 )
-from mvuav_ros.vision.approach.numeric import in_common
 from mvuav_ros.vision.approach.strips import surrounding_box
 from mvuav_ros.vision.approach.tuning import SEARCH
 
@@ -48,48 +49,37 @@ class Fan:
         columns = np.rint(self.points[:, None, None] + self.slopes[:, None] * self.rows)
         self.inside = ((columns >= 1) & (columns < width - 1)).all(axis=2)
         columns = np.clip(columns, 0, width - 1).astype(int).transpose(2, 0, 1)
-        index = columns + (self.rows * width)[:, None, None]
+        index = columns + ((self.rows - self.rows[0]) * width)[:, None, None]
         self._index = index.reshape(self.rows.size, -1).astype(np.int32)
         self._start = (np.arange(self.points.size) * self.slopes.size)[:, None]
         self._width = width
 
-    def find(
-        self,
-        left: NDArray[np.int32],
-        right: NDArray[np.int32],
-        height: int,
-        row: float,
-    ) -> NDArray[np.float64]:
+    def find(self, packed: NDArray[np.int32], row: float) -> NDArray[np.float64]:
         """The best strips whose vanishing points lie on a row.
 
         Args:
-            left: packed evidence of left edges.
-            right: likewise of right edges.
-            height: of the map, px.
+            packed: evidence, as `EvidenceMap.packed`.
             row: of the vanishing points.
 
         Returns:
             (m, 7): as `Strips`, and the score: evidence per row, in textures.
         """
         top = round(row)
-        if top + self.rows[0] < 0 or top + self.rows[-1] >= height:
+        if top + self.rows[0] < 0 or (top + self.rows[-1]) * self._width >= packed.size:
             return np.empty((0, 7))
-        index = self._index + np.int32(top * self._width)
-        edges = left.take(index)
+        edges = packed[(top + self.rows[0]) * self._width :].take(self._index)
         kept = self._strongest(edges)
         place = self._start + kept
-        lefts = edges.take(place[:, _FIRST].ravel(), axis=1)
-        rights = right.take(index.take(place[:, _SECOND].ravel(), axis=1))
-        score = self._pair(lefts, rights).reshape(self.points.size, -1)
+        score = self._pair(edges.take(place, axis=1))
         slopes, inside = self.slopes[kept], self.inside.ravel().take(place)
-        first, second = slopes[:, _FIRST], slopes[:, _SECOND]
+        first, second = slopes.take(_FIRST, axis=1), slopes.take(_SECOND, axis=1)
         width, middle = second - first, 0.5 * (first + second)
         possible = (width * self.depth >= SEARCH.narrowest) & (
             width <= (SEARCH.widest if top >= 0 else SEARCH.widest_above)
         )
         possible &= np.abs(middle) <= SEARCH.farthest_aside * np.maximum(width, 0.15)
-        possible &= inside[:, _FIRST] & inside[:, _SECOND]
-        score[~possible] = 0.0
+        possible &= inside.take(_FIRST, axis=1) & inside.take(_SECOND, axis=1)
+        score *= possible
         return self._best(score, first, second, top)
 
     def _strongest(self, edges: NDArray[np.int32]) -> NDArray[np.intp]:
@@ -101,11 +91,17 @@ class Fan:
         kept.sort(axis=1)
         return kept
 
-    def _pair(self, lefts: NDArray[np.int32], rights: NDArray[np.int32]) -> NDArray[np.float32]:
-        """What both edges have in common, with the same sign in every row."""
+    def _pair(self, edges: NDArray[np.int32]) -> NDArray[np.float32]:
+        """(points, pairs) what both edges have in common, with the same sign in every row."""
+        mirrored = (edges.view(np.int8).reshape(-1, CHANNELS) * MIRROR).view(np.int32)
+        lefts, rights = (
+            each.reshape(edges.shape).take(which, axis=2)
+            for each, which in ((edges, _FIRST), (mirrored, _SECOND))
+        )
         common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
-        return (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
+        score = (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
+        return np.asarray(score.reshape(self.points.size, -1), np.float32)
 
     def _best(
         self, score: NDArray[Any], first: NDArray[Any], second: NDArray[Any], top: int
@@ -139,7 +135,11 @@ def fan(depth: int, width: int) -> Fan:
     return Fan(depth, width)
 
 
-def fan_jobs(first: float, last: float, level: int) -> Iterator[tuple[int, list[float]]]:
+Job = tuple[int, list[float]]
+"""What is searched at a time: a depth, and rows of vanishing points."""
+
+
+def fan_jobs(first: float, last: float, level: int) -> Iterator[Job]:
     """Depths, and rows between two of the image, of vanishing points to search on a level.
 
     Level 0 is the finest; on the others only depths that the finer one lacks are searched.
@@ -193,11 +193,8 @@ def align(image: EvidenceMap, strips: Strips) -> tuple[Strips, NDArray[np.bool_]
     share = (depth / near - SEARCH.first_row) / (1.0 - SEARCH.first_row)
     moves = _FAR_STEPS[:, None, None] * (1 - share) + _NEAR_STEPS[:, None, None, None] * share
     moves = moves.reshape(-1, len(strips), SEARCH.align_rows)
-    edges = []
-    for column, mirror in ((2, 1), (3, -1)):
-        columns = x + strips[:, column : column + 1] * depth + moves
-        edges.append(_signed(image, rows, columns, mirror))
-    return _moved(strips, _choose(edges))
+    columns = x + strips.T[2:4, None, :, None] * depth + moves
+    return _moved(strips, _choose(_signed(image, rows, columns)))
 
 
 def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
@@ -207,13 +204,9 @@ def around(image: EvidenceMap, strip: NDArray[np.float64], most: int) -> Strips:
     step = max(SEARCH.min_around_shift, SEARCH.around_shift * width)
     shifts = np.arange(-SEARCH.around_shifts, SEARCH.around_shifts + 1) * step
     rows = _rows(y, near)
-    lefts, rights = left + shifts / near, right + shifts / near
-    one, other = (
-        _signed(image, rows, x + slopes[:, None] * (rows - y), mirror)
-        for slopes, mirror in ((lefts, 1), (rights, -1))
-    )
-    total = in_common(one[:, None], other[None]).sum(axis=2, dtype=np.int32)
-    score = np.abs(total) @ _ALIGN_WEIGHTS
+    lefts, rights = slopes = np.array([[left], [right]]) + shifts / near
+    one, other = _signed(image, rows, x + slopes[..., None] * (rows - y))
+    score = _agreement(one[:, :, None], other[:, None])
     widths = (rights[None] - lefts[:, None]) * near
     score[
         (widths < max(SEARCH.min_around_width * width, 2.0))
@@ -236,27 +229,35 @@ def _rows(y: Any, near: Any) -> NDArray[np.intp]:
     return rows
 
 
-def _signed(
-    image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any], mirror: int
-) -> NDArray[np.int16]:
-    """Evidence at places, of which a right edge has the signs turned; paint has none."""
-    signed = image.at(rows, columns)[0].astype(np.int16)
-    signed[..., :3] *= mirror
-    return signed
+def _signed(image: EvidenceMap, rows: NDArray[np.intp], columns: NDArray[Any]) -> NDArray[np.int8]:
+    """(2, rows, ..., 4) evidence at columns (2, ..., rows) of the left and of the right edge.
+
+    That of the right one has the signs of steps turned.
+    """
+    signed = image.at(rows, columns)[0]
+    signed[1] *= MIRROR
+    return np.ascontiguousarray(np.moveaxis(signed, -2, 1))
 
 
-def _choose(edges: list[NDArray[np.int16]]) -> list[NDArray[np.intp]]:
-    """For either edge the number of the move that is best for both."""
-    count = edges[0].shape[1]
+def _agreement(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.float64]:
+    """What edges (rows, ..., 4) have in common over all rows."""
+    total = np.add.reduce(in_common(one, other), axis=0, dtype=np.int16)
+    score: NDArray[np.float64] = np.abs(total) @ _ALIGN_WEIGHTS
+    return score
+
+
+def _choose(edges: NDArray[np.int8]) -> list[NDArray[np.intp]]:
+    """For either edge (rows, moves, n, 4) the number of the move that is best for both."""
+    count = edges.shape[3]
     cost = SEARCH.align_cost * (np.abs(_NEAR_STEPS)[:, None] + np.abs(_FAR_STEPS)).reshape(-1, 1)
     middle = cost.size // 2
     chosen = [np.full(count, middle), np.full(count, middle)]
     number = np.arange(count)
     for _ in range(SEARCH.align_rounds):
         for side in (0, 1):
-            other = edges[1 - side][chosen[1 - side], number]
-            total = np.abs(in_common(edges[side], other).sum(axis=2, dtype=np.int32))
-            score = total @ _ALIGN_WEIGHTS / (SEARCH.align_rows * UNIT) - cost
+            other = edges[1 - side][:, chosen[1 - side], number]
+            total = _agreement(edges[side], other[:, None])
+            score = total / (SEARCH.align_rows * UNIT) - cost
             chosen[side] = score.argmax(axis=0)
     return chosen
 
@@ -295,22 +296,19 @@ class Candidates(NamedTuple):
 NO_CANDIDATES = Candidates(np.empty((0, 6)), np.empty((0, len(FEATURES))))
 
 
-def skyline_of(brightness: NDArray[np.float32]) -> NDArray[np.float64]:
+def skyline_of(gray: NDArray[Any]) -> NDArray[np.float64]:
     """The row in each column where it gets darker downwards most; of steps alike the upper one."""
-    height = brightness.shape[0]
-    narrow = cv2.blur(brightness, (7, 1))
-    total = np.zeros((height + 1, brightness.shape[1]), np.float32)
-    np.cumsum(narrow, axis=0, out=total[1:])
-    middle = total[SEARCH.sky_step : -SEARCH.sky_step]
-    step = (
-        2 * middle - total[: -2 * SEARCH.sky_step] - total[2 * SEARCH.sky_step :]
-    ) / SEARCH.sky_step
-    row = step[: int(0.8 * height)].argmax(axis=0).astype(np.float32) + SEARCH.sky_step
+    height, step = gray.shape[0], SEARCH.sky_step
+    # Row r is the mean of the rows from r - 2 to r + 2.
+    mean = cv2.blur(gray.astype(np.float32), (7, step))
+    half = step // 2
+    rise = mean[half : height - step - half] - mean[half + step : height - half]
+    row = rise[: int(0.8 * height)].argmax(axis=0) + float(step)
     reach = SEARCH.sky_smoothing // 2
     padded = np.pad(row, reach, mode='edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, SEARCH.sky_smoothing)
-    result: NDArray[np.float64] = np.median(windows, axis=1).astype(np.float64)
-    return result
+    median: NDArray[np.float64] = np.partition(windows, reach, axis=1)[:, reach]
+    return median
 
 
 class LevelledImage:
@@ -319,6 +317,7 @@ class LevelledImage:
     Attributes:
         size: height and width, px.
         level: by which it is turned; not at all if none is given.
+        whole_scene: what the image is like, at full scale, once it was asked for.
     """
 
     def __init__(
@@ -336,12 +335,8 @@ class LevelledImage:
         height, width = self.size = pixels.shape[:2]
         self._given = pixels
         self.level = level or Derotation(width, height, 1, 0.0)
-        self._pixels: list[NDArray[Any]] = []
-        self._given_scene = scene
+        self.whole_scene = scene
         self._overlaid = overlaid
-        self._hidden: NDArray[np.bool_] | None = None
-        self._maps: dict[int, EvidenceMap] = {}
-        self._packed: dict[int, tuple[NDArray[np.int32], NDArray[np.int32]]] = {}
 
     def at_slope(self, slope: float) -> LevelledImage:
         """The same image, levelled by another angle, rad."""
@@ -350,102 +345,80 @@ class LevelledImage:
         level = replace(self.level, slope=slope)
         return LevelledImage(self._given, level, overlaid=self._overlaid)
 
-    @property
-    def used(self) -> bool:
-        """Whether anything was asked of it."""
-        return bool(self._pixels)
-
-    def pixels(self, level: int) -> NDArray[Any]:
-        """The image of a level of the pyramid."""
-        if not self._pixels:
-            self._pixels.append(self.level.turned(self._given))
-        while len(self._pixels) <= level:
-            self._pixels.append(halved(self._pixels[-1]))
-        return self._pixels[level]
-
-    def hidden(self, level: int) -> NDArray[np.bool_] | None:
-        """Where something is laid over the image of a level of the pyramid."""
-        if self._overlaid is None:
-            return None
-        if self._hidden is None:
-            self._hidden = self.level.turned(self._overlaid) > 0
-        height, width = self.pixels(level).shape[:2]
-        return self._hidden[:: 2**level, :: 2**level][:height, :width]
-
-    def map(self, level: int) -> EvidenceMap:
-        """Evidence of a level of the pyramid."""
-        if level not in self._maps:
-            self._maps[level] = gather_evidence(self.pixels(level), self.hidden(level))
-        return self._maps[level]
-
-    @cached_property
-    def whole_scene(self) -> Scene:
-        """What the image is like, at full scale."""
-        if self._given_scene is not None:
-            return self._given_scene
-        pixels = self.pixels(0)
-        gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-        levels = gray[::4, ::4]
-        darkest, brightest = (float(value) for value in np.percentile(levels, (10, 95)))
-        skyline = skyline_of(gray.astype(np.float32))
-        return Scene(float(gray.shape[1]), darkest, brightest, skyline)
-
     def scene(self, level: int, column: int = 0, row: int = 0) -> Scene:
         """What the image is like, in the coordinates of a part of a level of the pyramid."""
+        if self.whole_scene is None:
+            pixels = self.level.turned(self._given)
+            gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+            darkest, brightest = np.percentile(gray[::4, ::4], (10, 95)).tolist()
+            width = float(gray.shape[1])
+            self.whole_scene = Scene(width, darkest, brightest, skyline_of(gray))
         scene, factor = self.whole_scene, 2**level
         skyline = (scene.skyline[::factor] + 0.5) / factor - 0.5
         skyline = skyline[min(column, skyline.size - 1) :] - row
         return Scene(scene.width / factor, scene.darkest, scene.brightest, skyline, column)
 
-    def search(self, level: int, depth: int, row: float) -> NDArray[np.float64]:
-        """Strips whose vanishing points lie on a row of a level, as `Fan.find`."""
-        of = self.map(level)
-        if level not in self._packed:
-            self._packed[level] = of.packed()
-        return fan(depth, of.width).find(*self._packed[level], of.height, row)
-
-    def weigh(self, found: NDArray[np.float64], level: int, most: int) -> Candidates:
-        """Align the best of what a search of a level found, and describe what still are strips."""
-        best = distinct(found, most)
+    def search(self, level: int, jobs: list[Job], most: int) -> Candidates:
+        """The best runways that a level of the pyramid shows, aligned and described."""
+        height, width = self.size_of(level)
+        image = self._part(level, (0, 0, width, height))
+        packed = image.packed()
+        found = [fan(depth, width).find(packed, row) for depth, rows in jobs for row in rows]
+        best = distinct(np.concatenate([np.empty((0, 7)), *found]), most)
         if not len(best):
             return NO_CANDIDATES
-        aligned, valid = align(self.map(level), best[:, :6])
+        aligned, valid = align(image, best[:, :6])
         if not valid.any():
             return NO_CANDIDATES
-        features, strips = describe(self.map(level), aligned[valid], self.scene(level), level)
+        features, strips = describe(image, aligned[valid], self.scene(level), level)
         return Candidates(_to_finest(strips, level), features)
+
+    def size_of(self, level: int) -> tuple[int, int]:
+        """Height and width of a level of the pyramid, px."""
+        return self.size[0] >> level, self.size[1] >> level
+
+    def _part(self, level: int, box: Box) -> EvidenceMap:
+        """Evidence of a part of a level of the pyramid."""
+        left, top, right, bottom = (side << level for side in box)
+        pixels = self.level.turned(self._given, (left, top, right, bottom))
+        for _ in range(level):
+            pixels = halved(pixels)
+        if self._overlaid is None:
+            return gather_evidence(pixels)
+        hidden = self.level.turned(self._overlaid, (left, top, right, bottom)) > 0
+        return gather_evidence(pixels, hidden[:: 2**level, :: 2**level])
 
     def part_around(self, strips: Strips) -> Part | None:
         """The part of the image that is needed to describe strips, on the first one's level."""
         # Of the pyramid, on which a strip's near end is neither too deep nor too shallow.
         level = max(0, math.ceil(math.log2(max(float(strips[0, 5]), 1.0) / SEARCH.max_level_depth)))
-        pixels, known = self.pixels(level), _to_level(strips, level)
+        known = _to_level(strips, level)
         box = surrounding_box(known)
-        height, width = pixels.shape[:2]
+        height, width = self.size_of(level)
         left, top = max(0, int(box[0])), max(0, int(box[1]))
         right, bottom = min(width, int(box[2]) + 1), min(height, int(box[3]) + 1)
         if right - left < SEARCH.min_part or bottom - top < SEARCH.min_part:
             return None
         known[:, :2] -= (left, top)
-        part, hidden = np.s_[top:bottom, left:right], self.hidden(level)
-        image = gather_evidence(pixels[part], None if hidden is None else hidden[part])
-        return Part(image, known, level, (left, top))
+        return Part(self._part(level, (left, top, right, bottom)), known, level, (left, top))
 
     def share_hidden(self, strip: Strip) -> float:
         """Share of a strip's edges over which something is laid."""
         if self._overlaid is None:
             return 0.0
-        x, y, left, right, far, near = (float(value) for value in strip)
-        depth = np.linspace(far, near, 12)
-        slopes = np.array([[left], [right]])
-        frame = replace(self.level, factor=1)
-        columns, rows = frame.to_frame(x + slopes * depth, np.broadcast_to(y + depth, (2, 12)))
+        x, y, left, right, far, near = strip.tolist()
+        depth = far + (near - far) * _ALONG
+        places = self.level.to_frame(x + np.array([[left], [right]]) * depth, y + depth)
+        column, row = (np.rint(place / self.level.factor).astype(np.intp) for place in places)
         height, width = self._overlaid.shape
-        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         if not inside.any():
             return 1.0
-        at = rows[inside].astype(np.intp), columns[inside].astype(np.intp)
-        return float((self._overlaid[at] > 0).mean())
+        return float((self._overlaid[row[inside], column[inside]] > 0).mean())
+
+
+_ALONG = np.linspace(0.0, 1.0, 12)
+"""Where it is looked whether a strip's edges are hidden, from the far to the near end."""
 
 
 class Part(NamedTuple):
@@ -518,15 +491,9 @@ def _to_level(strips: Strips, level: int) -> Strips:
 
 def find_candidates(image: LevelledImage, first: float, last: float) -> Candidates:
     """All runways whose edges may meet between two rows of a levelled image, px."""
-    parts = [NO_CANDIDATES]
+    parts = []
     for level in range(SEARCH.levels):
-        factor = 2**level
-        found = [
-            image.search(level, depth, row)
-            for depth, rows in fan_jobs(first / factor, last / factor, level)
-            for row in rows
-        ]
-        if found:
-            most = SEARCH.candidates if level == 0 else SEARCH.candidates // 2
-            parts.append(image.weigh(np.concatenate(found), level, most))
+        most = SEARCH.candidates if level == 0 else SEARCH.candidates // 2
+        jobs = list(fan_jobs(first / 2**level, last / 2**level, level))
+        parts.append(image.search(level, jobs, most))
     return Candidates(*(np.concatenate(each) for each in zip(*parts, strict=True)))

@@ -194,8 +194,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         if self._frame % self._search_period() == 0:
             self._start(self._search(view, sight.ranges), view)
         self._frame += 1
-        if working.used:
-            self._scene = working.whole_scene
+        self._scene = working.whole_scene
         self._choose()
         return self.best
 
@@ -248,8 +247,7 @@ class RunwayTracker(StripTracker[RunwayTrack]):
             where, level, depth, rows = chunks[number]
             self._job += 1
             image = view.working.at_slope(where.slope)
-            strips = np.concatenate([image.search(level, depth, row) for row in rows])
-            found = image.weigh(strips, level, TRACKER.max_weighed)
+            found = image.search(level, [(depth, rows)], TRACKER.max_weighed)
         turned = turn_strips(found.strips, image.level, view.working.level)
         return found._replace(strips=turned)
 

@@ -222,7 +222,7 @@ class SearchTuning:
     min_depth: float = 4.0  # px of an aligned strip
     max_depth: float = 60.0  # px, likewise
     levels: int = 4  # of the pyramid
-    sky_step: int = 5  # rows above and below, whose difference is the skyline's step
+    sky_step: int = 5  # rows (odd) above and below, whose difference is the skyline's step
     sky_smoothing: int = 31  # columns of the skyline's median, odd
     min_part: int = 12  # px of the sides of the part around strips
     # px of a level: a near end below that is measured on the next one
@@ -360,7 +360,6 @@ class RoadTuning:
     min_flank: float = 1.5  # px beside an edge that are compared
     max_flank: float = 24.0  # px, likewise
     first_depth: float = 2.0  # px below the vanishing point, from which rows count
-    faded: float = 0.4  # share of the typical contrast, below which a row is no longer the strip
     ceiling: float = 4.0  # floors: the contrast that counts most
     # widths over the camera's height that are tried
     ratios: tuple[float, float, float] = (0.1, 0.2, 0.4)
@@ -385,8 +384,6 @@ class RoadTuning:
     horizon_sigma: float = 4.0  # px of the vanishing point about the horizon
     support_range: float = 0.25  # above the target's, at which support is full
     min_sharp: float = 0.2  # share of that
-    # px from the horizon to where edges meet; beyond, less and less likely
-    max_off_horizon: float = 7.0
     # share of the image's height at which a strip under the camera ends: of no road
     high_end: float = 0.6
     low_end: float = 0.8  # likewise, of any
@@ -400,12 +397,6 @@ class RoadTuning:
     search_period: int = 4  # frames from one search to the next while a track is shown
     max_wider: float = 2.0  # widths of one strip over another, up to which both may be the same
     max_started: int = 3  # candidates of a search that are followed
-    grey_land: float = 8.0  # grey levels of colourfulness of land
-    colourful_land: float = 20.0  # likewise, where brightness alone makes no strip
-    texture_reach: int = 15  # px over which land is compared with itself
-    # contrast that speaks neither for nor against, over the land's texture
-    floor_per_texture: float = 2.1
-    min_floor: float = 3.0  # grey levels
     min_land: int = 8  # rows
     rows_above_horizon: int = 24  # that are kept
     trial_frames: int = 12  # after which a track of less than ``min_quality`` is given up

@@ -37,6 +37,9 @@ _EXPONENTS[:, :4], _EXPONENTS[:, 4:8], _EXPONENTS[:, 9:] = 1j * _ANGLES, -1j * _
 _EXPONENTS[SCALE] = (*[1.0] * 8, 0.0, *[1.0] * 4)
 _EXPONENTS[ROLL, :8] = 1j
 _EXPONENTS[FOCAL, 9:] = -1.0
+_NEARNESS: Array = np.zeros(COUNT)
+"""Of a view: logarithm of units per distance."""
+_NEARNESS[SCALE], _NEARNESS[FOCAL] = 1.0, -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +147,14 @@ class WeakPerspective:
         powers = np.exp(views.dot(_EXPONENTS))
         slopes = powers[:, :9].dot(turned).reshape(m, COUNT, n)
         depths = powers[:, 9:].view(np.float64).dot(deeper).reshape(m, COUNT, n)
-        excess = views[:, SCALE] - views[:, FOCAL] - self._max_nearness
-        too_near = excess > 0.0
-        if too_near.any():
+        nearness = views.dot(_NEARNESS)
+        if is_clipped := nearness.max() > self._max_nearness:
             # The origin comes no nearer, whatever scale and focal length say.
-            depths[too_near] *= np.exp(-excess[too_near])[:, None, None]
+            excess = np.maximum(nearness - self._max_nearness, 0.0)
+            depths *= np.exp(-excess)[:, None, None]
         larger = 1.0 / np.maximum(1.0 + depths[:, SCALE], _NEAREST)
-        if too_near.any():
-            depths[too_near, SCALE] = depths[too_near, FOCAL] = 0.0
+        if is_clipped:
+            depths[excess > 0.0, SCALE] = depths[excess > 0.0, FOCAL] = 0.0
         origin = views[:, X : Y + 1].view(np.complex128) - self._middle
         image = (slopes[:, SCALE] + origin) * larger
         slopes -= image[:, None] * depths

@@ -215,14 +215,12 @@ class ViewFilter:
         Those on probation are all but ignored.
         """
         own, wide = self.deviation**2, self.doubted_deviation**2
-        markers = list(found)
-        variances = np.full((len(self.belief.mean), len(markers)), own)
-        for index, marker in enumerate(markers):
-            if marker in untrusted:
-                variances[:, index] = wide
-            elif self.has_bank:
-                variances[1 + marker, index] = wide
-        return Correction.of(self.shape, self.belief, found, variances, own)
+        noise = np.full((len(self.belief.mean), 2 * len(found)), own)
+        if untrusted or self.has_bank:
+            for index, marker in enumerate(found):
+                rows = slice(None) if marker in untrusted else slice(1 + marker, 2 + marker)
+                noise[rows, 2 * index : 2 * index + 2] = wide
+        return Correction.of(self.shape, self.belief, found, noise, own)
 
     def exclude(self, marker: int) -> None:
         """Go on from the filter that has ignored a marker: that one was another light."""
@@ -331,17 +329,16 @@ class Correction:
         shape: WeakPerspective,
         before: Belief,
         found: Mapping[int, Point],
-        variances: Array,
+        noise: Array,
         own: float,
     ) -> Correction:
-        """Correct priors by lights, each of its own variance (f, k), px²."""
+        """Correct priors by lights, of whose coordinates each has a variance (f, 2 k), px²."""
         mean, covariance = before
         count = 2 * len(found)
         markers = list(found)
         in_order = markers == list(range(len(shape.points)))
         columns = None if in_order else columns_of(np.array(markers, np.intp))
         places = np.array(list(found.values())).ravel()
-        noise = variances.repeat(2, axis=1)
         prior = parameters = np.ascontiguousarray(mean[:, :COUNT])
         for _ in range(_MAX_ITERATIONS):
             expected, slopes = shape.linearize_all(parameters)
@@ -354,7 +351,7 @@ class Correction:
             towards = covariance[:, :, :COUNT] @ slopes
             spread = slopes.transpose(0, 2, 1) @ towards[:, :COUNT]
             spread.reshape(-1, count * count)[:, :: count + 1] += noise
-            weight = np.array([_inverse(one) for one in spread])
+            weight = _inverses(spread)
             weighed = _times(weight, innovation)
             change = _times(towards, weighed)
             step, largest = limited(change[:, :COUNT] + away)
@@ -471,10 +468,13 @@ def _times(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
-def _inverse(matrix: Array) -> Array:
-    """Of a positive matrix."""
-    regular, inverted = cv2.invert(matrix, flags=cv2.DECOMP_CHOLESKY)
-    return np.asarray(inverted if regular else np.linalg.pinv(matrix, hermitian=True), np.float64)
+def _inverses(matrices: Array) -> Array:
+    """Of positive matrices (f, n, n)."""
+    inverses = np.empty_like(matrices)
+    for matrix, inverse in zip(matrices, inverses, strict=True):
+        if not cv2.invert(matrix, inverse, cv2.DECOMP_CHOLESKY)[0]:
+            inverse[:] = np.linalg.pinv(matrix, hermitian=True)
+    return inverses
 
 
 def _weighed_distance(

@@ -1,4 +1,5 @@
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from support.flights import write_bag
 
 from mvuav_ros.messages.sensors import make_header
 from mvuav_ros.offline.evaluation.bag_report import bag_report
-from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, NamedPoints, read_bag, replay
+from mvuav_ros.offline.evaluation.evaluation_run import EvaluationRun, read_bag, replay
 from mvuav_ros.offline.evaluation.metrics import line_errors, marker_errors, metrics_of, roll_errors
 from mvuav_ros.recordings.reading import open_recording
+from mvuav_ros.recordings.tables import marker_names
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.markers.results import TANKER_NAMES
 
@@ -127,12 +129,12 @@ def test_a_rig_of_ones_own_has_its_names_and_the_roll_of_its_pose(tmp_path):
 
 def test_names_do_not_follow_the_order_of_topics(tmp_path):
     run = read_bag(write_bag(tmp_path / 'flight.mcap', results=True))
-    turned = NamedPoints()
     with open_recording(tmp_path / 'flight.mcap') as recording:
-        single = [m for m in recording.messages() if m.topic.startswith('/marker_tracker/marker/')]
-    for message in reversed(single):
-        turned.add(message.topic, message.data)
-    assert turned.names(run.results.markers) == run.names
+        turned = SimpleNamespace(
+            topics=recording.topics,
+            messages=lambda topics: reversed(list(recording.messages(topics))),
+        )
+        assert marker_names(turned, '/marker_tracker') == run.names
     assert [run.names[label] for label in range(5)] == list(TANKER_NAMES)
 
 

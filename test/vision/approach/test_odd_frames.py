@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from support.drawn_ground import drawn_strip
 
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
+from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.ground_motion import Overlaid
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.image import Image
 
 RUNWAY = {'height': 60, 'width': 30, 'speed': 2, 'ends': (400, 1500)}
 GRASS = {**RUNWAY, 'ends': (1e8, 1e9)}
@@ -89,6 +92,32 @@ def test_a_frozen_picture_is_doubted_after_two_seconds(flight):
     assert found[30].confidence >= CONFIDENT
     assert found[-1].confidence == 0
     assert 'has not changed' in found[-1].status
+
+
+def test_a_stamp_that_jumps_back_is_refused_and_nothing_is_lost(flight):
+    detector = ApproachDetector(RunwayDetectorParameters(mode='approach'))
+    undisturbed = [result.confidence for result, _ in results(flight)]
+    for index, image in enumerate(flight):
+        if index == FRAMES // 2:
+            with pytest.raises(ValueError, match='stamp 3 ns is before 19 ns'):
+                detector.process(image, 3)
+        assert detector.process(image, index).confidence == undisturbed[index]
+
+
+def test_a_recording_that_begins_again_is_searched_afresh(flight):
+    """What was followed until then says nothing of the frames before it."""
+    processor = RunwayDetectorProcessor(RunwayDetectorParameters(mode='approach'))
+
+    def status(image, index):
+        processor.process(Frame(index, 'camera', Image(image, 'bgr8')))
+        return processor.status
+
+    grass = drawn_strip(0, **GRASS)
+    first = status(grass, 0)
+    assert first.startswith('no runway')
+    assert [status(image, index) for index, image in enumerate(flight, 1)][-1] == ''
+    assert status(grass, 0) == first
+    assert processor.resets == 1
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from mvuav_ros.vision.approach.evidence import row_sums, shrink_levels
 from mvuav_ros.vision.approach.road import (
     EdgeProfile,
     features_of,
+    find_edges,
     score_strips,
 )
-from mvuav_ros.vision.approach.road_tracker import find_edges
 
 SHAPE = np.array([158.0, 70.0, -0.45, 0.35])
 FAR, NEAR = 8.0, 90.0
@@ -51,7 +51,7 @@ def test_levelled_pixels_lie_where_the_points_do():
     level = Derotation(320, 240, 1, math.radians(9))
     x, y = level.to_frame(200.0, 150.0)
     cv2.circle(image, (round(x), round(y)), 3, (255, 255, 255), -1)
-    turned = level.turned(image, 100)[:, :, 0].astype(float)
+    turned = level.turned(image, (0, 100, 320, 240))[:, :, 0].astype(float)
     rows, columns = np.mgrid[100:240, :320]
     assert (turned * columns).sum() / turned.sum() == pytest.approx(200, abs=0.6)
     assert (turned * rows).sum() / turned.sum() == pytest.approx(150, abs=0.6)

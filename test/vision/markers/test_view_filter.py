@@ -44,7 +44,7 @@ def places(markers, seed=0):
 def corrected(found, before=None, variances=None):
     before = before or prior()
     variances = (
-        np.full((len(before.mean), len(found)), NOISE**2) if variances is None else variances
+        np.full((len(before.mean), 2 * len(found)), NOISE**2) if variances is None else variances
     )
     return Correction.of(SHAPE, before, found, variances, NOISE**2)
 
@@ -68,8 +68,8 @@ def test_filters_of_one_rig_correct_each_by_itself():
     found, (mean, covariance) = places([0, 1, 2, 3, 4]), prior()
     shift = np.concatenate((0.5 * SPREAD, np.zeros(COUNT)))
     before = Belief(np.concatenate((mean, mean + shift)), np.concatenate((covariance,) * 2))
-    variances = np.full((2, 5), NOISE**2)
-    variances[1, 3] *= 100.0
+    variances = np.full((2, 10), NOISE**2)
+    variances[1, 6:8] *= 100.0
     both = corrected(found, before, variances)
     for row in range(2):
         one = Belief(*(part[row : row + 1] for part in before))
@@ -95,8 +95,8 @@ def test_a_marker_is_held_against_the_others_and_not_against_itself(ignored):
     """In closed form as by a second filter without it, also where it has less weight."""
     found = places([0, 1, 2, 3, 4])
     found[2] = (found[2][0] + 1.0, found[2][1])
-    variances = np.full((1, 5), NOISE**2)
-    variances[0, 2] *= 100.0 if ignored else 1.0
+    variances = np.full((1, 10), NOISE**2)
+    variances[0, 4:6] *= 100.0 if ignored else 1.0
     correction = corrected(found, variances=variances)
     others = corrected({m: place for m, place in found.items() if m != 2}).after
     expected, slopes = SHAPE.linearize(others.mean[0, :COUNT])

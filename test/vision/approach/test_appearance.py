@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.approach.numeric import best_run
+from mvuav_ros.vision.approach.appearance import best_run
 
 
 @pytest.mark.parametrize('slack', [0.0, 1e-9])
