@@ -9,8 +9,7 @@ import numpy as np
 
 from mvuav_ros.offline.evaluation.metrics import Array, distance_rms
 from mvuav_ros.offline.report import Section, Table
-from mvuav_ros.vision.markers.motion import MotionPredictor
-from mvuav_ros.vision.markers.predictions import METHODS, Extrapolation
+from mvuav_ros.vision.markers.motion import METHODS, MotionPredictor
 from mvuav_thesis.comparison import Claim
 from mvuav_thesis.marker_paths import MOTIONS, marker_path
 from mvuav_thesis.plan import Plan, words
@@ -63,42 +62,28 @@ def path_tasks(plan: Plan) -> list[PathTask]:
 
 def fly_paths(task: PathTask) -> PathErrors:
     """Predict every flight by every method."""
-    thesis, shipped = [], []
-    for seed in range(_FIRST_SEED, _FIRST_SEED + task.flights):
-        times, places = marker_path(task.kind, task.fps, FRAMES, seed, NOISE)
-        thesis.append(thesis_errors(times, places))
-        shipped.append(shipped_error(times, places))
+    seeds = range(_FIRST_SEED, _FIRST_SEED + task.flights)
+    errors = [path_errors(*marker_path(task.kind, task.fps, FRAMES, seed, NOISE)) for seed in seeds]
+    thesis, shipped = zip(*errors, strict=True)
     return PathErrors(task, np.array(thesis), np.array(shipped))
 
 
-def thesis_errors(times: Array, places: Array) -> list[float]:
-    """Each method's root mean square error, px, in `METHODS`' order.
+def path_errors(times: Array, places: Array) -> tuple[list[float], float]:
+    """Root mean square errors, px: each method's, in `METHODS`' order, and the tracker's own.
 
     Args:
         times: (n,), s.
         places: (n, markers, 2), measured, px.
     """
-    seen = Extrapolation(len(places[0]))
-    predicted = np.zeros((len(places), len(METHODS), places[0].size))
-    for index, time in enumerate(times.tolist()):
-        if index >= FIRST:
-            seen.predict(time, predicted[index])
-        seen.update(time, places[index].ravel())
-    shape = (len(places), len(METHODS), *places[0].shape)
-    errors = (predicted.reshape(shape) - places[:, None])[FIRST:]
-    return [distance_rms(errors[:, number]) for number in range(len(METHODS))]
-
-
-def shipped_error(times: Array, places: Array) -> float:
-    """The same of the tracker's own prediction."""
     predictor = MotionPredictor(len(places[0]))
-    errors = []
+    errors = np.zeros((len(places), len(METHODS) + 1, *places[0].shape))
     for index, (time, now) in enumerate(zip(times.tolist(), places, strict=True)):
-        predicted = np.reshape(predictor.predict(time), (-1, 2))
-        if index >= FIRST:
-            errors.append(now - predicted)
+        own = np.array(predictor.predict(time))
+        predicted = np.concatenate((predictor.competing[: len(METHODS)], own[None]))
+        errors[index] = predicted.reshape(-1, *now.shape) - now
         predictor.update(now.ravel().tolist())
-    return distance_rms(np.array(errors))
+    *thesis, shipped = (distance_rms(errors[FIRST:, row]) for row in range(len(METHODS) + 1))
+    return thesis, shipped
 
 
 def predictions_section(plan: Plan, flown: Sequence[PathErrors]) -> tuple[Section, list[Claim]]:

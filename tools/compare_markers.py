@@ -50,10 +50,10 @@ COLUMNS += ['NEES', 'ms']
 class Version:
     """A process that flies with the package of one checkout."""
 
-    def __init__(self, checkout: Path) -> None:
+    def __init__(self, checkout: Path, without: str = '') -> None:
         paths = os.pathsep.join((str(checkout), str(ROOT / 'test')))
         self._process = subprocess.Popen(
-            [sys.executable, __file__, '--worker'],
+            [sys.executable, __file__, '--worker', *(['--without', without] if without else [])],
             cwd=checkout,
             env={**os.environ, 'PYTHONPATH': paths},
             stdin=subprocess.PIPE,
@@ -83,8 +83,12 @@ class Version:
         self._process.wait()
 
 
-def work() -> None:
+def work(without: str) -> None:
     """Fly what the standard input names, with whatever package is imported."""
+    if without:
+        from marker_mechanisms import switch_off
+
+        switch_off(without)
     answers = os.fdopen(os.dup(1), 'w')
     os.dup2(2, 1)
     import cv2
@@ -227,10 +231,11 @@ def main() -> None:
     parser.add_argument('--only', default='', help='groups whose names contain this')
     parser.add_argument('--json', type=Path, help="add each group's figures to it")
     parser.add_argument('--csv', type=Path, help="write each flight's figures")
+    parser.add_argument('--without', default='', help=argparse.SUPPRESS)
     parser.add_argument('--worker', action='store_true', help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.worker:
-        work()
+        work(asked.without)
         return
     checkouts = {asked.name: ROOT}
     tables: dict[str, dict[str, dict[str, Any]]] = {}

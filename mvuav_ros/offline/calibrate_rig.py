@@ -99,15 +99,11 @@ def calibrate_from(
             break
         before = len(sightings.frames)
         found = calibrate_rig(rough.positions, used, sightings, between, rough.names)
-        rig = replace(rough, markers=_placed(rough, found))
+        places: list[Point] = [(x, y, z) for x, y, z in found.positions.tolist()]
+        rig = replace(rough, markers=tuple(zip(rough.names, places, strict=True)))
         best = CalibratedRig(rig, rough, used, sightings, found, frames, number)
     assert best is not None
     return best
-
-
-def _placed(rough: MarkerRig, found: RigCalibration) -> tuple[tuple[str, Point], ...]:
-    places = found.positions.tolist()
-    return tuple((name, (x, y, z)) for name, (x, y, z) in zip(rough.names, places, strict=True))
 
 
 def name_lights(

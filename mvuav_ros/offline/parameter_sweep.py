@@ -13,7 +13,7 @@ import numpy as np
 
 import mvuav_ros
 from mvuav_ros.offline.evaluation.evaluation_run import replay
-from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of, name_and_unit
+from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
 from mvuav_ros.offline.node_parameters import PROCESSING_NODES
 from mvuav_ros.offline.processes import Done, each
 from mvuav_ros.offline.replay.batch import connect
@@ -247,7 +247,7 @@ def _metric_tables(results: Sequence[RunResult]) -> list[Table]:
         for result in (result for result in results if not result.error):
             cells = {metric.column: metric.cell for metric in result.metrics}
             rows.append((result.run.number, *map(cells.get, names)))
-        columns = (Column('run'), *(Column(*name_and_unit(name)) for name in names))
+        columns = (Column('run'), *map(Column.parse, names))
         title = ', '.join(part).capitalize()
         tables.append(Table(f'numbers_{number}', title, columns, tuple(rows)))
     return tables
@@ -295,7 +295,7 @@ def _draw(
     numbers = [result.run.number for result in results]
     for index, name in enumerate(names):
         values = [_value(result, name) for result in results]
-        mark, plain = _MARKS[index % len(_MARKS)], name_and_unit(name)[0]
+        mark, plain = _MARKS[index % len(_MARKS)], Column.parse(name).name
         color = COLORS[index % len(COLORS)]
         axes.plot(numbers, values, f'{mark}-', color=color, ms=4, lw=1.0, label=plain)
     label(axes, group.capitalize(), 'run', _unit(names))
@@ -328,7 +328,7 @@ def _grouped(
                     color, places = COLORS[index % len(COLORS)], np.arange(len(cells)) + offset
                     panel.bar(places, heights, width, color=color, label=source)
                 panel.grid(axis='x', visible=False)
-                label(panel, name_and_unit(name)[0], '', _unit([name]))
+                label(panel, Column.parse(name).name, '', _unit([name]))
             panels[-1].set_xticks(
                 range(len(cells)), titles, rotation=0 if len(cells) <= _MAX_LEVEL else 90
             )
@@ -354,7 +354,7 @@ def _cell(value: object) -> Cell:
 
 
 def _unit(names: Sequence[str]) -> str:
-    unit = name_and_unit(names[0])[1]
+    unit = Column.parse(names[0]).unit
     return f'[{unit}]' if unit else 'count'
 
 

@@ -58,7 +58,8 @@ def draw_terrain(length: float, detail: float, seed: int) -> NDArray[np.uint8]:
     mottle = 1.0 + 0.07 * detail * smooth_noise(TERRAIN_SHAPE, 60.0, rng, octaves=5)
     wood = _draw_woods(land, y, detail, rng)
     _draw_airfield(land, x, y, length)
-    _blend(land, _WATER, _river(x, y, RIVER_WIDTH))
+    river = RIVER_X + 45.0 * np.sin(y / 210.0) + 22.0 * np.sin(y / 83.0 + 1.0)
+    _blend(land, _WATER, _strip((x - river).astype(np.float32), RIVER_WIDTH))
     _draw_roads(land, x, y)
     _draw_houses(land, rng, wood)
     land *= mottle[:, :, None]
@@ -126,11 +127,6 @@ def _draw_airfield(land: Plane, x: Plane, y: Plane, length: float) -> None:
         taxiway = np.maximum(taxiway, _strip(x - exit_x, 15.0) * reach)
     apron = _strip(x - 0.3 * length, 180.0) * _strip(y + 165.0, 95.0)
     _blend(land, _CONCRETE, np.maximum(taxiway, apron))
-
-
-def _river(x: Plane, y: Plane, width: float) -> Plane:
-    middle = RIVER_X + 45.0 * np.sin(y / 210.0) + 22.0 * np.sin(y / 83.0 + 1.0)
-    return _strip((x - middle).astype(np.float32), width)
 
 
 def _draw_roads(land: Plane, x: Plane, y: Plane) -> None:

@@ -57,14 +57,6 @@ def gain_steps(
     return lambda time: gains[int(np.searchsorted(starts, time, side='right')) - 1]
 
 
-def hot_pixels(
-    width: int, height: int, count: int, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of pixels that are always white."""
-    chosen = rng.choice(width * height, min(count, width * height), replace=False)
-    return np.divmod(chosen, width)
-
-
 def apply_gain(image: Pixels, gain: float) -> Pixels:
     """Multiply and saturate; the image itself where the gain is 1."""
     if gain == 1.0:
@@ -223,8 +215,11 @@ class Flight(ABC, Generic[TruthT]):
 
     @cached_property
     def _hot_pixels(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        size = self.camera.width, self.camera.height
-        return hot_pixels(*size, self._basics.hot_pixels, self._rng(RandomStream.HOT_PIXELS))
+        """Rows and columns of pixels that are always white."""
+        pixels = self.camera.width * self.camera.height
+        count = min(self._basics.hot_pixels, pixels)
+        chosen = self._rng(RandomStream.HOT_PIXELS).choice(pixels, count, replace=False)
+        return np.divmod(chosen, self.camera.width)
 
     def _rng(self, stream: RandomStream, *index: int) -> np.random.Generator:
         return np.random.default_rng((self._basics.seed, stream, *index))

@@ -99,44 +99,33 @@ class Ripmap:
         bins: NDArray[np.int32],
         along: NDArray[np.float64],
         across: NDArray[np.float64],
-        scratch: tuple[Floats, Floats, Floats],
     ) -> Pixels:
         """Sample the texture at places on the ground, (rows, columns), m.
 
         Of every pixel ``bins`` says which entries of ``along`` and ``across`` hold: what it covers
-        along x and y, m. The scratch is three contiguous arrays of the same shape as x.
+        along x and y, m.
 
         Returns:
             (rows, columns, channels).
         """
-        map_x, map_y, factor = scratch
-        self._to_atlas(x, bins, along, self._x, (map_x, factor))
-        self._to_atlas(y, bins, across, self._y, (map_y, factor))
+        map_x = self._to_atlas(x, bins, along, self._x)
+        map_y = self._to_atlas(y, bins, across, self._y)
         return cv2.remap(
             self._atlas, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
 
     def _to_atlas(
-        self,
-        metres: Floats,
-        bins: NDArray[np.int32],
-        footprint: NDArray[np.float64],
-        axis: _Axis,
-        scratch: tuple[Floats, Floats],
-    ) -> None:
-        """Texels of the image along one axis, written to the first of ``scratch``."""
-        result, factor = scratch
+        self, metres: Floats, bins: NDArray[np.int32], footprint: NDArray[np.float64], axis: _Axis
+    ) -> Floats:
+        """Texels of the image along one axis."""
         scale, start = axis.place(footprint)
         # In periods: what is left of the decimal point is how often the texture was repeated.
-        np.multiply(metres, np.float32(1.0 / axis.period), out=result)
-        np.subtract(result, np.float32(axis.origin / axis.period), out=result)
+        place = metres * np.float32(1.0 / axis.period) - np.float32(axis.origin / axis.period)
         if self._wrap:
-            np.floor(result, out=factor)
-            np.subtract(result, factor, out=result)
-        np.take(scale, bins, out=factor, mode='clip')
-        np.multiply(result, factor, out=result)
-        np.take(start, bins, out=factor, mode='clip')
-        np.add(result, factor, out=result)
+            place -= np.floor(place)
+        place *= scale.take(bins, mode='clip')
+        place += start.take(bins, mode='clip')
+        return place
 
 
 def _halvings(size: int) -> list[int]:
@@ -201,9 +190,6 @@ class GroundPainter:
         self._visibility = visibility
         self._columns = np.arange(camera.width, dtype=np.float32)
         self._rows = np.arange(camera.height, dtype=np.float32)
-        size = _BAND_ROWS * camera.width
-        self._buffers = [np.empty(size, np.float32) for _ in range(6)]
-        self._bins = np.empty(size, np.int32)
 
     def paint(self, image: Pixels, pose: CameraPose) -> None:
         """Paint the ground over an image of the sky, (height, width, 3) uint8, in place."""
@@ -220,11 +206,9 @@ class GroundPainter:
             corner_falls = [fall_x * u + fall_y * v + fall_1 for u in across for v in down]
             if max(corner_falls) <= least:
                 continue
-            shape = (last - first, self._camera.width)
-            fall = self._buffer(0, shape)
             column_part = self._columns * np.float32(fall_x)
             row_part = self._rows[first:last] * np.float32(fall_y) + np.float32(fall_1)
-            np.add(row_part[:, None], column_part[None, :], out=fall)
+            fall = row_part[:, None] + column_part
             mask = None
             if min(corner_falls) <= least:
                 mask = (fall > least).view(np.uint8) * np.uint8(255)
@@ -246,38 +230,29 @@ class GroundPainter:
         table: _FootprintTable,
         strip: Pixels,
     ) -> Pixels:
-        shape = (fall.shape[0], fall.shape[1])
-        rows = self._rows[first : first + shape[0]]
-        depth, x, y = (self._buffer(number, shape) for number in (3, 1, 2))
-        np.divide(np.float32(pose.position[2]), fall, out=depth)
-        for axis, result in ((0, x), (1, y)):
+        rows = self._rows[first : first + len(fall)]
+        depth = np.float32(pose.position[2]) / fall
+        places = []
+        for axis in (0, 1):
             row_part = rows * np.float32(rays[axis, 1]) + np.float32(rays[axis, 2])
-            column_part = self._columns * np.float32(rays[axis, 0])
-            np.add(row_part[:, None], column_part[None, :], out=result)
-            np.multiply(result, depth, out=result)
-            np.add(result, np.float32(pose.position[axis]), out=result)
-        bins = self._bins[: fall.size].reshape(shape)
-        np.right_shift(fall.view(np.int32), _BIN_SHIFT, out=bins)
-        np.subtract(bins, table.first_bin, out=bins)
-        scratch = (self._buffer(3, shape), self._buffer(4, shape), self._buffer(5, shape))
-        band = self._ground.land.sample(x, y, bins, table.along, table.between, scratch)
+            place = row_part[:, None] + self._columns * np.float32(rays[axis, 0])
+            place *= depth
+            place += np.float32(pose.position[axis])
+            places.append(place)
+        x, y = places
+        bins = (fall.view(np.int32) >> _BIN_SHIFT) - table.first_bin
+        band = self._ground.land.sample(x, y, bins, table.along, table.between)
         left, top, columns, height = cv2.boundingRect(strip)
         if columns and height:
             part = (slice(top, top + height), slice(left, left + columns))
-            small = (height, columns)
             runway = self._ground.runway.sample(
-                x[part],
-                y[part],
-                bins[part],
-                table.along,
-                table.across,
-                (self._buffer(3, small), self._buffer(4, small), self._buffer(5, small)),
+                x[part], y[part], bins[part], table.along, table.across
             )
             cv2.copyTo(runway, strip[part], band[part])
         # The nearest pixels of a band lie at its bottom, or at a side of it when banking.
         nearest = float(max(fall[-1, 0], fall[-1, -1], fall[0, 0], fall[0, -1]))
         if self._ground.grain is not None and table.covers(nearest) < _GRAIN_REACH:
-            grain = self._ground.grain.sample(x, y, bins, table.along, table.across, scratch)
+            grain = self._ground.grain.sample(x, y, bins, table.along, table.across)
             cv2.multiply(band, grain, dst=band, scale=1.0 / 128.0)
         return band
 
@@ -298,9 +273,6 @@ class GroundPainter:
             places = np.rint(self._camera.project(polygon) * 16).astype(np.int32)
             cv2.fillConvexPoly(mask, places, 255, cv2.LINE_8, 4)
         return mask
-
-    def _buffer(self, number: int, shape: tuple[int, int]) -> Floats:
-        return self._buffers[number][: shape[0] * shape[1]].reshape(shape)
 
 
 class _FootprintTable:

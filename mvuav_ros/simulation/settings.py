@@ -39,9 +39,16 @@ def parse_schedule(text: str) -> tuple[ScheduleEntry, ...]:
     Raises:
         ScheduleError: an entry is not NAME@START-END, or ends before it starts.
     """
-    if not text.strip():
-        return ()
-    return tuple(_parse_entry(entry) for entry in text.split(','))
+    entries = []
+    for entry in text.split(',') if text.strip() else ():
+        match = _ENTRY.fullmatch(entry)
+        if match is None:
+            raise ScheduleError(f'takes NAME@START-END in seconds, not {entry.strip()!r}')
+        name, start, end = match[1], float(match[2]), float(match[3])
+        if end <= start:
+            raise ScheduleError(f'{entry.strip()}: must end after it starts')
+        entries.append(ScheduleEntry(name, start, end))
+    return tuple(entries)
 
 
 def affected(schedule: tuple[ScheduleEntry, ...], marker: str, time: float) -> bool:
@@ -71,16 +78,6 @@ def refuse_overlap(schedule: tuple[ScheduleEntry, ...]) -> None:
             raise ScheduleError(
                 f'{before.marker} and {after.marker} at {after.start:g} s: there is one boom'
             )
-
-
-def _parse_entry(entry: str) -> ScheduleEntry:
-    match = _ENTRY.fullmatch(entry)
-    if match is None:
-        raise ScheduleError(f'takes NAME@START-END in seconds, not {entry.strip()!r}')
-    name, start, end = match[1], float(match[2]), float(match[3])
-    if end <= start:
-        raise ScheduleError(f'{entry.strip()}: must end after it starts')
-    return ScheduleEntry(name, start, end)
 
 
 VIEWS = ('auto', 'lab', 'receiver')

@@ -263,3 +263,9 @@ def test_kept_figures_are_of_both_halves():
     for one in kept.values():
         assert set(SCENES) < set(one['groups'])
         assert one['groups']['all']['flights'] >= 300
+
+
+def test_every_mechanism_can_be_switched_off():
+    code = 'import marker_mechanisms as m\nfor name in m.WITHOUT: m.switch_off(name)'
+    environment = {'PYTHONPATH': f'{ROOT}:{TOOL.parent}', 'PATH': ''}
+    subprocess.run([sys.executable, '-c', code], check=True, env=environment)

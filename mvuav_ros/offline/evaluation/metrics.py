@@ -253,12 +253,6 @@ class Metric(NamedTuple):
         return f'{self.name} [{self.unit}]' if self.unit else self.name
 
 
-def name_and_unit(column: str) -> tuple[str, str]:
-    """What `Metric.column` is made of; the unit is empty where there is none."""
-    name, bracket, unit = column.partition(' [')
-    return (name, unit.removesuffix(']')) if bracket else (column, '')
-
-
 def metric_groups(runs: Iterable[Iterable[Metric]]) -> dict[str, list[str]]:
     """Columns by group, without those that have no number at all."""
     groups: dict[str, list[str]] = {}

@@ -13,8 +13,8 @@ from typing import Any
 from nicegui import ui
 
 from mvuav_ros.detectors import DETECTORS
-from mvuav_ros.offline.evaluation.metrics import metric_groups, name_and_unit
-from mvuav_ros.offline.report import csv_text
+from mvuav_ros.offline.evaluation.metrics import metric_groups
+from mvuav_ros.offline.report import Column, csv_text
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.page import elements as el
@@ -104,14 +104,14 @@ def line_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
     options = el.axes(*_title(columns), [_place(run, over) for run in runs])
     look = {'type': 'line', 'symbolSize': 7, 'symbol': 'circle'}
     options['series'] = [
-        {**look, 'name': name_and_unit(each)[0], 'data': _numbers(runs, each)} for each in columns
+        {**look, 'name': Column.parse(each).name, 'data': _numbers(runs, each)} for each in columns
     ]
     return options
 
 
 def grouped_options(runs: Sequence[Run], columns: Sequence[str], over: str) -> Any:
     """A chart with a group of bars for each column."""
-    options = el.axes(*_title(columns), [name_and_unit(column)[0] for column in columns])
+    options = el.axes(*_title(columns), [Column.parse(column).name for column in columns])
     options['yAxis']['scale'] = False
     look = {'type': 'bar', 'barMaxWidth': 36}
     values = zip(*(_numbers(runs, column) for column in columns), strict=True)
@@ -134,9 +134,9 @@ def _order(value: Any) -> tuple[bool, float, str]:
 
 def _title(columns: Sequence[str]) -> tuple[str, str]:
     """Of the chart, with the unit where all columns have the same."""
-    names, units = zip(*map(name_and_unit, columns), strict=True)
-    title = names[0].capitalize() if len(names) == 1 else 'Trends'
-    return title, units[0] if len(set(units)) == 1 else ''
+    parts = [Column.parse(column) for column in columns]
+    title = parts[0].name.capitalize() if len(parts) == 1 else 'Trends'
+    return title, parts[0].unit if len({part.unit for part in parts}) == 1 else ''
 
 
 def _numbers(runs: Sequence[Run], column: str) -> list[float | None]:

@@ -54,14 +54,12 @@ class SetBar:
 
     def _read(self) -> None:
         name = self._page.chosen_set
-        self._values = self._values_of(name) if name else {}
+        self._values: Mapping[str, Value] = {}
+        if name:
+            with el.errors_notified():
+                self._values = self._page.services.sets.load(name, self._node.kind)
         self._download.set_enabled(bool(name))
         self._delete.set_enabled(bool(name) and not self._page.services.sets.is_built_in(name))
-
-    def _values_of(self, name: str) -> Mapping[str, Value]:
-        with el.errors_notified():
-            return self._page.services.sets.load(name, self._node.kind)
-        return {}
 
     def compare(self) -> dict[str, str]:
         """Say whether the live values are the chosen set's; returns the set's that differ."""

@@ -70,7 +70,7 @@ class Fan:
         edges = packed[(top + self.rows[0]) * self._width :].take(self._index)
         kept = self._strongest(edges)
         place = self._start + kept
-        score = self._pair(edges.take(place, axis=1))
+        score = self._pair(edges.take(place.T, axis=1))
         slopes, inside = self.slopes[kept], self.inside.ravel().take(place)
         first, second = slopes.take(_FIRST, axis=1), slopes.take(_SECOND, axis=1)
         width, middle = second - first, 0.5 * (first + second)
@@ -92,16 +92,17 @@ class Fan:
         return kept
 
     def _pair(self, edges: NDArray[np.int32]) -> NDArray[np.float32]:
-        """(points, pairs) what both edges have in common, with the same sign in every row."""
+        """(points, pairs) what edges (rows, edges, points) have in common by pairs.
+
+        It counts as far as it has the same sign in every row.
+        """
         mirrored = (edges.view(np.int8).reshape(-1, CHANNELS) * MIRROR).view(np.int32)
-        lefts, rights = (
-            each.reshape(edges.shape).take(which, axis=2)
-            for each, which in ((edges, _FIRST), (mirrored, _SECOND))
-        )
+        lefts = edges.take(_FIRST, axis=1)
+        rights = mirrored.reshape(edges.shape).take(_SECOND, axis=1)
         common = in_common(lefts.view(np.int8), rights.view(np.int8))
         total = np.abs(_added(common.view(np.int32))).reshape(-1, CHANNELS)
         score = (total.astype(np.float32) @ _WEIGHTS) * (COARSE / UNIT / self.rows.size)
-        return np.asarray(score.reshape(self.points.size, -1), np.float32)
+        return np.ascontiguousarray(score.reshape(-1, self.points.size).T)
 
     def _best(
         self, score: NDArray[Any], first: NDArray[Any], second: NDArray[Any], top: int

@@ -1,23 +1,26 @@
-"""Markers in a whole frame: threshold, grouping, labels (Appendices A and B)."""
+"""Markers in a whole frame: pixels grouped, and named by distances (Appendices A and B)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import clipped, measure_windows
-from mvuav_ros.vision.markers.grouping import (
+from mvuav_ros.vision.markers.lights import (
+    MAX_BLOBS,
+    Blobs,
     GroupingError,
     area_fits,
-    group_mask,
-    label_five,
-    roll_of,
+    count_bright,
 )
-from mvuav_ros.vision.markers.lights import MAX_BLOBS, Blobs
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     TANKER_LABELS,
@@ -26,10 +29,135 @@ from mvuav_ros.vision.markers.results import (
     Marker,
     MarkerResult,
     MarkerState,
+    roll_of,
 )
-from mvuav_ros.vision.point_operations import Pixels, threshold
+from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
+
+MAX_CLUSTERS = 1000
+
+
+def bright_pixels(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The mask's pixels in the program's scan order: column by column, each from the top.
+
+    Args:
+        mask: (height, width) uint8, non-zero where bright.
+
+    Returns:
+        x and y, each (n,) int32, px.
+
+    Raises:
+        GroupingError: more than 5 % of the frame is bright.
+    """
+    height = mask.shape[0]
+    if not count_bright(mask):
+        return np.empty(0, np.int32), np.empty(0, np.int32)
+    points = cv2.findNonZero(mask).reshape(-1, 2)
+    x, y = np.divmod(np.sort(points[:, 0] * height + points[:, 1]), height)
+    return x.astype(np.int32), y.astype(np.int32)
+
+
+def group_pixels(
+    x: NDArray[np.int32], y: NDArray[np.int32], grouping_distance: int
+) -> list[Cluster]:
+    """Group pixels around seeds: the first pixel left, with all within T of it.
+
+    A group is every pixel left with x in [x_seed, x_seed + T] and |y - y_seed| <= T, bounds
+    included; its centre is the mean of its pixels. A light wider than T falls into several
+    groups; lights closer than T share one.
+
+    Args:
+        x: (n,) px, in scan order (see `bright_pixels`).
+        y: (n,) px.
+        grouping_distance: T, px.
+
+    Returns:
+        The clusters in scan order of their seeds.
+
+    Raises:
+        GroupingError: there are more than `MAX_CLUSTERS`.
+    """
+    if len(x) == 0:
+        return []
+    mask = np.zeros((int(y.max()) + 1, int(x[-1]) + 1), np.uint8)
+    mask[y, x] = 255
+    return [Cluster(x, y, int(area)) for x, y, area in _group(mask, grouping_distance).tolist()]
+
+
+def group_mask(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    """The same of all of a mask's bright pixels: (n, 3), x, y (px) and area (px)."""
+    return _group(mask, grouping_distance) if count_bright(mask) else np.empty((0, 3))
+
+
+def _group(mask: Mask, grouping_distance: int) -> NDArray[np.float64]:
+    reach = min(grouping_distance, max(mask.shape))
+    # Column after column, as the scan goes: the search for the next seed is one over bytes. With
+    # a dark edge all groups' windows are of one size.
+    ones = cv2.transpose(cv2.threshold(mask, 0, 1, cv2.THRESH_BINARY)[1])
+    framed = cv2.copyMakeBorder(ones, 0, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
+    bright = bytearray(framed)
+    height = framed.shape[1]
+    left = np.frombuffer(bright, np.uint8).reshape(-1, height)
+    seeds: list[int] = []
+    groups: list[bytes] = []
+    seed = bright.find(1)
+    while seed >= 0:
+        if len(seeds) == MAX_CLUSTERS:
+            raise GroupingError(f'more than {MAX_CLUSTERS} clusters above the threshold')
+        column, row = divmod(seed, height)
+        group = left[column : column + reach + 1, row - reach : row + reach + 1]
+        seeds.append(seed)
+        groups.append(group.tobytes())
+        group.fill(0)
+        seed = bright.find(1, seed)
+    pixels = np.frombuffer(b''.join(groups), np.uint8).reshape(len(groups), -1)
+    powers = _powers(reach)
+    area, across, down = pixels.astype(powers.dtype).dot(powers).astype(np.float64).T
+    columns, rows = np.divmod(seeds, height)
+    # The sums are whole numbers, so that the means are exactly those of the pixels.
+    x, y = (columns * area + across) / area, ((rows - 2 * reach) * area + down) / area
+    return np.stack((x, y, area), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _powers(reach: int) -> NDArray[np.floating]:
+    """(pixels, 3): 1, x, y in a group's window, px; of a type that holds any sum exactly."""
+    x, y = np.indices((reach + 1, 2 * reach + 1)).reshape(2, -1)
+    powers = np.stack((np.ones(len(x)), x, y), axis=-1)
+    return powers.astype(np.float32 if powers.sum(axis=0).max() < 2**24 else np.float64)
+
+
+def label_five(clusters: Sequence[Cluster]) -> tuple[int, int, int, int, int]:
+    """Name five clusters by the ten distances between them.
+
+    The greatest distance of all joins the wings, the greatest among the other three points the
+    stabilizers; the point that remains is the rudder. Of a pair, left is the one that comes
+    first in the scan (the smaller x), so the names hold for roll between -90° and 90°.
+
+    Returns:
+        Indices into five clusters in scan order: left wing, left stabilizer, rudder, right
+        stabilizer and right wing.
+
+    Raises:
+        ValueError: there are not exactly five.
+    """
+    if len(clusters) != 5:
+        raise ValueError(f'labels need five clusters, not {len(clusters)}')
+    left_wing, right_wing = _farthest_pair(clusters, range(5))
+    others = [i for i in range(5) if i not in (left_wing, right_wing)]
+    left_stabilizer, right_stabilizer = _farthest_pair(clusters, others)
+    (rudder,) = (i for i in others if i not in (left_stabilizer, right_stabilizer))
+    return left_wing, left_stabilizer, rudder, right_stabilizer, right_wing
+
+
+def _farthest_pair(clusters: Sequence[Cluster], indices: Sequence[int]) -> tuple[int, int]:
+    def squared_distance(pair: tuple[int, int]) -> float:
+        a, b = clusters[pair[0]], clusters[pair[1]]
+        return (a.x - b.x) ** 2 + (a.y - b.y) ** 2
+
+    return max(combinations(indices, 2), key=squared_distance)
+
 
 DARK_EDGE = 4.0  # px around a light that belong to its window
 DOUBTFUL_AREA = 0.5

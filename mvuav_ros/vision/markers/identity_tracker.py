@@ -11,14 +11,21 @@ import numpy as np
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import Image
-from mvuav_ros.vision.markers.assignment import Expectation, Recovery
 from mvuav_ros.vision.markers.centroid import Detection
 from mvuav_ros.vision.markers.fault_detection import TUNING as FAULTS
 from mvuav_ros.vision.markers.fault_detection import FaultDetector
-from mvuav_ros.vision.markers.grouping import GroupingError, roll_of
 from mvuav_ros.vision.markers.initialization import ANY_ROLL, CONFIRMED, Attempts, Named, initialize
-from mvuav_ros.vision.markers.lights import Frame, Lens, Lights, are_close, places_of, straightened
-from mvuav_ros.vision.markers.marker_memory import MarkerMemory
+from mvuav_ros.vision.markers.lights import (
+    Frame,
+    GroupingError,
+    Lens,
+    Lights,
+    are_close,
+    places_of,
+    straightened,
+)
+from mvuav_ros.vision.markers.marker_memory import PROBATION, Expectation, MarkerMemory
+from mvuav_ros.vision.markers.naming import Clutter, Search
 from mvuav_ros.vision.markers.results import (
     TANKER_LABELS,
     TANKER_NAMES,
@@ -27,9 +34,9 @@ from mvuav_ros.vision.markers.results import (
     MarkerState,
     Window,
     counts_of,
+    roll_of,
 )
 from mvuav_ros.vision.markers.rig_view import ROLL, WeakPerspective
-from mvuav_ros.vision.markers.search import Clutter, Rejections, Search
 from mvuav_ros.vision.markers.view_filter import ViewFilter
 from mvuav_ros.vision.rig import MarkerRig
 
@@ -54,7 +61,7 @@ class Reporter:
     def result(
         self,
         memory: MarkerMemory,
-        spots: Sequence[Detection | None],
+        spots: Mapping[int, Detection],
         earliest: float,
         expected: Mapping[int, Expectation],
         windows: Sequence[Window] = (),
@@ -66,16 +73,17 @@ class Reporter:
         earliest time (s).
         """
         velocity, acceleration = memory.predictor.motions()
+        motions = zip(
+            velocity[::2], velocity[1::2], acceleration[::2], acceleration[1::2], strict=True
+        )
         markers = []
-        for index, label in enumerate(self._labels):
-            i, j = 2 * index, 2 * index + 1
-            motion = (velocity[i], velocity[j], acceleration[i], acceleration[j])
-            spot = spots[index]
+        for index, (label, motion) in enumerate(zip(self._labels, motions, strict=True)):
+            spot, known = spots.get(index), memory.markers[index]
             if spot is not None:
                 x, y, area, _ = spot
-                confidence = memory.markers[index].confidence
-                markers.append(Marker(label, MarkerState.DETECTED, x, y, *motion, area, confidence))
-            elif memory.markers[index].last_seen >= earliest and index in expected:
+                state = MarkerState.DETECTED
+                markers.append(Marker(label, state, x, y, *motion, area, known.confidence))
+            elif known.last_seen >= earliest and index in expected:
                 x, y, _ = expected[index]
                 markers.append(Marker(label, MarkerState.PREDICTED, x, y, *motion))
             else:
@@ -84,7 +92,7 @@ class Reporter:
         if self._wings is not None:
             roll = roll_of(*(markers[wing] for wing in self._wings))
         status = remark
-        if None in spots:
+        if len(spots) < len(markers):
             status = counts_of(markers) + (f' ({remark})' if remark else '')
         predictions = tuple(zip(memory.reported[::2], memory.reported[1::2], strict=True))
         has_wings = self._wings is not None
@@ -97,6 +105,8 @@ WIDEST = 200.0  # px, by which a search window grows at most
 YOUNG = 1.0  # s without any marker up to which two are enough to find the body again
 PATIENCE = 5  # Frames in doubt after which the whole body is named afresh, as at the start
 NEARBY_ROLL = 0.5  # rad (1 sigma), of the roll from the last frame to this one, or over a loss
+UNCHECKED = 45
+"""Frames in which a light may be another one after a doubt, where no other light could show it."""
 EXACT = 4.0
 """Deviations of a marker from its rig's place (root mean square) at which a body that was known
 before is another one."""
@@ -133,8 +143,6 @@ class IdentityTracker:
     def _start_again(self) -> None:
         self._body: tuple[FaultDetector, MarkerMemory] | None = None
         self._clutter = Clutter()
-        self._recovery = Recovery()
-        self._rejections = Rejections()
         self._attempts = Attempts(self._count)
         self._doubts = self._unexplained = 0
 
@@ -146,6 +154,8 @@ class IdentityTracker:
             self._size = frame.size
             self._lens = Lens(frame.size, self._camera)
             self._shape = WeakPerspective.of(self._rig, self._lens)
+            # Any three lights look like three markers, and any four where the lens is not known.
+            self._is_redundant = self._count > (3 if self._lens.focal else 4)
             self._start_again()
         if self._body is None:
             return self._start(frame)
@@ -174,9 +184,10 @@ class IdentityTracker:
             return self._report.nothing('the markers were named in two ways')
         if not self._attempts.confirmed(named):
             return self._report.nothing(f'{seen} lights in view, not yet certain')
-        spots = [lights.measured[spot] for spot in named.spots]
-        memory = MarkerMemory(frame.time, spots)
+        probation = PROBATION if self._is_redundant else UNCHECKED
+        memory = MarkerMemory(frame.time, named.lights, probation)
         self._body = FaultDetector(self._filter_of(named, frame.time)), memory
+        spots = {index: light.seen for index, light in enumerate(named.lights)}
         return self._report.result(memory, spots, frame.earliest, {}, (), named.remark)
 
     def _filter_of(self, named: Named, time: float, before: ViewFilter | None = None) -> ViewFilter:
@@ -184,7 +195,7 @@ class IdentityTracker:
         assert named.view is not None
         shape = self._shape
         if not named.fits:
-            places = np.array([(spot.x, spot.y) for spot in named.spots])
+            places = np.array([(light.x, light.y) for light in named.lights])
             shape = shape.with_offsets(named.view, places)
         return ViewFilter(shape, named.view, time, before)
 
@@ -195,76 +206,60 @@ class IdentityTracker:
             places, deviations = faults.views.places()
             memory.tell(self._lens.to_image(places), deviations)
         spots, windows = memory.look(frame)
-        seen = {index: spot for index, spot in enumerate(spots) if spot is not None}
-        for a, b in combinations(list(seen), 2):
-            if a in seen and b in seen and are_close(seen[a], seen[b], SAME_SPOT):
-                del seen[a], seen[b]
-        found = dict(zip(seen, straightened(self._lens, list(seen.values())), strict=True))
-        memory.watch(seen)
+        found = dict(zip(spots, straightened(self._lens, list(spots.values())), strict=True))
+        for a, b in combinations(spots, 2):
+            if a in found and b in found and are_close(found[a], found[b], SAME_SPOT):
+                del found[a], found[b]
+        memory.watch({index: light.seen for index, light in found.items()})
         faults.jumps = memory.jumps.evidence
         faults.untrusted = memory.untrusted
         named = places_of(found)
         consensus = faults.weigh(named)
         if len(consensus.kept) == self._count:
             odds = faults.commit(named)
-            self._rejections.clear()
             self._doubts = self._unexplained = 0
             memory.remember(frame.time, spots, {}, odds)
+            if not self._is_redundant:
+                spots = {index: spots[index] for index in spots.keys() - memory.untrusted}
             return self._report.result(memory, spots, frame.earliest, {}, windows)
         for marker in consensus.dropped:
             memory.predictor.forget(marker)
-        in_image = dict(zip(found.values(), seen.values(), strict=True))
-        doubted = memory.distrust(seen)
+        doubted = memory.distrust(found)
         faults.untrusted = memory.untrusted
-        motion = memory.motion(self._lens)
-        search = Search(faults, memory.looks, motion, consensus, found, self._rejections)
-        around = memory.reported if consensus.kept else ()
-        status = self._search(frame, search, in_image, around)
+        search = Search(faults, memory.markers, consensus, found)
+        status = self._search(frame, search, memory.reported if consensus.kept else ())
         if not search.found and frame.time - memory.newest > GIVEN_UP:
             self._start_again()
             return self._report.nothing('no marker in view')
         memory.trust_again(doubted, search.alone)
-        return self._conclude(frame, search, in_image, windows, status)
+        return self._conclude(frame, search, windows, status)
 
     def _conclude(
-        self,
-        frame: Frame,
-        search: Search,
-        in_image: Mapping[Detection, Detection],
-        windows: list[Window],
-        status: str,
+        self, frame: Frame, search: Search, windows: list[Window], status: str
     ) -> MarkerResult:
         """Remember and report what a search has found."""
         assert self._body is not None
         memory = self._body[1]
         # Where other lights are about, some three of all nearly always look like three markers.
-        few = len(search.reacquired) < FAULTS.min_agreeing and self._clutter.is_about
-        trusted = set() if few else search.reacquired
-        unverified = search.faults.unverified(
-            places_of(search.found), memory.returned - trusted, memory.untrusted - trusted
-        )
-        expected, odds = search.finish()
-        expected = self._in_image(expected)
+        if len(search.reacquired) >= FAULTS.min_agreeing or not self._clutter.is_about:
+            memory.trust(search.reacquired)
+        unverified = search.faults.unverified(places_of(search.found), (), memory.untrusted)
+        expected = self._in_image(search.expected(search.missing))
+        odds = search.finish()
         for index, (x, y, deviation) in expected.items():
             radius = frame.parameters.search_radius + math.ceil(min(3.0 * deviation, WIDEST))
             windows[index] = Window.around(x, y, radius, self._size)
-        named = {index: in_image[spot] for index, spot in search.found.items()}
-        spots = [named.get(index) for index in range(self._count)]
-        memory.trust(trusted)
+        spots = {index: light.seen for index, light in search.found.items()}
         hidden = search.suspects
         if self._clutter.is_about:
             hidden = hidden | unverified
         memory.remember(frame.time, spots, expected, odds, unverified)
-        spots = [None if index in hidden else spot for index, spot in enumerate(spots)]
+        if not self._is_redundant:
+            hidden = hidden | memory.untrusted
+        spots = {index: spot for index, spot in spots.items() if index not in hidden}
         return self._report.result(memory, spots, frame.earliest, expected, windows, status)
 
-    def _search(
-        self,
-        frame: Frame,
-        search: Search,
-        in_image: dict[Detection, Detection],
-        around: Sequence[float],
-    ) -> str:
+    def _search(self, frame: Frame, search: Search, around: Sequence[float]) -> str:
         """Name the lights of the whole frame (``around``: see `Lights`); what is wrong with it."""
         assert self._body is not None
         try:
@@ -274,12 +269,11 @@ class IdentityTracker:
         fewest = 2 if frame.time - self._body[1].newest < YOUNG else 3
         fewest = min(fewest, self._count)
         other = search.views.shape.offsets is not None and not search.found
-        nameless = search.name(lights, self._clutter, fewest, self._recovery)
+        nameless = search.name(lights.spots, self._clutter, fewest)
         if other and len(search.found) < self._count <= len(lights):
             self._name_afresh(search, lights)
         else:
             self._challenge(search, lights, nameless)
-        in_image.update(lights.measured)
         return ''
 
     def _name_afresh(self, search: Search, lights: Lights) -> None:
@@ -311,7 +305,7 @@ class IdentityTracker:
             return
         self._attempts.succeed(named)
         agrees = len(search.found) > 1 and all(
-            named.spots[index] == spot for index, spot in search.found.items()
+            named.lights[index] == light for index, light in search.found.items()
         )
         if agrees or (named.certain and not search.found) or self._attempts.agreed >= CONFIRMED:
             self._replace(search, named)
@@ -324,7 +318,6 @@ class IdentityTracker:
         self._body = FaultDetector(views), memory
         search.replace(self._body[0], named)
         memory.start_afresh()
-        self._rejections.clear()
         self._attempts = Attempts(self._count)
         self._doubts = 0
 

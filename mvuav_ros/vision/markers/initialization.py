@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.grouping import label_five
-from mvuav_ros.vision.markers.lights import Lights, are_close
+from mvuav_ros.vision.markers.detection import label_five
+from mvuav_ros.vision.markers.lights import Light, Lights, are_close
 from mvuav_ros.vision.markers.results import TANKER_NAMES, Cluster
 from mvuav_ros.vision.markers.rig_view import (
     BARREL,
@@ -65,7 +64,7 @@ class Guess:
 
 def guess_start(
     shape: WeakPerspective,
-    spots: Sequence[Detection],
+    spots: Sequence[Light],
     roll: float = 0.0,
     roll_deviation: float = ANY_ROLL,
 ) -> list[Guess]:
@@ -196,7 +195,7 @@ class Named(NamedTuple):
     """All markers of a body, by name."""
 
     # in the rig's order, px without distortion; empty if they cannot be named.
-    spots: tuple[Detection, ...] = ()
+    lights: tuple[Light, ...] = ()
     view: ViewState | None = None  # fitted to them
     certain: bool = False  # whether one frame is enough to believe it
     fits: bool = True  # whether the body is what its rig says
@@ -244,17 +243,17 @@ def initialize(
     return Named(remark=unclear)
 
 
-def _alike(guess: Guess, spots: Sequence[Detection]) -> bool:
-    areas = [spots[index].area for index in guess.chosen]
+def _alike(guess: Guess, spots: Sequence[Light]) -> bool:
+    areas = [spots[index].seen.area for index in guess.chosen]
     return max(areas) <= MAX_RATIO * min(areas)
 
 
-def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Detection]) -> Named | None:
+def _as_the_thesis(shape: WeakPerspective, spots: Sequence[Light]) -> Named | None:
     """Five lights in no doubt but for their order: by the distances, upright (Appendix A)."""
     spots = sorted(spots, key=lambda spot: (spot.x, spot.y))
-    order = label_five([Cluster(spot.x, spot.y, spot.area) for spot in spots])
+    order = label_five([Cluster(spot.x, spot.y, spot.seen.area) for spot in spots])
     chosen = tuple(spots[index] for index in order)
-    areas = [spot.area for spot in chosen]
+    areas = [spot.seen.area for spot in chosen]
     left, right = chosen[0], chosen[-1]
     span = math.hypot(right.x - left.x, right.y - left.y)
     if span == 0.0 or max(areas) > MAX_RATIO * min(areas):
@@ -278,7 +277,7 @@ class Attempts:
 
     count: int  # markers of the body
     agreed: int = 0  # frames in a row that named the body alike
-    last: tuple[Detection, ...] = ()  # places of its markers in the last one
+    last: tuple[Light, ...] = ()  # places of its markers in the last one
     _failures: int = 0
     _rest: int = 0
     _lights: int = 0
@@ -306,12 +305,12 @@ class Attempts:
         """Take a way of naming them; whether it is that of the last attempt."""
         assert named.view is not None
         reach = 0.5 * named.view.scale
-        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.spots, strict=False))
+        alike = all(are_close(a, b, reach) for a, b in zip(self.last, named.lights, strict=False))
         most = SAME_MISFIT[0] + SAME_MISFIT[1] * self._first_misfit
         changed = abs(named.view.misfit - self._first_misfit) > most
         goes_on = alike and bool(self.last) and not (named.odd and changed)
         self.agreed = self.agreed + 1 if goes_on else 1
         if not goes_on:
             self._first_misfit = named.view.misfit
-        self.last, self._failures, self._rest = named.spots, 0, 0
+        self.last, self._failures, self._rest = named.lights, 0, 0
         return alike

@@ -23,7 +23,6 @@ from mvuav_ros.vision.markers.centroid import (
     measure_pixels,
     measure_windows,
 )
-from mvuav_ros.vision.markers.grouping import GroupingError, area_fits, count_bright
 from mvuav_ros.vision.point_operations import Mask, Pixels, threshold
 
 Array = NDArray[np.float64]
@@ -67,6 +66,29 @@ class Lens:
         # Nothing is seen beyond anyway.
         np.clip(rays[:, :2], -camera.widest, camera.widest, out=rays[:, :2])
         return camera.project(rays)
+
+
+# Beyond these a frame is noise or glare, not lights, and grouping it would stall the stream.
+MAX_BRIGHT_FRACTION = 0.05
+MAX_BRIGHT_SMALL_FRAME = 4096
+
+
+class GroupingError(ValueError):
+    """The bright pixels are too many to be markers; the message says how many."""
+
+
+def area_fits(area: Any, parameters: MarkerTrackerParameters) -> Any:
+    """Whether a light of so many pixels (or each of an array of them) may be a marker."""
+    most = parameters.max_area or math.inf
+    return (parameters.min_area <= area) & (area <= most)
+
+
+def count_bright(mask: Mask) -> int:
+    """The number of a mask's bright pixels; raises where they are more than 5 % of the frame."""
+    count = cv2.countNonZero(mask)
+    if count > max(MAX_BRIGHT_FRACTION * mask.size, MAX_BRIGHT_SMALL_FRAME):
+        raise GroupingError(f'{100 * count / mask.size:.0f} % of the frame is above the threshold')
+    return count
 
 
 MAX_BLOBS = 400
@@ -171,25 +193,6 @@ class Blobs:
         assert spot is not None
         return spot
 
-    def split(
-        self, box: Blob, dx: float, dy: float, variance: float
-    ) -> tuple[Detection, Detection]:
-        """A piece that is two lights: where each of them is; spread 0, as it is not known.
-
-        Two equal lights at a distance s along a direction have their own variance (px², along any
-        direction) plus s²/4 along it. From the first to the second it is roughly (dx, dy), px.
-        """
-        own = self._numbers[box.y0 : box.y1 + 1, box.x0 : box.x1 + 1] == box.number
-        y, x = np.nonzero(own)
-        mx, my = float(x.mean()), float(y.mean())
-        values, axes = np.linalg.eigh(np.cov(x, y))
-        half = math.sqrt(max(float(values[1]) - variance, 0.0))
-        ax, ay = half * float(axes[0, 1]), half * float(axes[1, 1])
-        if ax * dx + ay * dy < 0.0:
-            ax, ay = -ax, -ay
-        x0, y0, area = box.x0 + mx, box.y0 + my, box.area // 2
-        return Detection(x0 - ax, y0 - ay, area, 0.0), Detection(x0 + ax, y0 + ay, area, 0.0)
-
 
 def label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """A mask's 8-connected pieces, as `cv2.connectedComponentsWithStats` numbers them.
@@ -280,6 +283,14 @@ class Frame:
         return self.time - self.parameters.lost_timeout
 
 
+class Light(NamedTuple):
+    """A light: x and y (px) where a lens without distortion would show it, and as it is seen."""
+
+    x: float
+    y: float
+    seen: Detection
+
+
 class Lights:
     """The spots of a frame that may be lights, measured."""
 
@@ -296,32 +307,20 @@ class Lights:
         boxes = [box for box in blobs.boxes if may_be_light(box)]
         if len(boxes) > MAX_MEASURED:
             boxes = _most_useful(boxes, around)
-        measured = [blobs.measure(box, frame.cut, frame.meter) for box in boxes]
-        self.spots = straightened(lens, measured)  # their places in px without distortion
-        self.measured = dict(zip(self.spots, measured, strict=True))  # where the image shows them
-        self._boxes = dict(zip(self.spots, boxes, strict=True))
-        self._blobs = blobs
-        self._lens = lens
+        self.spots = straightened(
+            lens, [blobs.measure(box, frame.cut, frame.meter) for box in boxes]
+        )
 
     def __len__(self) -> int:
         return len(self.spots)
 
-    def split(
-        self, spot: Detection, dx: float, dy: float, variance: float
-    ) -> tuple[Detection, Detection]:
-        """A spot that is two lights (see `Blobs.split`)."""
-        pair = self._blobs.split(self._boxes[spot], dx, dy, variance)
-        first, second = straightened(self._lens, pair)
-        self.measured[first], self.measured[second] = pair
-        return first, second
-
-    def candidates(self, count: int) -> list[Detection]:
+    def candidates(self, count: int) -> list[Light]:
         """The round ones that could be among a body's ``count`` markers."""
-        spots = [spot for spot in self.spots if spot.spread <= ROUND]
+        spots = [light for light in self.spots if light.seen.spread <= ROUND]
         if len(spots) < count:
             return spots
-        least = MIN_SHARE * spots[count - 1].area
-        return [spot for spot in spots if spot.area >= least]
+        least = MIN_SHARE * spots[count - 1].seen.area
+        return [light for light in spots if light.seen.area >= least]
 
 
 def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
@@ -333,21 +332,19 @@ def _most_useful(boxes: Sequence[Blob], around: Sequence[float]) -> list[Blob]:
     return [boxes[index] for index in np.argsort(nearest, kind='stable')[:MAX_MEASURED]]
 
 
-def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Detection]:
-    """Detections where a lens without distortion would show them."""
+def straightened(lens: Lens, spots: Sequence[Detection]) -> list[Light]:
+    """Detections, and where a lens without distortion would show them."""
     if lens.focal is None or not spots:
-        return list(spots)
-    ideal = lens.to_ideal(np.array([(spot.x, spot.y) for spot in spots])).tolist()
-    return [
-        Detection(x, y, spot.area, spot.spread) for spot, (x, y) in zip(spots, ideal, strict=True)
-    ]
+        return [Light(spot.x, spot.y, spot) for spot in spots]
+    ideal = lens.to_ideal(np.array([spot[:2] for spot in spots])).tolist()
+    return [Light(x, y, spot) for spot, (x, y) in zip(spots, ideal, strict=True)]
 
 
-def places_of(found: Mapping[int, Detection]) -> dict[int, tuple[float, float]]:
-    """Where named spots are, px."""
-    return {marker: (spot.x, spot.y) for marker, spot in found.items()}
+def places_of(found: Mapping[int, Light]) -> dict[int, tuple[float, float]]:
+    """Where named lights are, px without distortion."""
+    return {marker: (light.x, light.y) for marker, light in found.items()}
 
 
-def are_close(a: Detection, b: Detection, distance: float) -> bool:
-    """Whether two spots lie less than a distance (px) apart."""
+def are_close(a: Light, b: Light, distance: float) -> bool:
+    """Whether two lights lie less than a distance (px) apart."""
     return (a.x - b.x) ** 2 + (a.y - b.y) ** 2 < distance * distance

@@ -1,156 +1,86 @@
-"""The motion of any number of lights: competing predictions, each by its merit."""
+"""The motion of any number of lights: six predictions, each of which counts by its merit."""
 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.vision.markers.predictions import (
-    KALMAN,
-    METHODS,
-    VIBRATION,
-    Extrapolation,
-    KalmanFilter,
-    VibrationPredictor,
-)
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-
-@dataclass(frozen=True)
-class RecordTuning:
-    """How far a prediction is trusted.
-
-    Chosen on the simulator's four trials with and without vibration.
-    """
-
-    # px, assumed of a prediction before anything is known of the motion.
-    first_deviation: float = 3.0
-    min_deviation: float = 0.3  # px, of a prediction
-    level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
-
-
-RECORD = RecordTuning()
-
-
-class TrackRecord:
-    """What has been seen of every light."""
-
-    def __init__(self, count: int) -> None:
-        self.seen = np.zeros(count, np.intp)  # (n,), measurements since its first
-        self.unseen = np.zeros(count, np.intp)  # (n,), frames since the last one
-        # (n,), measurements without a gap, less the first three, whose innovations are of the new
-        # filter and not of the camera.
-        self.in_row = np.zeros(count, np.intp)
-        # (2 n,) px², of its predictions, x and y in turn.
-        self.variance: Array = np.full(2 * count, RECORD.first_deviation**2)
-
-    def add(self, count: int) -> None:
-        """Append lights that were seen for the first time."""
-        new = TrackRecord(count)
-        self.seen = np.append(self.seen, new.seen + 1)
-        self.unseen = np.append(self.unseen, new.unseen)
-        self.in_row = np.append(self.in_row, new.in_row)
-        self.variance = np.append(self.variance, new.variance)
-
-    def keep(self, kept: Mask) -> None:
-        """Forget all lights but some (n, true for those)."""
-        self.seen, self.unseen = self.seen[kept], self.unseen[kept]
-        self.in_row, self.variance = self.in_row[kept], self.variance[np.repeat(kept, 2)]
-
-    def count(self, visible: Mask) -> None:
-        """Take note of which lights (n, where true) were seen in a frame."""
-        self.seen[visible] += 1
-        self.unseen = np.where(visible, 0, self.unseen + 1)
-        self.in_row = np.where(visible, self.in_row + (self.seen > 3), 0)
-
-    def judge(self, error: Array) -> None:
-        """Take the errors of all lights' predictions, (2 n,) px, which it may change."""
-        variance = self.variance
-        variance *= RECORD.level_memory
-        error *= error
-        error *= 1 - RECORD.level_memory
-        variance += error
-
-    def judge_some(self, error: Array, judged: Mask) -> None:
-        """The same of some lights (n, where true)."""
-        columns = np.repeat(judged, 2)
-        share = np.repeat(np.where(self.seen > 10, 1 - RECORD.level_memory, 0.5), 2)
-        change = share * (error**2 - self.variance)
-        self.variance[columns] += change[columns]
-
-    def start(self, columns: Mask) -> None:
-        """Lights (2 n, where true) of whose motion nothing is known."""
-        self.variance[columns] = RECORD.first_deviation**2
-
-    def deviations(self, skipped: int, level: float) -> Array:
-        """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis.
-
-        Before it some frames were skipped; the level (px²) is of what vibrates, which can be
-        predicted for the next frame only.
-        """
-        frames = 1 + self.unseen + skipped
-        least = np.where(frames > 1, level, RECORD.min_deviation**2)
-        # No velocity or a poor one: the step from frame to frame may be anything usual.
-        least[self.seen < 3] = RECORD.first_deviation**2
-        variance = 0.5 * (self.variance[::2] + self.variance[1::2])
-        variance = np.maximum(variance, np.maximum(least, RECORD.min_deviation**2))
-        return np.asarray(np.sqrt(variance) * frames**1.5)
-
-
+METHODS = ('none', 'velocity', 'acceleration', 'acceleration_program')
+"""Of the thesis, as `mvuav_ros.vision.markers.thesis_tracker.Motion.predict` has them."""
+_FILTER, _VIBRATION = len(METHODS), len(METHODS) + 1
+"""Rows of the predictions after the thesis's: a Kalman filter without and with the prediction of
+vibration."""
 PRIOR = (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)
-"""Of each prediction's weight, the thesis's methods first, then the Kalman filter without and
-with the prediction of vibration. Lights that stand still are rarer."""
-YOUNG = 100  # Frames in which the vibration is learnt from every frame, later from every other
-_KALMAN, _VIBRATION = len(METHODS), len(METHODS) + 1  # Rows of the predictions after the thesis's
+"""Of each prediction's weight. Lights that stand still are rarer."""
 
 
 @dataclass(frozen=True)
-class MixtureTuning:
-    """How fast the weights follow the errors.
+class MotionTuning:
+    """What is assumed of motions.
 
-    Chosen on flights of the motions in `mvuav_thesis.marker_paths` and some more, with seeds of
-    their own; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same to 1 %.
+    Chosen on the simulator's four trials with and without vibration, on flights of the motions in
+    `mvuav_thesis.marker_paths` with seeds of their own, and on the two reference videos.
     """
 
+    # Weights of the predictions; memories of 0.98 to 0.99 and confidences of 2 to 3.5 give the same
+    # to 1 %.
     memory: float = 0.985  # per frame, of the squared errors
     # By how much a frame's evidence counts. A frame of five rigid markers is worth about that of
     # two independent coordinates, for which 0.5 x 2 would be Bayes's rule were the errors' sizes
     # known; that of frames which stand out is counted below.
     confidence: float = 2.5
+    # Filter: process noise over measurement noise, the acceleration's change within a frame over
+    # the measurement's standard deviation. The level of both follows from the innovations.
+    maneuver: float = 1.0
+    max_gap: int = 10  # frames without a measurement, after which the gain grows no more
+    # Part of the acceleration kept for each frame unseen: it cannot be trusted for long.
+    acceleration_fading: float = 0.7
+    velocity_fading: float = 0.95  # the same of the velocity, which can be trusted somewhat longer
+    # Vibration: past innovations from which the next one is predicted, two for each harmonic.
+    lags: int = 6
+    vibration_memory: float = 0.99  # per frame, of what is learnt
+    ridge: float = 10.0  # pulls the coefficients to zero, in frames' worth of innovations
+    solve_every: int = 4  # frames between two solutions for the coefficients, which saves time
+    limit: float = 2.0  # standard deviations of an innovation that may stand in for a missing one
+    innovation_fading: float = 0.7  # of an innovation that stands in for a missing one
+    # Frames in which the vibration is learnt from every frame, later from every other.
+    young: int = 100
+    # Deviations: px, assumed of a prediction before anything is known of the motion.
+    first_deviation: float = 3.0
+    min_deviation: float = 0.3  # px, of a prediction
+    level_memory: float = 0.9  # per frame, of the squared errors of a light's predictions
 
 
-MIXTURE = MixtureTuning()
+TUNING = MotionTuning()
 
 
 class PredictionMixture:
-    """The weighted mean of competing predictions.
+    """The weights of competing predictions.
 
-    The weight of each is its prior times (mean squared error) to the power -c n: the posterior
-    of a model whose errors have an unknown variance, from n frames. Where few frames make up
-    most of the squares, as after the start of a gust, n is that few: (sum of squares)² over the
-    sum of their squares, as for weighted samples (L. Kish, Survey Sampling, 1965).
+    Each is its prior times (mean squared error) to the power -c n: the posterior of a model whose
+    errors have an unknown variance, from n frames. Where few frames make up most of the squares, as
+    after the start of a gust, n is that few: (sum of squares)² over the sum of their squares, as
+    for weighted samples (L. Kish, Survey Sampling, 1965).
     """
 
     def __init__(self, prior: Sequence[float]) -> None:
         self._prior = tuple(prior)
         self.weights: Array = np.array(prior) / sum(prior)  # (k,), sum 1
-        self._share: Array = np.empty(0)
         self._losses = [0.0] * len(prior)
         self._sum = self._sum_of_squares = 0.0
 
     def learn(self, errors: Array) -> None:
         """Take the errors of the newest predictions, (k, m) px."""
-        count = errors.shape[1]
-        if count != len(self._share):
-            self._share = np.full(count, 1.0 / count)
-        new: list[float] = (errors * errors).dot(self._share).tolist()
-        memory = MIXTURE.memory
+        new: list[float] = (np.einsum('ij,ij->i', errors, errors) / errors.shape[1]).tolist()
+        memory = TUNING.memory
         losses = self._losses = [
             memory * old + loss for old, loss in zip(self._losses, new, strict=True)
         ]
@@ -160,7 +90,7 @@ class PredictionMixture:
         least = min(losses)
         if least <= 0.0 or self._sum_of_squares <= 0.0:
             return
-        power = -MIXTURE.confidence * self._sum * self._sum / self._sum_of_squares
+        power = -TUNING.confidence * self._sum * self._sum / self._sum_of_squares
         weights = [
             prior * (loss / least) ** power for prior, loss in zip(self._prior, losses, strict=True)
         ]
@@ -168,92 +98,94 @@ class PredictionMixture:
         self.weights = np.array([weight / total for weight in weights])
 
 
-class Competition:
-    """The predictions, and how far each of them counts by its errors so far on all lights."""
+class Vibration:
+    """Autoregression of the Kalman filter's innovations.
 
-    def __init__(self, count: int) -> None:
-        self.kalman = KalmanFilter(count)  # one of them, which also estimates places and motions
-        self.vibration = VibrationPredictor(count)  # what a vibrating camera will do
-        self.frames = 0  # seen
-        self._extrapolation = Extrapolation(count)
-        self._mixture = PredictionMixture(PRIOR)
-        self._rows: Array = np.zeros((len(PRIOR), 2 * count))
+    The innovations of a filter are white where its model holds. A camera's vibration is none of
+    its model, moves all markers alike and comes again: the next innovation is predicted from the
+    last six, with coefficients learnt from all markers by recursive least squares. White jitter
+    leaves them at zero.
+    """
 
-    def add(self, places: Array) -> None:
-        """Append lights at their first places, (2 k,) px, x and y in turn."""
-        self.kalman.add(places)
-        self.vibration.add(len(places) // 2)
-        self._extrapolation.add(places)
-        self._rows = np.zeros((len(PRIOR), self._rows.shape[1] + len(places)))
+    def __init__(self) -> None:
+        lags = TUNING.lags
+        self.coefficients: Array = np.zeros(lags)
+        # Mean square of the innovations, and of what the predictions leave of them, px².
+        self.level = self.left = 0.01
+        self._normal: Array = np.zeros((lags, lags))
+        self._moment: Array = np.zeros(lags)
 
-    def keep(self, columns: Mask) -> None:
-        """Forget all lights but some (2 n, true for those)."""
-        self.kalman.keep(columns)
-        self.vibration.keep(columns)
-        self._extrapolation.keep(columns)
-        self._rows = np.zeros((len(PRIOR), int(columns.sum())))
+    @property
+    def helps(self) -> bool:
+        """Whether the predictions would have saved anything on the frames seen so far."""
+        return self.left < self.level
 
-    def skip(self, step: float) -> None:
-        """A frame that never came, s after the last one: everything goes on as predicted."""
-        self.kalman.advance(step)
-        self.vibration.predict()
-        innovation = self.vibration.stand_in()
-        self.kalman.state += self.kalman.settled * innovation
-        self.vibration.remember(innovation)
+    def stand_in(self, predicted: Array) -> Array:
+        """What takes the place of missing innovations, so that it cannot build up, px."""
+        if not self.helps:
+            return np.zeros_like(predicted)
+        limit = TUNING.limit * math.sqrt(self.level)
+        return np.asarray(TUNING.innovation_fading * np.clip(predicted, -limit, limit))
 
-    def predict(self, time: float, elapsed: float) -> None:
-        """Go on to the next frame at a time, so many s after the one before it."""
-        rows = self._rows
-        self.kalman.advance(elapsed)
-        self._extrapolation.predict(time, rows)
-        rows[_KALMAN] = self.kalman.state[0]
-        np.add(rows[_KALMAN], self.vibration.predict(), rows[_VIBRATION])
+    def learn(self, lagged: Array, innovation: Array, predicted: Array, solve: bool) -> None:
+        """Improve the coefficients by some markers' newest innovations and their predictions, (m,).
 
-    def prediction(self, method: str, hidden: Mask | None) -> Array:
-        """Of the newest frame, (2 n,) px, by one of `METHODS`, or by all of them by their merit.
-
-        The Kalman filter alone predicts lights out of sight (2 n, where hidden).
+        They follow from the lagged ones (lags, m); solving takes time.
         """
-        if method in METHODS:
-            return np.asarray(self._rows[METHODS.index(method)])
-        weighed: Array = self._mixture.weights.dot(self._rows)
-        if hidden is None:
-            return weighed
-        # Coefficients from few or disturbed frames may do harm; what they would have saved on
-        # the frames seen so far decides.
-        best = _VIBRATION if self.vibration.helps else _KALMAN
-        return np.asarray(np.where(hidden, self._rows[best], weighed))
+        memory = TUNING.vibration_memory
+        self._normal *= memory
+        self._normal += lagged.dot(lagged.T)
+        self._moment *= memory
+        self._moment += lagged.dot(innovation)
+        error = innovation - predicted
+        share = (1 - memory) / len(innovation)
+        self.level = memory * self.level + share * float(innovation.dot(innovation))
+        self.left = memory * self.left + share * float(error.dot(error))
+        if solve:
+            ridge = self._normal + TUNING.ridge * self.level * np.eye(TUNING.lags)
+            self.coefficients = np.asarray(np.linalg.solve(ridge, self._moment), np.float64)
 
-    def update_all(self, time: float, measured: Array) -> None:
-        """The usual frame: every light is in sight, and has been for some time."""
-        errors = measured - self._rows
-        self._mixture.learn(errors)
-        innovation = errors[_KALMAN]
-        # Once much has been learnt, every other frame is enough, and saves time.
-        if not self.frames % 2 or self.frames < YOUNG:
-            self.learn_vibration(slice(None), innovation)
-        self.kalman.state += self.kalman.settled * innovation
-        self.vibration.remember(innovation)
-        self._extrapolation.update(time, measured)
 
-    def judge(self, measured: Array, columns: Mask) -> None:
-        """Learn the merits from some lights (2 n, where true) whose motion was known."""
-        self._mixture.learn((measured - self._rows)[:, columns])
+def gain_tables() -> tuple[Array, Array]:
+    """Gains (31, 3) of a marker's first measurements until they settle, in frames and px.
 
-    def update_some(self, time: float, measured: Array, new: Mask, restarted: Mask) -> None:
-        """Take places (2 n,), NaN where not seen; see `Extrapolation.update_some`."""
-        self._extrapolation.update_some(time, measured, new, restarted)
+    And those (n + 1, 3) of the first measurement after up to n frames without. The process noise is
+    white jerk; with frames in regular steps the gains are the same for all markers.
+    """
+    transition = np.array([(1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)])
+    effect = np.array((0.5, 1.0, 1.0))
+    noise = TUNING.maneuver**2 * np.outer(effect, effect)
+    covariance: Array = np.diag((1.0, 1e4, 1.0))
+    starting, after = [np.array((1.0, 0.0, 0.0))], []
+    for _ in range(100):
+        covariance = transition @ covariance @ transition.T + noise
+        starting.append(covariance[:, 0] / (covariance[0, 0] + 1.0))
+        covariance = np.asarray(covariance - np.outer(starting[-1], covariance[0]))
+    for _ in range(TUNING.max_gap + 1):
+        covariance = transition @ covariance @ transition.T + noise
+        after.append(covariance[:, 0] / (covariance[0, 0] + 1.0))
+    return np.array(starting[:31]), np.array(after)
 
-    def learn_vibration(self, columns: Mask | slice, innovation: Array) -> None:
-        """Learn from the innovations of some lights."""
-        vibration = self.vibration
-        every = VIBRATION.solve_every if self.frames < YOUNG else 2 * VIBRATION.solve_every
-        solve = self.frames % every == 0
-        lagged, predicted = vibration.lagged[:, columns], vibration.predicted[columns]
-        vibration.learn(lagged, innovation, predicted, solve)
 
+# Computed here, as the first frame has no time for it.
+_STARTING_GAINS, _GAINS_AFTER_GAPS = gain_tables()
 
 _SAME_STEP = 1e-6  # Part of a step between frames that makes no difference to the gains
+_SAME_TIME = 1e-9
+"""s, by which intervals may differ and still be the same: stamps are whole nanoseconds."""
+
+_STATE = slice(0, 3)  # Position (px), velocity (px/s) and acceleration (px/s²) by the filter
+_PLACES = slice(3, 6)  # Newest places, px; a straight line where a light was out of sight
+_LAGGED = slice(6, 6 + TUNING.lags)  # Newest innovations of the filter, px
+_LAST = _LAGGED.stop  # Where the light was last measured, px
+_LINEAR = _LAST + 1  # Rows from which the predictions follow
+_TIME, _VARIANCE = _LINEAR, _LINEAR + 1  # When that was, s; of its predictions, px²
+_SEEN, _UNSEEN = _LINEAR + 2, _LINEAR + 3  # Measurements since its first; frames since the last one
+_IN_ROW = _LINEAR + 4
+"""Measurements without a gap, less the first three, whose innovations are of the new filter and not
+of the camera."""
+_ROWS = _LINEAR + 5
+"""What is remembered of a light, in a column for its x and one for its y."""
 
 
 class MotionPredictor:
@@ -270,41 +202,48 @@ class MotionPredictor:
 
     def __init__(self, count: int) -> None:
         self.time: float | None = None  # of the newest frame, s; None before the first
+        self.competing: Array = np.zeros((len(PRIOR), 2 * count))  # predictions of it, (6, 2 n) px
+        self._lights: Array = np.zeros((_ROWS, 2 * count))
+        self._lights[_VARIANCE] = TUNING.first_deviation**2
+        self._mixture, self._vibration = PredictionMixture(PRIOR), Vibration()
         self._step: float | None = None
-        self._predictions = Competition(count)
-        self._record = TrackRecord(count)
+        self._times = (-1.0, -2.0, -3.0)  # s, of the newest places
+        self._intervals = (0.0, 0.0, 0.0)
+        # From a light's memory to the six predictions, its velocity and its acceleration.
+        self._ahead: Array = np.zeros((len(PRIOR) + 2, _LINEAR))
+        self._ahead[0, _LAST] = 1.0
+        self._ahead[_FILTER : _VIBRATION + 1, 0] = self._ahead[6, 1] = self._ahead[7, 2] = 1.0
+        self._settled: Array = _STARTING_GAINS[-1][:, None]  # (3, 1), when nothing was missed
+        self._per_frame: Array = np.ones((3, 1))
         self._prediction: Array = np.zeros(2 * count)
-        self._hidden: Mask | None = None
-        self._skipped = 0
-        self._steady = False
+        self._frames = self._skipped = 0
+        self._steady = False  # whether all lights have been in sight for long
 
     def add(self, places: Array) -> None:
         """Append lights that were first seen in the newest frame, (k, 2) px."""
-        self._predictions.add(np.asarray(places, np.float64).ravel())
-        self._record.add(len(places))
+        new = np.zeros((_ROWS, places.size))
+        new[[0, 3, 4, 5, _LAST]] = np.ravel(places)
+        new[_TIME], new[_VARIANCE], new[_SEEN] = self._times[0], TUNING.first_deviation**2, 1.0
+        self._lights = np.hstack((self._lights, new))
         self._note()
 
     def keep(self, kept: Mask) -> None:
         """Forget all lights but some (n, true for those), which move up."""
-        self._predictions.keep(np.repeat(kept, 2))
-        self._record.keep(kept)
+        self._lights = self._lights[:, np.repeat(kept, 2)]
         self._note()
 
     def _note(self) -> None:
-        """Take note of whether all lights have been in sight for long."""
-        in_row = self._record.in_row
-        self._steady = len(in_row) > 0 and bool((in_row >= VIBRATION.lags).all())
-        hidden = self._record.unseen > 0
-        self._hidden = np.repeat(hidden, 2) if hidden.any() else None
+        in_row = self._lights[_IN_ROW]
+        self._steady = len(in_row) > 0 and bool((in_row >= TUNING.lags).all())
 
     def forget(self, index: int) -> None:
         """The light's next measurement is its first."""
-        self._record.seen[index] = self._record.in_row[index] = 0
+        self._lights[[_SEEN, _IN_ROW], 2 * index : 2 * index + 2] = 0.0
         self._steady = False
 
     def unseen(self, index: int) -> int:
         """Frames since the light was last seen."""
-        return int(self._record.unseen[index])
+        return int(self._lights[_UNSEEN, 2 * index])
 
     def predict(self, time: float, method: str = 'kalman') -> list[float]:
         """Go on to the next frame, of a later time (s).
@@ -314,23 +253,53 @@ class MotionPredictor:
         Returns:
             x and y of every light in turn, px; meaningless for one that was never seen.
         """
+        lights = self._lights
         if self.time is not None:
-            elapsed = self._skip(time - self.time)
-            self._predictions.predict(time, elapsed)
+            self._set_ahead(time, self._skip(time - self.time))
+            ahead = self._ahead.dot(lights[:_LINEAR])
+            self.competing = ahead[:-2]
+            lights[0], lights[1:3] = ahead[_FILTER], ahead[-2:]
         self.time = time
-        self._prediction = self._predictions.prediction(method, self._hidden)
+        if method in METHODS:
+            self._prediction = self.competing[METHODS.index(method)]
+        else:
+            self._prediction = self._mixture.weights.dot(self.competing)
+            if not self._steady and (hidden := lights[_UNSEEN] > 0).any():
+                # Coefficients from few or disturbed frames may do harm; what they would have saved
+                # on the frames seen so far decides.
+                best = _VIBRATION if self._vibration.helps else _FILTER
+                self._prediction = np.where(hidden, self.competing[best], self._prediction)
         predicted: list[float] = self._prediction.tolist()
         return predicted
+
+    def _set_ahead(self, time: float, elapsed: float) -> None:
+        """What each prediction makes of what is remembered, so many s after the last frame."""
+        newest, middle, oldest = self._times
+        intervals = time - newest, newest - middle, middle - oldest
+        ahead = self._ahead
+        if max(map(abs, map(operator.sub, intervals, self._intervals))) > _SAME_TIME:
+            self._intervals = intervals
+            ahead[1:_FILTER, _PLACES] = _extrapolations(*intervals)
+        ahead[_FILTER : _VIBRATION + 1, 1] = ahead[6, 2] = elapsed
+        ahead[_FILTER : _VIBRATION + 1, 2] = 0.5 * elapsed * elapsed
+        ahead[_VIBRATION, _LAGGED] = self._vibration.coefficients
 
     def _skip(self, elapsed: float) -> float:
         """Step over the frames that never came in a time, s; the time that is left."""
         steps = self._count_steps(elapsed)
         assert self._step is not None
-        self._skipped = min(steps - 1, KALMAN.max_gap)
+        lights, step = self._lights, self._step
+        self._skipped = min(steps - 1, TUNING.max_gap)
         for _ in range(self._skipped):
-            elapsed -= self._step
-            self._predictions.skip(self._step)
-            self._record.in_row[:] = 0
+            # Everything goes on as predicted.
+            elapsed -= step
+            lights[0] += step * lights[1] + 0.5 * step * step * lights[2]
+            lights[1] += step * lights[2]
+            vibration = self._vibration
+            innovation = vibration.stand_in(vibration.coefficients.dot(lights[_LAGGED]))
+            lights[_STATE] += self._settled * innovation
+            self._remember(innovation)
+            lights[_IN_ROW] = 0.0
             self._steady = False
         return elapsed
 
@@ -344,16 +313,30 @@ class MotionPredictor:
                 step += 0.05 * (elapsed / steps - step)
         if self._step is None or abs(step - self._step) > _SAME_STEP * step:
             self._step = step
-            self._predictions.kalman.set_step(step)
+            self._per_frame = np.array([(1.0,), (1.0 / step,), (1.0 / step**2,)])
+            self._settled = _STARTING_GAINS[-1][:, None] * self._per_frame
         return steps
+
+    def _remember(self, innovation: Array) -> None:
+        lagged = self._lights[_LAGGED]
+        lagged[1:] = lagged[:-1]
+        lagged[0] = innovation
 
     def deviations(self) -> Array:
         """How far off the predictions of the newest frame may be, (n,) px, 1 sigma per axis."""
-        return self._record.deviations(self._skipped, self._predictions.vibration.level)
+        lights = self._lights
+        frames = 1.0 + lights[_UNSEEN, ::2] + self._skipped
+        # What vibrates can be predicted for the next frame only.
+        smallest = TUNING.min_deviation**2
+        least = np.where(frames > 1, max(self._vibration.level, smallest), smallest)
+        # No velocity or a poor one: the step from frame to frame may be anything usual.
+        least[lights[_SEEN, ::2] < 3] = TUNING.first_deviation**2
+        variance = 0.5 * (lights[_VARIANCE, ::2] + lights[_VARIANCE, 1::2])
+        return np.asarray(np.sqrt(np.maximum(variance, least)) * frames**1.5)
 
     def positions(self) -> list[float]:
         """X and y of every light in turn at the newest frame, px."""
-        places: list[float] = self._predictions.kalman.state[0].tolist()
+        places: list[float] = self._lights[0].tolist()
         return places
 
     def motions(self) -> list[list[float]]:
@@ -361,68 +344,126 @@ class MotionPredictor:
 
         NaN before there are two, or three, measurements.
         """
-        state = self._predictions.kalman.state
-        if self._steady:
-            rows: list[list[float]] = state[1:].tolist()
-            return rows
-        seen = np.repeat(self._record.seen, 2)
-        velocity = np.where(seen < 2, math.nan, state[1])
-        return [velocity.tolist(), np.where(seen < 3, math.nan, state[2]).tolist()]
+        rows = self._lights[1:3]
+        if not self._steady:
+            rows = np.where(self._lights[_SEEN] < [[2], [3]], math.nan, rows)
+        motions: list[list[float]] = rows.tolist()
+        return motions
 
     def update(self, positions: Sequence[float | None] | Array) -> None:
         """Take the newest frame's x and y of every light in turn, px; NaN or None if not seen."""
         assert self.time is not None
         measured = np.array(positions, np.float64)
+        errors = measured - self.competing
         if self._steady and not np.isnan(measured.sum()):
-            # As with the vibration, every other frame is enough.
-            if self._predictions.frames % 2:
-                self._record.judge(measured - self._prediction)
-            self._predictions.update_all(self.time, measured)
+            self._update_all(measured, errors)
         else:
-            self._update_some(self.time, measured)
-        self._predictions.frames += 1
+            self._update_some(measured, errors)
+        self._times = (self.time, *self._times[:2])
+        self._frames += 1
 
-    def _update_some(self, time: float, measured: Array) -> None:
+    def _update_all(self, measured: Array, errors: Array) -> None:
+        """The usual frame: every light is in sight, and has been for some time."""
+        lights = self._lights
+        self._mixture.learn(errors)
+        # Once much has been learnt, every other frame is enough, and saves time.
+        if self._frames % 2:
+            error = measured - self._prediction
+            lights[_VARIANCE] += (1 - TUNING.level_memory) * (error * error - lights[_VARIANCE])
+        if not self._frames % 2 or self._frames < TUNING.young:
+            self._learn_vibration(slice(None), errors[_FILTER])
+        lights[_STATE] += self._settled * errors[_FILTER]
+        self._remember(errors[_FILTER])
+        lights[4:6] = lights[3:5]
+        lights[3] = lights[_LAST] = measured
+        lights[_TIME] = self.time
+
+    def _learn_vibration(self, columns: Mask | slice, innovation: Array) -> None:
+        every = TUNING.solve_every if self._frames < TUNING.young else 2 * TUNING.solve_every
+        predicted = (self.competing[_VIBRATION] - self.competing[_FILTER])[columns]
+        lagged = self._lights[_LAGGED, columns]
+        self._vibration.learn(lagged, innovation, predicted, self._frames % every == 0)
+
+    def _update_some(self, measured: Array, errors: Array) -> None:
         """Take a frame in which lights are missing, new, or back."""
-        record, predictions = self._record, self._predictions
-        visible = ~np.isnan(measured[::2])
-        known = visible & (record.seen > 0)
-        new = np.repeat(visible & ~known, 2)
-        self._learn_from_some(measured, known)
-        innovation = self._correct(measured, visible, known)
-        if new.any():
-            predictions.kalman.start(new, measured)
-            predictions.vibration.clear(new)
-            record.start(new)
-        predictions.vibration.remember(innovation)
-        restarted = np.repeat(known & ((record.seen == 1) | (record.unseen > 0)), 2)
-        predictions.update_some(time, measured, new, restarted)
-        record.count(visible)
+        lights = self._lights
+        visible = ~np.isnan(measured)
+        known = visible & (lights[_SEEN] > 0)
+        new = visible & ~known
+        self._learn_from_some(measured, errors, known)
+        innovation = self._correct(errors[_FILTER], visible, known)
+        self._go_on(measured, visible, new)
+        lights[_STATE, new] = 0.0
+        lights[0, new] = measured[new]
+        lights[_LAGGED, new] = 0.0
+        lights[_VARIANCE, new] = TUNING.first_deviation**2
+        self._remember(innovation)
+        lights[_SEEN] += visible
+        lights[_UNSEEN] = np.where(visible, 0.0, lights[_UNSEEN] + 1)
+        lights[_IN_ROW] = np.where(visible, lights[_IN_ROW] + (lights[_SEEN] > 3), 0.0)
         self._note()
 
-    def _learn_from_some(self, measured: Array, known: Mask) -> None:
-        """Judge the predictions by the lights whose motion was known (n, where true)."""
-        record, predictions = self._record, self._predictions
-        judged = known & (record.seen >= 3) & (record.unseen == 0)
+    def _learn_from_some(self, measured: Array, errors: Array, known: Mask) -> None:
+        """Judge the predictions by the lights whose motion was known (2 n, where true)."""
+        lights = self._lights
+        judged = known & (lights[_SEEN] >= 3) & (lights[_UNSEEN] == 0)
         if judged.any():
-            predictions.judge(measured, np.repeat(judged, 2))
+            self._mixture.learn(errors[:, judged])
             if not self._skipped:
-                record.judge_some(measured - self._prediction, judged)
-        columns = np.repeat(known & (record.in_row >= VIBRATION.lags), 2)
-        if columns.any():
-            innovation = (measured - predictions.kalman.state[0])[columns]
-            predictions.learn_vibration(columns, innovation)
+                share = np.where(lights[_SEEN, judged] > 10, 1 - TUNING.level_memory, 0.5)
+                square = (measured - self._prediction)[judged] ** 2
+                lights[_VARIANCE, judged] += share * (square - lights[_VARIANCE, judged])
+        settled = known & (lights[_IN_ROW] >= TUNING.lags)
+        if settled.any():
+            self._learn_vibration(settled, errors[_FILTER, settled])
 
-    def _correct(self, measured: Array, visible: Mask, known: Mask) -> Array:
+    def _correct(self, error: Array, visible: Mask, known: Mask) -> Array:
         """Correct the Kalman filter, and return the innovations, (2 n,) px."""
-        record, kalman = self._record, self._predictions.kalman
-        columns = np.repeat(visible, 2)
-        innovation = VIBRATION.fading * self._predictions.vibration.stand_in()
-        innovation[columns] = (measured - kalman.state[0])[columns]
-        gains = kalman.gains(record.seen, record.unseen + self._skipped)
-        gains = np.where(visible, gains, kalman.settled * (record.seen > 0))
-        gains = np.repeat(gains, 2, axis=1)
-        kalman.fade(~columns)
-        innovation[np.repeat(visible & ~known, 2)] = 0.0
-        kalman.state += gains * innovation
+        lights = self._lights
+        predicted = self.competing[_VIBRATION] - self.competing[_FILTER]
+        innovation = np.where(visible, error, self._vibration.stand_in(predicted))
+        innovation[visible & ~known] = 0.0
+        seen = np.minimum(lights[_SEEN], len(_STARTING_GAINS) - 1).astype(np.intp)
+        gap = np.minimum(lights[_UNSEEN] + self._skipped, TUNING.max_gap).astype(np.intp)
+        gains = np.where(gap > 0, _GAINS_AFTER_GAPS[gap].T, _STARTING_GAINS[seen].T)
+        gains = np.where(visible, gains * self._per_frame, self._settled * (lights[_SEEN] > 0))
+        lights[1, ~visible] *= TUNING.velocity_fading
+        lights[2, ~visible] *= TUNING.acceleration_fading
+        lights[_STATE] += gains * innovation
         return innovation
+
+    def _go_on(self, measured: Array, visible: Mask, new: Mask) -> None:
+        """Append to the newest places.
+
+        A marker out of sight goes on in a straight line at its last velocity; when it returns, the
+        line from its last place to the new one is its velocity, as in the thesis's program.
+        """
+        assert self.time is not None
+        lights = self._lights
+        places, times = lights[_PLACES], (self.time, *self._times[:2])
+        restarted = visible & ~new & ((lights[_SEEN] == 1) | (lights[_UNSEEN] > 0))
+        elapsed = np.where(new, 1.0, self.time - lights[_TIME])
+        velocity = (measured - lights[_LAST]) / np.maximum(elapsed, _SAME_TIME)
+        places[1:] = places[:-1]
+        places[0] = np.where(visible, measured, self.competing[1])
+        for row, then in enumerate(times[1:], 1):
+            places[row, restarted] = (measured - velocity * (self.time - then))[restarted]
+            places[row, new] = measured[new]
+        lights[_LAST, visible], lights[_TIME, visible] = measured[visible], self.time
+
+
+def _extrapolations(ahead: float, newer: float, older: float) -> Array:
+    """What each of the last three places counts by velocity and both accelerations, (3, 3).
+
+    The times (s) are from the newest place to the prediction, and between the places.
+    """
+    v = ahead / newer
+    # Half of ahead², times what the places count in the acceleration. Each velocity belongs to
+    # its interval's middle.
+    per_speed = ahead * ahead / (newer + older)
+    a2, a0 = per_speed / newer, per_speed / older
+    a1 = -a2 - a0
+    velocity = 1.0 + v, -v, 0.0
+    acceleration = 1.0 + v + a2, -v + a1, a0
+    program = 1.0 + v - 0.5 * a2, -v - 0.5 * a1, -0.5 * a0
+    return np.array((velocity, acceleration, program))

@@ -146,6 +146,11 @@ def named_places(result: MarkerResult) -> tuple[list[int], NDArray[np.float64]]:
     return [int(marker.label) for marker in seen], places
 
 
+def roll_of(left: Marker, right: Marker) -> float:
+    """Roll from the wings (rad), right wing down positive; NaN while either is lost."""
+    return math.atan2(right.y - left.y, right.x - left.x)
+
+
 def counts_of(markers: Sequence[Marker]) -> str:
     """How many are in each state, in words."""
     counts = Counter(marker.state for marker in markers)

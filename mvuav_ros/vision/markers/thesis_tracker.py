@@ -10,7 +10,7 @@ from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.markers.centroid import CentroidMeter, cutter
 from mvuav_ros.vision.markers.detection import detect, detected
-from mvuav_ros.vision.markers.grouping import area_fits, roll_of
+from mvuav_ros.vision.markers.lights import area_fits
 from mvuav_ros.vision.markers.results import (
     LOST_TANKER,
     NAN,
@@ -23,6 +23,7 @@ from mvuav_ros.vision.markers.results import (
     MarkerState,
     Window,
     counts_of,
+    roll_of,
 )
 from mvuav_ros.vision.point_operations import threshold
 

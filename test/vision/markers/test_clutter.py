@@ -1,47 +1,47 @@
-"""Lights that are not the marker whose name they had."""
+"""Lights that are no markers."""
 
-from mvuav_ros.vision.markers.assignment import Expectation
 from mvuav_ros.vision.markers.centroid import Detection
-from mvuav_ros.vision.markers.search import REJECTED_FOR, Rejections
+from mvuav_ros.vision.markers.lights import Light
+from mvuav_ros.vision.markers.marker_memory import Expectation
+from mvuav_ros.vision.markers.naming import REMEMBERED, STRANGE, Clutter
+
+PLACE = {2: Expectation(100.0, 100.0, 1.0)}
 
 
-def light(x: float) -> Detection:
-    return Detection(x, 100.0, 40, 1.0)
+def light(x: float) -> Light:
+    return Light(x, 100.0, Detection(x, 100.0, 40, 1.0))
 
 
-def rejected() -> Rejections:
-    rejections = Rejections()
-    rejections.add(2, light(50.0))
-    return rejections
+def test_a_light_far_from_every_place_is_clutter_and_is_followed():
+    clutter = Clutter()
+    for frame in range(4):
+        assert clutter.include(light(300.0 + 5 * frame)) == (frame > 0)
+        clutter.update([light(300.0 + 5 * frame)], PLACE)
+    assert not clutter.include(light(340.0))
 
 
-def test_the_light_is_refused_for_that_marker_alone():
-    rejections = rejected()
-    assert rejections.concern(2, light(52.0))
-    assert not rejections.concern(2, light(70.0))
-    assert not rejections.concern(1, light(50.0))
+def test_a_light_beside_the_place_of_a_marker_may_be_the_marker():
+    clutter = Clutter()
+    for _ in range(2 * STRANGE):
+        clutter.update([light(104.0)], PLACE)
+    assert not clutter.include(light(104.0))
+    assert not clutter.is_about
 
 
-def test_it_is_followed_until_it_is_forgotten():
-    rejections = rejected()
-    far = {2: Expectation(50.0, 400.0, 1.0)}
-    for frame in range(REJECTED_FOR - 1):
-        rejections.follow([light(50.0 + 5 * (frame + 1))], far)
-    last = light(50.0 + 5 * (REJECTED_FOR - 1))
-    assert rejections.concern(2, last)
-    rejections.follow([last], far)
-    assert not rejections.concern(2, last)
+def test_while_the_body_is_out_of_sight_only_what_was_clutter_is():
+    clutter = Clutter()
+    clutter.update([light(300.0)], {})
+    clutter.update([light(300.0), light(400.0)], None)
+    assert clutter.include(light(300.0))
+    assert not clutter.include(light(400.0))
 
 
-def test_a_light_right_where_the_others_put_the_marker_is_the_marker():
-    rejections = rejected()
-    rejections.follow([light(50.0)], {2: Expectation(50.5, 100.0, 6.0)})
-    assert rejections.concern(2, light(50.0)), 'the place is hardly known'
-    rejections.follow([light(50.0)], {2: Expectation(50.5, 100.0, 1.0)})
-    assert not rejections.concern(2, light(50.0))
-
-
-def test_a_marker_with_a_light_of_its_own_is_not_concerned():
-    rejections = rejected()
-    rejections.follow([light(50.0)], {})
-    assert not rejections.concern(2, light(50.0))
+def test_clutter_is_remembered_for_some_seconds():
+    clutter = Clutter()
+    assert not clutter.is_about
+    clutter.update([light(300.0)], {})
+    for _ in range(REMEMBERED - 1):
+        clutter.update([], {})
+        assert clutter.is_about
+    clutter.update([], {})
+    assert not clutter.is_about

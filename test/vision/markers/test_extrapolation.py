@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.predictions import METHODS, Extrapolation
+from mvuav_ros.vision.markers.motion import METHODS, MotionPredictor
 from mvuav_ros.vision.markers.thesis_tracker import Motion
 
 STEPS = {'even': np.full(12, 1 / 15), 'uneven': np.linspace(0.02, 0.09, 12)}
@@ -17,31 +17,26 @@ def test_it_predicts_what_motion_predicts(steps):
     times = np.cumsum(STEPS[steps])
     places = rng.uniform(0, 400, (12, 2, 2))
     one = [Motion(), Motion()]
-    many = Extrapolation(2)
-    rows = np.zeros((4, 4))
+    many = MotionPredictor(2)
     for index, (time, now) in enumerate(zip(times.tolist(), places, strict=True)):
+        many.predict(time)
         if index >= 3:
-            many.predict(time, rows)
             expected = [[m.predict(time, method) for m in one] for method in METHODS]
+            rows = many.competing[: len(METHODS)]
             np.testing.assert_allclose(rows, np.reshape(expected, (4, 4)), atol=1e-9)
         for motion, place in zip(one, now, strict=True):
             motion.add(time, *place)
-        new = np.full(4, index == 0)
-        many.update_some(time, now.ravel(), new, np.full(4, index == 1))
+        many.update(now.ravel())
 
 
 def test_a_marker_out_of_sight_goes_straight_on_and_returns_with_the_velocity_between():
-    many = Extrapolation(1)
-    rows = np.zeros((4, 2))
-    nowhere, none, both = np.full(2, math.nan), np.zeros(2, bool), np.ones(2, bool)
-    many.update_some(0.0, np.array([0.0, 10.0]), both, none)
-    many.update_some(1.0, np.array([2.0, 10.0]), none, both)
-    for time in (2.0, 3.0):
-        many.predict(time, rows)
-        many.update_some(time, nowhere, none, none)
-    many.predict(4.0, rows)
-    np.testing.assert_allclose(rows[:, 0], [2.0, 8.0, 8.0, 8.0])
-    many.update_some(4.0, np.array([11.0, 10.0]), none, both)
-    many.predict(5.0, rows)
-    np.testing.assert_allclose(rows[:, 0], [11.0, 14.0, 14.0, 14.0])
-    np.testing.assert_allclose(rows[:, 1], 10.0)
+    many = MotionPredictor(1)
+    places = [(0.0, 10.0), (2.0, 10.0), (math.nan,) * 2, (math.nan,) * 2, (11.0, 10.0)]
+    rows = []
+    for time, place in enumerate([*places, (0.0, 0.0)]):
+        many.predict(float(time))
+        rows.append(many.competing[: len(METHODS)])
+        many.update(place)
+    np.testing.assert_allclose(rows[4][:, 0], [2.0, 8.0, 8.0, 8.0])
+    np.testing.assert_allclose(rows[5][:, 0], [11.0, 14.0, 14.0, 14.0])
+    np.testing.assert_allclose(rows[5][:, 1], 10.0)

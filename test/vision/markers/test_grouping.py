@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mvuav_ros.vision.markers.grouping import (
+from mvuav_ros.vision.markers.detection import (
     MAX_CLUSTERS,
-    GroupingError,
     bright_pixels,
     group_mask,
     group_pixels,
 )
+from mvuav_ros.vision.markers.lights import GroupingError
 
 
 def by_definition(mask, distance):

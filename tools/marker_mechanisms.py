@@ -1,0 +1,75 @@
+"""Mechanisms of naming that can be switched off alone, to see what each of them is for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from mvuav_ros.vision.markers import (
+    calibrated_tracker,
+    identity_tracker,
+    initialization,
+    marker_memory,
+    naming,
+    view_filter,
+)
+from mvuav_ros.vision.markers.fault_detection import FaultDetector
+from mvuav_ros.vision.markers.identity_tracker import IdentityTracker
+from mvuav_ros.vision.markers.marker_memory import Jumps, MarkerMemory
+from mvuav_ros.vision.markers.naming import Clutter, Search
+from mvuav_ros.vision.markers.view_filter import ViewFilter
+
+
+def _returns(value: Any) -> Callable[..., Any]:
+    return lambda *arguments, **options: value
+
+
+WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
+    'jumps': [(Jumps, 'update', _returns(None))],
+    'trusting again': [(MarkerMemory, 'trust_again', _returns(None))],
+    'joined lights': [(Search, '_name_joined', _returns(None))],
+    'newcomers first': [(naming, 'GATE_OF_FEW', math.inf), (naming, 'GATE', math.inf)],
+    'distrust': [(MarkerMemory, 'distrust', _returns({}))],
+    'probation': [(marker_memory, 'PROBATION', 0), (identity_tracker, 'PROBATION', 0)],
+    'longer probation where nothing checks': [(identity_tracker, 'UNCHECKED', 15)],
+    'unverified': [(FaultDetector, 'unverified', _returns(set()))],
+    'unverified only with clutter': [(Clutter, 'is_about', property(_returns(True)))],
+    'sure place': [(marker_memory, 'SURE_PLACE', 0.0)],
+    'returning': [(marker_memory, 'RETURNING', 0)],
+    'clutter by age': [(Clutter, 'include', _returns(False))],
+    'certain clutter': [(naming, 'CERTAIN', 0.0)],
+    'suspects by evidence': [(FaultDetector, '_without_suspects', _returns(None))],
+    'bank': [(view_filter.TUNING, 'bending', (1, 0))],
+    'naming afresh': [(identity_tracker, 'PATIENCE', math.inf)],
+    'body that is not its rig': [(IdentityTracker, '_name_afresh', _returns(None))],
+    'inflation': [(FaultDetector, 'inflate', _returns(None))],
+    'process noise': [(ViewFilter, '_learn_motion', _returns(None))],
+    'rig error': [(ViewFilter, '_learn_rig_error', _returns(None))],
+    'odd start': [(initialization, 'CONFIRMED_ODD', 3)],
+    'ways that differ in one light': [(initialization, '_variants', _returns([]))],
+    'completed ways': [(naming, '_completed', lambda views, way, *rest: way)],
+    'threes': [(naming, 'MAX_PERMUTED', 0)],
+    'pairs': [(naming, 'MAX_PAIRS', 0)],
+    'two are enough when young': [(identity_tracker, 'YOUNG', 0.0)],
+    'one light with two names': [(identity_tracker, 'SAME_SPOT', 0.0)],
+    'wider windows': [(identity_tracker, 'WIDEST', 0.0)],
+    'told places': [(MarkerMemory, 'tell', _returns(None))],
+    'rests of attempts': [(initialization, 'MAX_REST', 0)],
+    'learnt calibration': [(calibrated_tracker, 'AGREED', math.inf)],
+    'far motions': [(marker_memory, 'FORGOTTEN', 0)],
+}
+"""Where it is, its name there, and what stands in for it."""
+
+
+def switch_off(name: str) -> None:
+    """Switch some off for the rest of this process, their names with commas between them."""
+    for one in name.split(','):
+        for place, attribute, value in WITHOUT[one]:
+            assert hasattr(place, attribute), (place, attribute)
+            if isinstance(place, type | ModuleType):
+                setattr(place, attribute, value)
+            else:
+                # The constants are frozen.
+                object.__setattr__(place, attribute, value)
