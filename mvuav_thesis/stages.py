@@ -12,7 +12,7 @@ from typing import TypeVar, TypeVarTuple
 
 import cv2
 
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.offline.report import Cell, Table
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters

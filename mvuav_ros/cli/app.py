@@ -27,7 +27,6 @@ from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import Account, RecordingError, collecting
-from mvuav_ros.recordings.limits import allowing
 
 _INPUTS = frozenset({'source', 'sources'})
 """Of a command that reads what others wrote."""
@@ -108,6 +107,8 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
     added = {name: each for name, each in _ADDED.items() if name not in signature.parameters}
 
     def run(**given: Any) -> None:
+        from mvuav_ros.recordings.compression import allowing
+
         strict = given['strict']
         max_size = allowing(given['max_size'])
         as_json = bool('as_json' in added and given['as_json'])

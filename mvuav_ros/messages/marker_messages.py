@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from mvuav_ros.messages.cdr import stamped_doubles
-from mvuav_ros.messages.points import PointLayout
+from mvuav_ros.messages.cdr import PointLayout, stamped_doubles
 from mvuav_ros.vision.markers.results import Marker, MarkerResult
 from mvuav_ros.vision.pose import Pose
 

@@ -6,9 +6,16 @@ import math
 
 import numpy as np
 
-from mvuav_ros.messages.cdr import CdrWriter, stamped_doubles
-from mvuav_ros.messages.points import PointLayout
-from mvuav_ros.messages.statuses import OK, WARN, Status, encode_statuses, texts
+from mvuav_ros.messages.cdr import (
+    OK,
+    WARN,
+    CdrWriter,
+    PointLayout,
+    Status,
+    encode_statuses,
+    stamped_doubles,
+    texts,
+)
 from mvuav_ros.vision.approach.overlay import ROLE_COLORS
 from mvuav_ros.vision.approach.results import ApproachResult, Guidance, Point
 from mvuav_ros.vision.camera import CameraModel

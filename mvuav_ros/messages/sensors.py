@@ -1,9 +1,11 @@
-"""What sensors say as messages: headers, sensor_msgs/CameraInfo and sensor_msgs/Imu."""
+"""What belongs to images: calibration and attitude, as messages, and the images they belong to."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
@@ -118,3 +120,154 @@ def encode_imu(orientation: tuple[float, ...], header: Header) -> Imu:
         angular_velocity_covariance=list(_UNKNOWN),
         linear_acceleration_covariance=list(_UNKNOWN),
     )
+
+
+InfoT = TypeVar('InfoT')
+ImageT = TypeVar('ImageT')
+
+MAX_HELD = 5  # Images held back at a time
+_MAX_IN_VAIN = 3
+_MAX_INFOS = 50
+_MAX_ATTITUDES = 2000
+_MAX_GAP_NS = 250_000_000
+"""Between two attitudes, for one in between to be interpolated."""
+_MAX_AGE_NS = 50_000_000  # Of an attitude after which none has come: older ones are stale
+
+
+class _Pairing(Generic[InfoT, ImageT]):
+    """Holds an image back until what belongs to it has come.
+
+    So the results do not depend on what came first, live or from a bag. Where some images in a row
+    have waited in vain, those after them go on at once, until one finds what belongs to it again.
+    """
+
+    def __init__(self) -> None:
+        self._images: deque[tuple[int, ImageT]] = deque()
+        self._infos: deque[tuple[int, InfoT]] = deque()
+        self._in_vain = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether images go on at once, as they are: none waits, and nothing has come for them."""
+        return self._in_vain == _MAX_IN_VAIN and not self._images and not self._infos
+
+    @property
+    def held(self) -> ImageT | None:
+        """The image that has waited longest."""
+        return self._images[0][1] if self._images else None
+
+    def add_info(self, stamp_ns: int, info: InfoT) -> None:
+        """Take what belongs to images of a stamp, ns."""
+        if self._infos and stamp_ns < self._infos[-1][0]:
+            # Time has jumped back, as in a bag that loops.
+            self._infos.clear()
+        self._infos.append((stamp_ns, info))
+
+    def add_image(self, stamp_ns: int, image: ImageT) -> None:
+        """Take an image with its stamp, ns."""
+        self._images.append((stamp_ns, image))
+
+    def take(self, *, wait: bool) -> tuple[InfoT | None, ImageT] | None:
+        """The next image that need not be held back, and what belongs to it, if that is known.
+
+        Unless more may yet come, and it is to wait for it, the first image goes as it is.
+        """
+        if not self._images:
+            return None
+        stamp_ns, image = self._images[0]
+        if self._has_come(stamp_ns):
+            self._in_vain = 0
+        elif wait and self._in_vain < _MAX_IN_VAIN and len(self._images) <= MAX_HELD:
+            return None
+        else:
+            self._in_vain = min(self._in_vain + 1, _MAX_IN_VAIN)
+        self._images.popleft()
+        return self._at(stamp_ns), image
+
+    def _has_come(self, stamp_ns: int) -> bool:
+        raise NotImplementedError
+
+    def _at(self, stamp_ns: int) -> InfoT | None:
+        raise NotImplementedError
+
+
+class StampPairing(_Pairing[InfoT, ImageT]):
+    """Holds an image back until the calibration of its own stamp has come.
+
+    A camera's driver publishes the two with one stamp, in either order and on topics that do not
+    wait for each other. An image goes with the newest calibration that is not later than it, as
+    soon as one of its own stamp or a later one has come. A calibration may be published once, or
+    now and then; one without a stamp (0) holds from its arrival on.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._current: InfoT | None = None
+        self._newest_ns = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether images go on at once, as they are: none waits, and no calibration has come."""
+        return super().is_idle and self._current is None
+
+    def add_info(self, stamp_ns: int, info: InfoT) -> None:
+        """Take a calibration with its stamp, ns."""
+        if stamp_ns == 0:
+            self._current = info
+            return
+        super().add_info(stamp_ns, info)
+        if len(self._infos) > _MAX_INFOS:
+            self._newest_ns, self._current = self._infos.popleft()
+
+    def _has_come(self, stamp_ns: int) -> bool:
+        while self._infos and self._infos[0][0] <= stamp_ns:
+            self._newest_ns, self._current = self._infos.popleft()
+        return bool(self._infos) or self._newest_ns == stamp_ns
+
+    def _at(self, stamp_ns: int) -> InfoT | None:
+        return self._current
+
+
+class AttitudePairing(_Pairing[Attitude | None, ImageT]):
+    """Holds an image back until an attitude of its stamp or a later one has come.
+
+    An attitude of None is that of a sensor which said that it knows none.
+    """
+
+    def add_info(self, stamp_ns: int, info: Attitude | None) -> None:
+        """Take an attitude with its stamp, ns."""
+        super().add_info(stamp_ns, info)
+        if len(self._infos) > _MAX_ATTITUDES:
+            self._infos.popleft()
+
+    def _has_come(self, stamp_ns: int) -> bool:
+        return bool(self._infos) and self._infos[-1][0] >= stamp_ns
+
+    def _at(self, stamp_ns: int) -> Attitude | None:
+        before: tuple[int, Attitude | None] | None = None
+        for sample in self._infos:
+            if sample[0] == stamp_ns:
+                return sample[1]
+            if sample[0] > stamp_ns:
+                return None if before is None else _between(before, sample, stamp_ns)
+            before = sample
+        if before is None or stamp_ns - before[0] > _MAX_AGE_NS:
+            return None
+        return before[1]
+
+
+def _between(
+    before: tuple[int, Attitude | None], after: tuple[int, Attitude | None], stamp_ns: int
+) -> Attitude | None:
+    """Interpolated linearly; attitudes a quarter of a second apart are near each other."""
+    one, other = before[1], after[1]
+    gap = after[0] - before[0]
+    if one is None or other is None or gap > _MAX_GAP_NS:
+        return None
+    share = (stamp_ns - before[0]) / gap
+    first, second = (one.x, one.y, one.z, one.w), (other.x, other.y, other.z, other.w)
+    # Opposite quaternions are the same attitude.
+    sign = 1.0 if sum(a * b for a, b in zip(first, second, strict=True)) >= 0 else -1.0
+    mixed = [a + share * (sign * b - a) for a, b in zip(first, second, strict=True)]
+    length = math.hypot(*mixed)
+    return Attitude(*(value / length for value in mixed)) if length > 0 else None

@@ -32,12 +32,16 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.images import stamp_ns_in
-from mvuav_ros.messages.sensors import decode_imu, stamp_ns_of, type_name
+from mvuav_ros.messages.images import Frame, stamp_ns_in
+from mvuav_ros.messages.sensors import (
+    AttitudePairing,
+    StampPairing,
+    decode_imu,
+    stamp_ns_of,
+    type_name,
+)
 from mvuav_ros.nodes.live_parameters import OVERRIDABLE
 from mvuav_ros.parameters.declaration import ParameterError
-from mvuav_ros.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.image import ImageError
 

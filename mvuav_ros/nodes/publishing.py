@@ -17,13 +17,16 @@ from sensor_msgs.msg import Image as RosImage
 from std_msgs.msg import Header
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import BadFrame, Frame, ImageDecoder, VideoDecoder
 from mvuav_ros.messages.images import (
     COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
     FFMPEG_PACKET,
     IMAGE,
+    BadFrame,
     CodedImage,
+    Frame,
+    ImageDecoder,
+    VideoDecoder,
     serialize_compressed_image,
     serialize_image,
     view_coded_image,

@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.nodes.diagnostics import SourceStatus, publish_status
 from mvuav_ros.nodes.live_parameters import LiveParameters
 from mvuav_ros.nodes.managed_node import ManagedNode

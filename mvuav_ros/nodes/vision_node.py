@@ -13,8 +13,8 @@ from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import SetBool, Trigger
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.transforms import TF_TOPIC, TF_TYPE
+from mvuav_ros.messages.images import Frame
+from mvuav_ros.messages.poses import TF_TOPIC, TF_TYPE
 from mvuav_ros.nodes.diagnostics import (
     WINDOW,
     InputMonitor,

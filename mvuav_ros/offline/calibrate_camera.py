@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, INK, drawing, label
 from mvuav_ros.sources.source import FrameSource, SourceError

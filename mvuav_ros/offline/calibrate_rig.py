@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mvuav_ros.messages.frame import BadFrame
+from mvuav_ros.messages.images import BadFrame
 from mvuav_ros.messages.sensors import is_rectified_topic
 from mvuav_ros.offline.report import Figure, Report, Section, Table
 from mvuav_ros.offline.report_figures import COLORS, SOFT, drawing, label, legend_below

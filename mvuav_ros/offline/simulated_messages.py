@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
-from mvuav_ros.messages.cdr import CdrWriter, cdr_header
+from mvuav_ros.messages.cdr import CdrWriter, PointLayout, cdr_header
 from mvuav_ros.messages.images import serialize_image
 from mvuav_ros.messages.marker_messages import POINT
-from mvuav_ros.messages.points import PointLayout
 from mvuav_ros.messages.runway_messages import LINE
 from mvuav_ros.messages.sensors import encode_camera_info, encode_imu, make_header, type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters

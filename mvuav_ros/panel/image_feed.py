@@ -15,8 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as RosImage
 
-from mvuav_ros.messages.frame import ImageDecoder
-from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, stamp_ns_in
+from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, ImageDecoder, stamp_ns_in
 from mvuav_ros.panel.live_nodes import LiveNode
 from mvuav_ros.panel.ros_thread import RosThread
 from mvuav_ros.processing.registry import PROCESSORS

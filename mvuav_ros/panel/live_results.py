@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.panel import sanitized
 from mvuav_ros.panel.controls import value_text
 from mvuav_ros.panel.live_nodes import LiveNode, same_value

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 
-from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.messages.images import decode_image, view_image
+from mvuav_ros.messages.images import BadFrame, Frame, decode_image, view_image
 from mvuav_ros.offline.processes import ProcessDiedError, Report, Worker
-from mvuav_ros.offline.replay.frame_replay import make_processors, process
+from mvuav_ros.offline.replay.job import make_processors, process
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.panel.image_feed import RESULT_OF_KIND, encode_jpeg
 from mvuav_ros.panel.live_results import TOPICS, Figures
@@ -21,8 +20,8 @@ from mvuav_ros.parameters.declaration import ParameterError, Value
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.sources.bag import BagImages
-from mvuav_ros.sources.source import EncodedFrame, Selection, SourceError
+from mvuav_ros.sources.bag import BagImages, EncodedFrame
+from mvuav_ros.sources.source import Selection, SourceError
 
 MAX_BYTES = 256_000_000
 """Of the frames kept in memory; of a longer recording a stretch is shown."""

@@ -12,20 +12,24 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Vector3St
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
-from mvuav_ros.messages import detections, transforms
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages import detections, poses
+from mvuav_ros.messages.images import Frame, serialize_image
 from mvuav_ros.messages.marker_messages import encode_marker, encode_markers, encode_rpy
-from mvuav_ros.messages.statuses import encode_integrity
+from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
-from mvuav_ros.processing.tracking import named_places
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image
 from mvuav_ros.vision.integrity import IntegrityBudget, ProtectionLevels, protection_levels
 from mvuav_ros.vision.markers.drawing import draw_markers
-from mvuav_ros.vision.markers.results import TANKER_NAMES, Label, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.results import (
+    TANKER_NAMES,
+    Label,
+    MarkerResult,
+    MarkerState,
+    named_places,
+)
 from mvuav_ros.vision.markers.tracker import MarkerTracker, rig_of
 from mvuav_ros.vision.pose import Pose, PoseEstimator
 from mvuav_ros.vision.pose_drawing import draw_pose
@@ -142,7 +146,7 @@ class MarkerTrackerProcessor(Processor):
         """See `Processor.set_camera`."""
         if self._parameters.image_is_rectified:
             camera = camera.rectified()
-        if camera != self._camera:
+        if camera is not self._camera and camera != self._camera:
             self._camera = camera
             self._poses.reset()
             self._share_camera()
@@ -164,7 +168,7 @@ class MarkerTrackerProcessor(Processor):
         outputs = [
             Output('markers', partial(encode_markers, result, header, numbered=numbered)),
             Output('rpy', partial(encode_rpy, result, header, pose)),
-            Output('pose', partial(transforms.encode_pose, pose, header)),
+            Output('pose', partial(poses.encode_pose, pose, header)),
             Output('integrity', partial(self._encode_integrity, pose, header)),
         ]
         if detections.TYPES:
@@ -178,7 +182,7 @@ class MarkerTrackerProcessor(Processor):
             if marker.label != Label.UNLABELLED and marker.state is not MarkerState.LOST
         ]
         if pose is not None:
-            camera, body = transforms.camera_in_body(pose), transforms.body_in_camera(pose)
+            camera, body = poses.camera_in_body(pose), poses.body_in_camera(pose)
             name = self._parameters.body_frame or self._rig.name
             outputs += self._placements(camera, body, name, frame, self._parameters)
         self._newest = (frame.image, result, pose, header)

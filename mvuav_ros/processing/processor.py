@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 from sensor_msgs.msg import Image
 
-from mvuav_ros.messages import transforms
+from mvuav_ros.messages import poses
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterSet
 from mvuav_ros.vision.camera import CameraModel
 
@@ -32,6 +32,7 @@ class Output(NamedTuple):
     make: Callable[[], bytes]
 
 
+@lru_cache(maxsize=1024)
 def resolve(topic: str, node: str = '~') -> str:
     """The name of an `Output`'s topic: below its node, but for those of all nodes, such as /tf.
 
@@ -93,6 +94,7 @@ class Processor(ABC):
         triggers: names of methods without arguments that users may call: ``~/<name>``.
         status: what was missing in the newest frame, in words; empty when all was well.
         frames_problem: the same of the frames that a pose needs.
+        message_types: the message classes of all topics.
         static_transforms: those of ``/tf_static``, as far as they are known.
         resets: how often a stamp jumped back.
     """
@@ -110,10 +112,11 @@ class Processor(ABC):
 
     def __init__(self) -> None:
         self.status = self.frames_problem = ''
-        self.static_transforms = transforms.TransformTree()
+        self.static_transforms = poses.TransformTree()
         self.resets = 0
         self._camera: CameraModel | None = None
         self._last_stamp_ns: int | None = None
+        self._set_topics(self.topics, 'off')
 
     @property
     def awaits_camera_info(self) -> bool:
@@ -132,14 +135,16 @@ class Processor(ABC):
 
     def _set_topics(self, topics: Mapping[str, type], publish_tf: str) -> None:
         """Say what the node publishes; its parameters are known from the start on."""
-        known = publish_tf != 'off' and transforms.TF_TYPE is not None
-        tf = {transforms.TF_TOPIC: transforms.TF_TYPE} if known else {}
+        known = publish_tf != 'off' and poses.TF_TYPE is not None
+        tf = {poses.TF_TOPIC: poses.TF_TYPE} if known else {}
         self.topics = {**topics, **tf}  # type: ignore[misc]
+        images = dict.fromkeys(self.debug_topics, Image)
+        self.message_types: Mapping[str, type] = {**images, **self.periodic_topics, **self.topics}
 
     def _placements(
         self,
-        camera: transforms.Placement,
-        target: transforms.Placement,
+        camera: poses.Placement,
+        target: poses.Placement,
         name: str,
         frame: Frame,
         given: Any,
@@ -157,10 +162,10 @@ class Processor(ABC):
         # tf2 takes neither a frame without a name nor one that begins with a slash.
         own = given.camera_frame or frame.frame_id.lstrip('/')
         if given.base_frame:
-            vehicle = transforms.vehicle_of(camera, self._mount(own, given))
-        make = partial(transforms.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
+            vehicle = poses.vehicle_of(camera, self._mount(own, given))
+        make = partial(poses.encode_placement, vehicle, cdr_header(frame.stamp_ns, name))
         outputs = [Output('vision_pose', make)]
-        if transforms.TF_TOPIC not in self.topics:
+        if poses.TF_TOPIC not in self.topics:
             return outputs
         parent, child, placed = own, name, target
         if given.publish_tf == 'body_to_camera':
@@ -175,15 +180,15 @@ class Processor(ABC):
             )
         elif parent and child:
             header = cdr_header(frame.stamp_ns, parent)
-            make = partial(transforms.encode_transform, placed, header, child)
-            outputs.append(Output(transforms.TF_TOPIC, make))
+            make = partial(poses.encode_transform, placed, header, child)
+            outputs.append(Output(poses.TF_TOPIC, make))
         return outputs
 
-    def _mount(self, camera_frame: str, given: Any) -> transforms.Placement:
+    def _mount(self, camera_frame: str, given: Any) -> poses.Placement:
         """The camera's body axes on what ``~/vision_pose`` is the pose of."""
         xyz, rpy_deg = given.camera_mount_xyz, given.camera_mount_rpy_deg
         if any(xyz) or any(rpy_deg):
-            return transforms.mount_of(xyz, rpy_deg)
+            return poses.mount_of(xyz, rpy_deg)
         found = self.static_transforms.find(camera_frame, given.base_frame)
         if found is None:
             self.frames_problem = (
@@ -191,8 +196,8 @@ class Processor(ABC):
                 f'camera_mount_rpy_deg are 0, and /tf_static does not lead from '
                 f'{given.base_frame} to {camera_frame or "a camera without frame_id"}'
             )
-            return transforms.NO_MOUNT
-        return transforms.body_axes(found)
+            return poses.NO_MOUNT
+        return poses.body_axes(found)
 
     @abstractmethod
     def configure(self, parameters: Any) -> None:
@@ -212,10 +217,6 @@ class Processor(ABC):
 
         Apart from it, so that a live node's results need not wait for them.
         """
-
-    def type_of(self, topic: str) -> type:
-        """The message class of an `Output`'s topic."""
-        return self.topics.get(topic) or self.periodic_topics.get(topic) or Image
 
     def set_camera(self, camera: CameraModel) -> None:
         """Take the calibration of the next frame on; it may be an unusable one."""

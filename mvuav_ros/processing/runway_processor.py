@@ -12,10 +12,10 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages import detections, transforms
+from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.images import serialize_image
+from mvuav_ros.messages.images import Frame, serialize_image
+from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import (
     encode_corrections,
     encode_line_params,
@@ -24,7 +24,6 @@ from mvuav_ros.messages.runway_messages import (
     encode_statistics,
     encode_vanishing_point,
 )
-from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.processor import Chart, Output, PanelPage, Processor
 from mvuav_ros.vision.approach.detector import ApproachDetector
@@ -210,10 +209,10 @@ class RunwayDetectorProcessor(Processor):
         name = self._parameters.runway_frame
         runway_header = cdr_header(frame.stamp_ns, name)
         outputs = [Output('pose', partial(encode_pose, guidance, runway_header))]
-        camera = transforms.camera_in_runway(guidance)
+        camera = poses.camera_in_runway(guidance)
         if not camera.known:
             return outputs
-        runway = transforms.runway_in_camera(guidance)
+        runway = poses.runway_in_camera(guidance)
         return outputs + self._placements(camera, runway, name, frame, self._parameters)
 
     def _usable_camera(self, image: Image) -> CameraModel | None:

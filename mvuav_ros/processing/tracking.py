@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
@@ -20,7 +20,7 @@ from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.camera import CalibrationError, CameraModel
 from mvuav_ros.vision.image import Image, as_image
 from mvuav_ros.vision.markers.drawing import draw_markers
-from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, MarkerState
+from mvuav_ros.vision.markers.results import Label, Marker, MarkerResult, named_places
 from mvuav_ros.vision.markers.tracker import MarkerTracker
 from mvuav_ros.vision.point_operations import Pixels
 from mvuav_ros.vision.pose import Pose, PoseEstimator
@@ -166,17 +166,6 @@ def _answer(
     return TrackedFrame(
         frame.stamp_ns, frame.image, result, float(roll), pose, status, camera, tracker.rig
     )
-
-
-def named_places(result: MarkerResult) -> tuple[list[int], NDArray[np.float64]]:
-    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs."""
-    seen = [
-        marker
-        for marker in result.markers
-        if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
-    ]
-    places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
-    return [int(marker.label) for marker in seen], places
 
 
 def draw(

@@ -1,13 +1,16 @@
 """Undoing the compressions found in recordings, also of data that is cut off, corrupt or hostile.
 
-Nothing is allocated because a header says so, and no decoder gets to make more than its caller
-allows.
+A few hundred bytes can claim, or even hold, gigabytes. Nothing is allocated because a header says
+so, and no decoder gets to make more than its caller allows. What a file becomes is limited in
+proportion to its size, by one `Limit` for all that is unpacked of it, whatever reads it.
 """
 
 from __future__ import annotations
 
 import bz2
-from collections.abc import Callable, Generator
+import os
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from math import inf
 from pathlib import Path
@@ -17,7 +20,60 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
+
+SIZE_LIMIT = 1 << 30
+"""Bytes; a larger chunk or message is refused."""
+VARIABLE = 'MVUAV_MAX_SIZE_MB'
+"""The environment variable that ``--max-size`` sets, so that other processes know it too."""
+
+_PROPORTION = 200
+"""Images of a dark sky become 100 times as large."""
+_MIN_ALLOWED = 1 << 29
+
+
+class Limit:
+    """How much may come of one file in a pass through it.
+
+    Attributes:
+        allowed: bytes.
+        left: bytes, of them.
+    """
+
+    def __init__(self, size: int) -> None:
+        """Take a file of so many bytes."""
+        given = os.environ.get(VARIABLE, '')
+        in_proportion = max(size * _PROPORTION, _MIN_ALLOWED)
+        self.allowed = int(given) * 1_000_000 if given.isdigit() else in_proportion
+        self.left = self.allowed
+
+    def begin(self) -> None:
+        """Begin a pass."""
+        self.left = self.allowed
+
+    def spend(self, size: int) -> None:
+        """Note that so many bytes came of it."""
+        self.left -= size
+
+    @property
+    def reason(self) -> str:
+        """In words, what is wrong where nothing is left."""
+        return f'it becomes larger than {self.allowed // 1_000_000} MB; --max-size allows more'
+
+
+@contextmanager
+def allowing(megabytes: int | None) -> Iterator[None]:
+    """So many for each file meanwhile, as the user says."""
+    before = os.environ.get(VARIABLE)
+    if megabytes is not None:
+        os.environ[VARIABLE] = str(megabytes)
+    try:
+        yield
+    finally:
+        if megabytes is not None:
+            os.environ.pop(VARIABLE)
+        if before is not None:
+            os.environ[VARIABLE] = before
+
 
 _AT_ONCE = 1 << 26
 _TOO_LARGE = 'it is larger than it says'

@@ -25,8 +25,7 @@ from mcap.records import Schema as SchemaRecord
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import unpack
-from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
+from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
 from mvuav_ros.recordings.recording import TopicInfo
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
@@ -93,6 +92,9 @@ class McapFile(RecordingFile):
         self._name = path.name
         self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0
+        self._in_summary: dict[_Key, Any] | None = None
+        self._is_summary_intact = True
+        self._contradicted: set[_Key] = set()
         self._indexed = False
         self._scanned = False
 
@@ -167,6 +169,9 @@ class McapFile(RecordingFile):
             if span.opcode == Opcode.MESSAGE_INDEX:
                 entries = (span.length - 6) // _INDEX_ENTRY_SIZE
                 chunk.indexed = entries + (chunk.indexed or 0)
+                continue
+            if span.opcode >= _PRIVATE_OPCODES:
+                chunk.is_index_whole = False
                 continue
             chunk.end(self._account)
             chunk = ChunkTally(self._name)
@@ -249,9 +254,31 @@ class McapFile(RecordingFile):
         for record in _records_in(raw):
             is_whole = record[0] != 0
             # The first chunk often defines the channels of all others, at its very start.
-            if is_whole and not (problem and record[0] == Opcode.MESSAGE):
+            if is_whole and not (problem and self._is_doubtful(walk, *record)):
                 yield record
         chunk.reason = problem or ('' if is_whole else 'it holds what is no record')
+
+    def _is_doubtful(self, walk: _Records, opcode: int, body: memoryview) -> bool:
+        """Whether a damaged chunk's record is not to be believed.
+
+        Messages are not; a definition is unless the summary contradicts it. Where the summary is
+        damaged as well, nobody knows which of the two is right, and neither is believed.
+        """
+        if opcode == Opcode.MESSAGE:
+            return True
+        if self._in_summary is None:
+            self._in_summary = {}
+            if (found := walk.summary()) is not None:
+                start, self._is_summary_intact = found
+                content = memoryview(walk.read(start, _MAX_SCHEMAS))
+                for each in _records_in(content, whole=False):
+                    self._in_summary[_key(*each)] = _meaning(*each)
+        key = _key(opcode, body)
+        if self._in_summary.get(key) in (None, _meaning(opcode, body)):
+            return False
+        if not self._is_summary_intact:
+            self._contradicted.add(key)
+        return True
 
     @staticmethod
     def _are_true(walk: _Records, header: _ChunkHeader) -> bool:
@@ -267,6 +294,8 @@ class McapFile(RecordingFile):
 
     def _take(self, opcode: int, body: bytes | memoryview, *, in_summary: bool = False) -> bool:
         """Take in a schema or channel, of the summary what the data lack; whether it is sound."""
+        if in_summary and _key(opcode, body) in self._contradicted:
+            return False
         self._schema_bytes += len(body) if opcode == Opcode.SCHEMA else 0
         if self._schema_bytes > _MAX_SCHEMAS:
             self._lose('definitions', 'its schemas are implausibly large', 0)
@@ -361,6 +390,10 @@ class _Records:
         self._stream.seek(offset)
         return self._stream
 
+    def summary(self) -> tuple[int, bool] | None:
+        """See `_summary`."""
+        return _summary(self._stream, self._size)
+
     def is_summary_intact(self, footer: _Span) -> bool:
         """Whether the checksum in a footer holds, if it has one."""
         found = _summary(self._stream, footer.body + footer.length + len(MAGIC), self._base)
@@ -434,6 +467,25 @@ class _Records:
 def _parsed(kind: Any, body: bytes | memoryview) -> Any:
     """A record's content as the mcap library has it; see `_PARSE_ERRORS`."""
     return kind.read(ReadDataStream(BytesIO(body)))
+
+
+_Key = tuple[int, bytes]
+"""Of a schema or channel: its opcode, and its number in its first two bytes."""
+
+
+def _key(opcode: int, body: bytes | memoryview) -> _Key:
+    return opcode, bytes(body[:2])
+
+
+def _meaning(opcode: int, body: bytes | memoryview) -> Any:
+    """What a schema or channel is called; None if it is damaged."""
+    try:
+        record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
+    except _PARSE_ERRORS:
+        return None
+    if opcode == Opcode.SCHEMA:
+        return record.name
+    return record.topic, record.schema_id, record.message_encoding
 
 
 def _statistics(body: bytes) -> Statistics | None:

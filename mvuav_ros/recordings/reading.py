@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -12,9 +13,8 @@ from mcap.records import Attachment, Metadata
 
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import (
-    CompressionError,
+    Limit,
     decompress_file,
-    decompress_message,
 )
 from mvuav_ros.recordings.layout import (
     MCAP_START,
@@ -25,9 +25,8 @@ from mvuav_ros.recordings.layout import (
     recording_files,
     start_of,
 )
-from mvuav_ros.recordings.limits import Limit
 from mvuav_ros.recordings.mcap_file import McapFile
-from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo, counted
+from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
 from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile
@@ -121,37 +120,21 @@ class Recording:
         Raises:
             RecordingError: a compressed file cannot be unpacked (no space).
         """
+        # Without a loop of its own, as every message would pass through it.
+        return chain.from_iterable(self._passes(topics, start_ns, end_ns))
+
+    def _passes(
+        self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[Iterator[RecordedMessage]]:
+        """The messages of each file."""
         account = self.account
         account.kept = account.skipped = 0
         for path in self._files:
-            unreadable: dict[str, int] = {}
             try:
-                limit = Limit(path.stat().st_size)
-                file = self._file(path)
-                for message in file.messages(topics, start_ns, end_ns):
-                    if message.data[:4] != ZSTD_START:
-                        account.kept += 1
-                        yield message
-                        continue
-                    try:
-                        data = decompress_message(message.data, limit)
-                    except CompressionError:
-                        unreadable[message.topic] = unreadable.get(message.topic, 0) + 1
-                        continue
-                    account.kept += 1
-                    yield message._replace(data=data)
-                account.skipped += file.skipped
-                is_whole = start_ns is None and end_ns is None
+                yield self._file(path).messages(topics, start_ns, end_ns)
             except OSError as error:
                 said = f'{path.name}: reading ended early: {error.strerror or error}'
                 account.lose(_plain(path), 'io', said)
-                is_whole = False
-            for topic, count in unreadable.items():
-                said = f'{counted(count, "message")} of {topic} cannot be decompressed'
-                account.lose(_plain(path), (topic, 'zstd'), f'{path.name}: {said}', count)
-            if is_whole:
-                sound = file.sound - sum(unreadable.values())
-                account.settle(_plain(path), file.written, sound)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata of mcap files."""

@@ -8,6 +8,7 @@ import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import glob
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -153,6 +154,35 @@ def remote_state(url: str) -> tuple[int, str]:
             marks = [str(status.get(key)) for key in _MARKS]
             digest.update('\0'.join([name, str(status['size']), *marks]).encode())
     return total, digest.hexdigest()
+
+
+def fingerprint(source: str) -> dict[str, str]:
+    """The input's path, and a digest of the names, sizes and times of its files."""
+    if is_url(source):
+        size, mark = remote_state(source)
+        return {'input': source, 'input_bytes': str(size), 'input_files': mark}
+    path = Path(source).expanduser()
+    digest = hashlib.sha256()
+    total = 0
+    for file in _files(path):
+        status = file.stat()
+        total += status.st_size
+        name = os.fsencode(file.name)
+        digest.update(b'%s\0%d\0%d\n' % (name, status.st_size, status.st_mtime_ns))
+    return {
+        'input': os.fsencode(path.resolve()).decode('utf-8', 'replace'),
+        'input_bytes': str(total),
+        'input_files': digest.hexdigest(),
+    }
+
+
+def _files(path: Path) -> Iterator[Path]:
+    if path.is_file():
+        yield path
+    elif path.is_dir():
+        yield from sorted(entry for entry in path.iterdir() if entry.is_file())
+    else:
+        yield from sorted(file for file in map(Path, glob(str(path))) if file.is_file())  # noqa: PTH207
 
 
 def _name(url: str) -> str:

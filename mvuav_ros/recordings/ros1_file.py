@@ -18,8 +18,7 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.compression import CompressionError, unpack
-from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
+from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, Limit, unpack
 from mvuav_ros.recordings.recording import TopicInfo
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,

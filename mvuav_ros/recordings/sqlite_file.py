@@ -19,7 +19,7 @@ from urllib.parse import quote
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.limits import SIZE_LIMIT, Limit
+from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit
 from mvuav_ros.recordings.recording import TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
 from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile, StoredMessage

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from mvuav_ros.recordings.limits import SIZE_LIMIT
+from mvuav_ros.recordings.compression import SIZE_LIMIT
 
 _HEADER_SIZE = 100
 _TABLE_LEAF = 13

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -14,7 +15,8 @@ from rosbags.serde import SerdeError
 from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, ros1_type
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.limits import Limit
+from mvuav_ros.recordings.compression import CompressionError, Limit, decompress_message
+from mvuav_ros.recordings.layout import ZSTD_START
 from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
 
 READABLE_FORMATS = ('cdr', 'ros1')
@@ -23,6 +25,11 @@ START_OF_TIME, END_OF_TIME = -(1 << 63), 1 << 64
 """ns."""
 # From here on a message is given as a view of its chunk, as two copies would take twice the memory.
 _LARGE = 1 << 24
+
+_UNKNOWN = 'message', 'of unknown channels skipped'
+_MALFORMED = 'malformed message', 'of {} skipped'
+_COMPRESSED = 'message', 'of {} cannot be decompressed'
+"""Why messages are lost, in words around their topic; their number goes with the first."""
 
 _Definition = tuple[int, str, str, str]
 StoredMessage = tuple[int, int | None, int, int | None, bytes | memoryview]
@@ -39,6 +46,7 @@ class ChunkTally:
         reason: why it is not read, or not all of it.
         got: messages that came out.
         indexed: messages that the indexes behind it list; None if there are none.
+        is_index_whole: whether no record behind it may be a damaged index.
     """
 
     file: str
@@ -46,10 +54,13 @@ class ChunkTally:
     reason: str = ''
     got: int = 0
     indexed: int | None = None
+    is_index_whole: bool = True
 
     def end(self, account: Account) -> None:
         """Say what is missing; nothing is of a chunk that was left out as nobody wanted it."""
-        missing = None if self.indexed is None else max(self.indexed - self.got, 0)
+        missing = None
+        if self.indexed is not None and self.is_index_whole:
+            missing = max(self.indexed - self.got, 0)
         if self.offset < 0 or not (self.reason or (missing and self.got)):
             return
         if missing == 0 and self.got:  # what is no record held none
@@ -152,6 +163,8 @@ class RecordingFile(ABC):
         """Take a file; losses go to the account, and what is unpacked of it has a limit."""
         self._path, self._account, self._limit = path, account, limit
         self._channels = Channels()
+        self._message_limit = limit
+        self._lost: Counter[tuple[tuple[str, str], str]] = Counter()
 
     @abstractmethod
     def channels(self) -> Sequence[TopicInfo]:
@@ -169,46 +182,68 @@ class RecordingFile(ABC):
     def messages(
         self, topics: Container[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[RecordedMessage]:
-        """The messages in stored order, ``start_ns`` <= log time < ``end_ns``, as CDR."""
-        self.channels()
-        self._channels.begin()
+        """The messages in stored order, ``start_ns`` <= log time < ``end_ns``, as CDR.
+
+        A pass through all of it ends in a balance of what was written and what was there.
+        """
         first = START_OF_TIME if start_ns is None else start_ns
         last = END_OF_TIME if end_ns is None else end_ns
-        unreadable: Counter[str] = Counter()
-        self.sound = self.skipped = 0
-        with self._path.open('rb') as stream:
-            stored = self._stored(stream, topics, first, last)
-            for number, sequence, stamp_ns, publish_ns, raw in stored:
-                channel = self._channels.known.get(number)
-                if channel is None:
-                    unreadable[''] += 1
-                    continue
-                topic, converter = channel
-                self.sound += 1
-                if topic.serialization_format not in READABLE_FORMATS:
-                    self.skipped += 1
-                    continue
-                if not first <= stamp_ns < last or (
-                    topics is not None and topic.name not in topics
-                ):
-                    continue
-                try:
-                    if converter is not None:
-                        data: bytes | memoryview = converter.to_cdr(raw)
-                    else:
-                        data = raw if len(raw) >= _LARGE else bytes(raw)
-                except SerdeError:
-                    self.sound -= 1
-                    unreadable[topic.name] += 1
-                    continue
-                yield RecordedMessage(
-                    *(topic.name, topic.type, stamp_ns, data, topic.schema, topic.qos),
-                    *(publish_ns, sequence),
-                )
-        for name, count in unreadable.items():
-            what = f'{counted(count, "malformed message")} of {name}'
-            what = what if name else f'{counted(count, "message")} of unknown channels'
-            self._lose(('messages', name), f'{what} skipped', count)
+        is_whole = start_ns is None and end_ns is None
+        account = self._account
+        self._lost.clear()
+        self._message_limit = copy(self._limit)
+        self._message_limit.begin()
+        try:
+            self.channels()
+            self._channels.begin()
+            self.sound = self.skipped = 0
+            with self._path.open('rb') as stream:
+                stored = self._stored(stream, topics, first, last)
+                for number, sequence, stamp_ns, publish_ns, raw in stored:
+                    channel = self._channels.known.get(number)
+                    if channel is None:
+                        self._lost[_UNKNOWN, ''] += 1
+                        continue
+                    topic, converter = channel
+                    self.sound += 1
+                    if topic.serialization_format not in READABLE_FORMATS:
+                        self.skipped += 1
+                    elif first <= stamp_ns < last and (topics is None or topic.name in topics):
+                        data: bytes | memoryview | None = raw
+                        if converter is not None or raw[:4] == ZSTD_START:
+                            data = self._converted(raw, topic, converter)
+                        elif len(raw) < _LARGE:
+                            data = bytes(raw)
+                        if data is not None:
+                            account.kept += 1
+                            of = topic.schema, topic.qos, publish_ns, sequence
+                            yield RecordedMessage(topic.name, topic.type, stamp_ns, data, *of)
+            account.skipped += self.skipped
+        except OSError as error:
+            self._lose('io', f'reading ended early: {error.strerror or error}')
+            is_whole = False
+        for ((noun, why), name), count in self._lost.items():
+            said = f'{counted(count, noun)} {why.format(name)}'
+            self._lose((noun, why, name), said, count)
+        if is_whole:
+            account.settle(self._path.name, self.written, self.sound)
+
+    def _converted(
+        self, raw: bytes | memoryview, topic: TopicInfo, converter: Ros1Type | None
+    ) -> bytes | memoryview | None:
+        """A message of ROS 1, or one that is compressed by itself, as CDR; None if damaged."""
+        data, why = raw, _MALFORMED
+        try:
+            if converter is not None:
+                data = converter.to_cdr(raw)
+            if data[:4] == ZSTD_START:
+                why = _COMPRESSED
+                data = decompress_message(data, self._message_limit)
+        except (SerdeError, CompressionError):
+            self.sound -= 1
+            self._lost[why, topic.name] += 1
+            return None
+        return data
 
     def _define(self, number: int, topic: TopicInfo) -> None:
         """Take in a definition, and note a contradiction."""

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mvuav_ros.messages.frame import BadFrame, VideoDecoder
 from mvuav_ros.messages.images import (
     IMAGE,
+    BadFrame,
     CodedImage,
     RawImage,
+    VideoDecoder,
     check_compressed_image,
     codec_of,
     decode_image,

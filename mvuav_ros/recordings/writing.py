@@ -153,8 +153,8 @@ class Chunk:
 
     def add(
         self, channel: int, sequence: int, times_ns: tuple[int, int], data: bytes | memoryview
-    ) -> None:
-        """Add a message; ``times_ns`` are when it was logged and published."""
+    ) -> int:
+        """Add a message, logged and published at these times; returns the size by now."""
         stamp_ns = times_ns[0]
         offset = len(self._records)
         entries = self._entries.get(channel)
@@ -171,8 +171,11 @@ class Chunk:
             del self._records[offset:]
             del entries[indexed:]
             raise
-        self.start_ns = min(self.start_ns, stamp_ns)
-        self.end_ns = max(self.end_ns, stamp_ns)
+        if stamp_ns < self.start_ns:
+            self.start_ns = stamp_ns
+        if stamp_ns > self.end_ns:
+            self.end_ns = stamp_ns
+        return len(self._records)
 
     def takes(self, stamp_ns: int, span_ns: int) -> bool:
         """Whether a message of that time keeps the chunk within the span of time."""
@@ -444,8 +447,8 @@ class RecordingWriter:
             RecordingError: the file cannot be written, such as when the disk is full.
         """
         with self._changed:
-            self._raise_error()
-            if self._closed:
+            if self._error is not None or self._closed:
+                self._raise_error()
                 raise RecordingError(f'{self.path} is already closed')
             channel = self._channels.get((topic, type, schema))
             if channel is None:
@@ -454,16 +457,20 @@ class RecordingWriter:
             self.moved += stamp_ns < 0
             stamp_ns = max(stamp_ns, 0)
             publish_ns = stamp_ns if publish_ns is None else publish_ns
-            if not self._chunks[-1].takes(stamp_ns, _CHUNK_NS):
-                self._hand_over()
             chunk = self._chunks[-1]
+            # Of one stamp are all results of a frame.
+            if not chunk.start_ns == stamp_ns == chunk.end_ns and not chunk.takes(
+                stamp_ns, _CHUNK_NS
+            ):
+                self._hand_over()
+                chunk = self._chunks[-1]
             if chunk.message_count == 0:
                 self._since = time.monotonic()
                 self._changed.notify_all()
             channel.sequence += 1
             number = channel.sequence if sequence is None else sequence
-            chunk.add(channel.id, number, (stamp_ns, publish_ns), cdr)
-            if chunk.size >= _CHUNK_BYTES:
+            size = chunk.add(channel.id, number, (stamp_ns, publish_ns), cdr)
+            if size >= _CHUNK_BYTES:
                 self._hand_over()
 
     def close(self) -> None:

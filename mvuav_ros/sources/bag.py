@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
-from mvuav_ros.messages.images import IMAGE, is_image_type, view_coded_image
+from mvuav_ros.messages.images import (
+    IMAGE,
+    BadFrame,
+    Frame,
+    ImageDecoder,
+    VideoDecoder,
+    is_image_type,
+    stamp_ns_in,
+    view_coded_image,
+)
 from mvuav_ros.messages.sensors import (
     CAMERA_INFO,
     IMU,
+    AttitudePairing,
+    StampPairing,
     decode_camera_info,
     decode_imu,
     normalised_type,
@@ -21,19 +32,53 @@ from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
 from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
-from mvuav_ros.sources.pairing import AttitudePairing, StampPairing
 from mvuav_ros.sources.source import (
     EVERYTHING,
-    EncodedFrame,
     FrameSource,
     Selection,
     SourceError,
-    stamp_ns_of_image,
 )
+from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.image import ImageError
 
 _MAX_NAMES = 20
+_NS = 1_000_000_000
+_END_OF_TIME = 1 << 31
+"""Seconds: a stamp has 32 bits for them."""
+_STAMP_START, _STAMP_END = 4, 12
+_STAMPS = (struct.Struct('>iI'), struct.Struct('<iI'))
+"""Of a message that begins with a header, by the last bit of its CDR's second byte."""
+_DECODER = ImageDecoder()
+"""Of this process; what it remembers of the last message makes it faster, and nothing else."""
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame whose image is still the message that was recorded, for whoever decodes it."""
+
+    recorded: RecordedMessage  # the message
+    stamp_ns: int  # the image's own, or the recording's where the driver set none
+    camera: CameraModel | None = None  # as in `Frame`
+    attitude: Attitude | None = None  # as in `Frame`
+
+    def decoded(self) -> Frame | BadFrame:
+        """The frame, or why there is none."""
+        try:
+            if not -_END_OF_TIME <= self.stamp_ns // _NS < _END_OF_TIME:
+                raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
+            frame = _DECODER.decode(self.recorded.type, self.recorded.data)
+        except ImageError as error:
+            return BadFrame(self.stamp_ns, str(error))
+        return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
+
+
+def stamp_ns_of_image(recorded: RecordedMessage) -> int:
+    """What the message's header says; when it was recorded, if the header is 0 or damaged."""
+    try:
+        return stamp_ns_in(recorded.data) or recorded.stamp_ns
+    except ImageError:
+        return recorded.stamp_ns
 
 
 def choose_image_topic(recording: Recording, wanted: str | None = None) -> TopicInfo:
@@ -80,9 +125,6 @@ def _listed(names: Iterable[str]) -> str:
 def _described(topic: TopicInfo) -> str:
     kind = topic.type.rsplit('/', 1)[-1]
     return kind if topic.message_count is None else f'{kind}, {topic.message_count} messages'
-
-
-_NS = 1_000_000_000
 
 
 class BagImages(FrameSource):
@@ -263,6 +305,7 @@ class SynchronizedTopics:
         self._camera_topic = camera_topic
         self._imu_topic = imu_topic
         self.topics = {topic for topic in (self._camera_topic, self._imu_topic) if topic}
+        self._known: tuple[bytes, CameraModel] | None = None
         self._cameras = StampPairing[CameraModel, AnyFrame]()
         self._attitudes = AttitudePairing[AnyFrame]()
 
@@ -306,11 +349,21 @@ class SynchronizedTopics:
             yield frame if attitude is None else replace(frame, attitude=attitude)
 
     def _add_camera(self, recorded: RecordedMessage) -> bool:
-        """Whether the message could be read."""
+        """Whether the message could be read; as a rule it is the last one with another stamp."""
+        data = recorded.data
+        if self._known is not None and self._known[0] == _without_stamp(data):
+            seconds, nanoseconds = _STAMPS[data[1] & 1].unpack_from(data, _STAMP_START)
+            self._cameras.add_info(seconds * _NS + nanoseconds, self._known[1])
+            return True
         try:
             message = decode_message(recorded.type, recorded.data)
         except MalformedMessageError:
             return False
         camera = decode_camera_info(message, self._image_topic)
         self._cameras.add_info(stamp_ns_of(message.header), camera)
+        self._known = _without_stamp(data), camera
         return True
+
+
+def _without_stamp(message: bytes | memoryview) -> bytes:
+    return bytes(message[:_STAMP_START]) + bytes(message[_STAMP_END:])

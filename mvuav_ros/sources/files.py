@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.image_files import MAX_PIXELS, decode_image_file
+from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame, upright
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_image_start, start_of

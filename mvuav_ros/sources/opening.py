@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl
 
 import yaml
 
-from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file

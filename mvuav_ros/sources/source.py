@@ -2,52 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
 
-from mvuav_ros.messages.frame import BadFrame, Frame, ImageDecoder
-from mvuav_ros.messages.images import stamp_ns_in
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.vision.approach.attitude import Attitude
-from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.image import ImageError
-
-_NS = 1_000_000_000
-_END_OF_TIME = 1 << 31
-"""Seconds: a stamp has 32 bits for them."""
-_DECODER = ImageDecoder()
-"""Of this process; what it remembers of the last message makes it faster, and nothing else."""
-
-
-@dataclass(frozen=True)
-class EncodedFrame:
-    """A frame whose image is still the message that was recorded, for whoever decodes it."""
-
-    recorded: RecordedMessage  # the message
-    stamp_ns: int  # the image's own, or the recording's where the driver set none
-    camera: CameraModel | None = None  # as in `Frame`
-    attitude: Attitude | None = None  # as in `Frame`
-
-    def decoded(self) -> Frame | BadFrame:
-        """The frame, or why there is none."""
-        try:
-            if not -_END_OF_TIME <= self.stamp_ns // _NS < _END_OF_TIME:
-                raise ImageError('it has no stamp, and was recorded beyond the end of ROS time')
-            frame = _DECODER.decode(self.recorded.type, self.recorded.data)
-        except ImageError as error:
-            return BadFrame(self.stamp_ns, str(error))
-        return Frame(self.stamp_ns, frame.frame_id, frame.image, self.camera, self.attitude)
-
-
-def stamp_ns_of_image(recorded: RecordedMessage) -> int:
-    """What the message's header says; when it was recorded, if the header is 0 or damaged."""
-    try:
-        return stamp_ns_in(recorded.data) or recorded.stamp_ns
-    except ImageError:
-        return recorded.stamp_ns
 
 
 class SourceError(Exception):
@@ -126,23 +87,3 @@ class Selection:
 
 
 EVERYTHING = Selection()
-
-ItemT = TypeVar('ItemT')
-
-
-def gamma_corrected(
-    items: Generator[ItemT, None, None], gamma: float
-) -> Generator[ItemT | Frame | BadFrame, None, None]:
-    """The items with the image of every frame corrected; whatever is no frame goes through.
-
-    A gamma above 1 darkens, 1 changes nothing. The items are closed when this is.
-    """
-    try:
-        for item in items:
-            frame = item.decoded() if isinstance(item, EncodedFrame) and gamma != 1.0 else item
-            if isinstance(frame, Frame) and gamma != 1.0:
-                yield replace(frame, image=frame.image.gamma_corrected(gamma))
-            else:
-                yield frame
-    finally:
-        items.close()

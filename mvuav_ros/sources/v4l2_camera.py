@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 
-from mvuav_ros.messages.frame import OPTICAL_FRAME, BadFrame, Frame
+from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.vision.image import Image

@@ -38,3 +38,13 @@ def test_a_replay_that_fails_prints_no_success(capsys):
     _report(ReplayOutcome('a.mcap', 's3://nobody/a.mcap', 5, 5, failure='there is no bucket'))
     said = capsys.readouterr()
     assert said.out == '' and said.err == 'mvuav: there is no bucket\n'
+
+
+def test_help_does_not_wait_for_what_only_the_work_needs():
+    script = (
+        'import sys; from mvuav_ros.cli.app import application; application(); '
+        "print(*sorted({'numpy', 'cv2', 'scipy', 'yaml', 'rich', 'rosbags', 'rclpy'}"
+        ' & set(sys.modules)))'
+    )
+    run = subprocess.run([sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (0, '\n'), run.stderr + run.stdout

@@ -11,9 +11,8 @@ pytest.importorskip('sensor_msgs')
 from sensor_msgs.msg import PointField
 from support.node_outputs import messages_of
 
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.images import decode_image
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.images import Frame, decode_image
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor

@@ -13,12 +13,12 @@ from sensor_msgs.msg import PointField
 from support.node_outputs import messages_of
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages import points, statuses
+from mvuav_ros.messages import cdr
 from mvuav_ros.messages import runway_messages as runway
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.transforms import Placement, encode_transform
+from mvuav_ros.messages.images import Frame
+from mvuav_ros.messages.poses import Placement, encode_transform
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
@@ -83,7 +83,7 @@ def test_every_output_is_what_rclpy_would_have_written(processor, flight, missin
     seen = set()
     for frame_id, topic, ours in flight_of(processor, flight):
         seen.add(topic)
-        message = deserialize_message(ours, processor.type_of(topic))
+        message = deserialize_message(ours, processor.message_types[topic])
         theirs = serialize_message(message)
         theirs += bytes(-len(theirs) % 4)  # as DDS hands it on
         assert len(ours) == len(theirs), topic
@@ -97,7 +97,7 @@ def test_every_output_is_what_rclpy_would_have_written(processor, flight, missin
 
 
 def test_the_constants_are_those_of_the_messages():
-    assert {int(number) for number in points._DATATYPES.values()} == {
+    assert {int(number) for number in cdr._DATATYPES.values()} == {
         PointField.FLOAT32,
         PointField.UINT8,
     }
@@ -107,7 +107,7 @@ def test_the_constants_are_those_of_the_messages():
         Marker.DELETE,
     )
     levels = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-    expected = statuses.OK, statuses.WARN, statuses.ERROR
+    expected = cdr.OK, cdr.WARN, cdr.ERROR
     assert tuple(level[0] for level in levels) == expected
 
 
@@ -117,7 +117,7 @@ def test_a_whole_runway_frame_field_by_field():
     for given in flight:
         outputs = processor.process(Frame(given.stamp_ns, 'nose', given.image))
     said = messages_of(processor, outputs)
-    rows = points.decode_points(said['line_params'])
+    rows = cdr.decode_points(said['line_params'])
     marker, corrections = said['lines'], said['corrections']
     assert said['line_params'].height == 1 and not said['line_params'].is_bigendian
     assert said['line_params'].row_step == 48 * len(rows) == len(said['line_params'].data)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from support.coded_videos import number_in, packets
 
-from mvuav_ros.messages.frame import BadFrame, Frame, VideoDecoder
-from mvuav_ros.messages.images import CodedImage
+from mvuav_ros.messages.images import BadFrame, CodedImage, Frame, VideoDecoder
 
 
 def decoded(parts):

@@ -9,7 +9,7 @@ pytest.importorskip('sensor_msgs')
 
 from mvuav_ros.messages import detections
 from mvuav_ros.messages.definitions import schema_of, typestore
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor

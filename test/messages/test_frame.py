@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import ImageDecoder
-from mvuav_ros.messages.images import IMAGE, decode_image, serialize_image, view_image
+from mvuav_ros.messages.images import IMAGE, ImageDecoder, decode_image, serialize_image, view_image
 from mvuav_ros.vision.image import Image, ImageError
 
 RANDOM = np.random.default_rng(0)

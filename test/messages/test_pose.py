@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.node_outputs import messages_of
 
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.simulation.settings import TankerSettings

@@ -10,8 +10,8 @@ pytest.importorskip('sensor_msgs')
 
 from rosbags.typesys import Stores, get_typestore
 
-from mvuav_ros.messages import transforms
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages import poses
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
@@ -44,7 +44,7 @@ CAMERA = 'nose_optical'
 
 @pytest.fixture(autouse=True)
 def tf2_msgs(monkeypatch):
-    monkeypatch.setattr(transforms, 'TF_TYPE', TYPES.types['tf2_msgs/msg/TFMessage'])
+    monkeypatch.setattr(poses, 'TF_TYPE', TYPES.types['tf2_msgs/msg/TFMessage'])
 
 
 def runway(**values):
@@ -183,9 +183,9 @@ def test_the_covariance_of_the_vehicle_has_the_cameras_lever():
     chance = np.random.default_rng(1)
     rotation = about_z(0.4) @ about_y(0.2) @ about_x(-0.1)
     root = np.diag([0.1, 0.2, 0.5, 0.01, 0.02, 0.03]) @ (np.eye(6) + 0.2)
-    camera = transforms.Placement(rotation, np.array([9.0, 2.0, 3.0]), root @ root.T)
-    mount = transforms.mount_of((5.0, -2.0, 1.0), (3.0, 20.0, -8.0))
-    given = transforms.vehicle_of(camera, mount)
+    camera = poses.Placement(rotation, np.array([9.0, 2.0, 3.0]), root @ root.T)
+    mount = poses.mount_of((5.0, -2.0, 1.0), (3.0, 20.0, -8.0))
+    given = poses.vehicle_of(camera, mount)
     samples = []
     for sample in chance.multivariate_normal(np.zeros(6), camera.covariance, 20_000):
         turn = np.eye(3) + np.cross(np.eye(3), sample[3:])

@@ -21,8 +21,8 @@ from support.live_stream import KEEP_EVERYTHING, START_NS, Stream
 from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import serialize_image
-from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.vision.image import ENCODINGS, Image
 
 BOTH = ('marker_tracker', 'runway_detector')

@@ -11,7 +11,7 @@ from support.coded_videos import (
     packets,
 )
 
-from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.publishing import FrameDecoder
 from mvuav_ros.vision.approach.attitude import Attitude

@@ -13,10 +13,10 @@ from support.live_stream import KEEP_EVERYTHING, Stream
 from support.marker_scenes import draw, tanker_at
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import ImageDecoder
 from mvuav_ros.messages.images import (
     COMPRESSED_IMAGE,
     IMAGE,
+    ImageDecoder,
     serialize_compressed_image,
     serialize_image,
 )

@@ -17,7 +17,7 @@ from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from support.marker_scenes import draw, tanker_at
 
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.sensors import encode_camera_info
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.simulation.settings import TankerSettings

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.frame import BadFrame, Frame
 from mvuav_ros.messages.images import (
     COMPRESSED_IMAGE,
     IMAGE,
+    BadFrame,
+    Frame,
     serialize_compressed_image,
     serialize_image,
 )
@@ -18,7 +19,7 @@ from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.nodes.image_input import ReceivedImage
 from mvuav_ros.nodes.publishing import FrameDecoder
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.sources.source import EncodedFrame, stamp_ns_of_image
+from mvuav_ros.sources.bag import EncodedFrame, stamp_ns_of_image
 from mvuav_ros.vision.image import ENCODINGS, Image, ImageError
 
 STAMP_NS = 1_700_000_000_000_000_007

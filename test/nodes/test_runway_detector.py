@@ -14,8 +14,8 @@ from support.graph import image_message
 from support.live_stream import KEEP_EVERYTHING
 from visualization_msgs.msg import Marker
 
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import decode_image
-from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 
 NODE = 'runway_detector'

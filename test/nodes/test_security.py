@@ -13,7 +13,7 @@ import pytest
 from sensor_msgs.msg import CompressedImage
 from support.graph import ROOT
 
-from mvuav_ros.messages import detections, transforms
+from mvuav_ros.messages import detections, poses
 from mvuav_ros.messages.image_files import compressed_size
 from mvuav_ros.messages.images import decode_compressed_image
 from mvuav_ros.processing.registry import PROCESSORS
@@ -82,7 +82,7 @@ def check_graph(graph, name):
 
     publishes = full(allowed(profile, 'topics', 'publish'))
     optional = {'/clock', '/image_raw', '/image_raw/compressed', '/camera_info', '/imu'}
-    if transforms.TF_TYPE is None:
+    if poses.TF_TYPE is None:
         publishes -= {'/tf'}
         optional.add('/tf_static')
     if not detections.TYPES:

@@ -10,10 +10,9 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from mvuav_ros.messages.cdr import cdr_header
-from mvuav_ros.messages.points import PointLayout
+from mvuav_ros.messages.cdr import PointLayout, cdr_header
+from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.panel.live_results import BAD, DOUBTFUL, GOOD, Figures, rotation_of
 from mvuav_ros.vision.integrity import RunwayLevels
 from mvuav_ros.vision.runway.results import LineFlag

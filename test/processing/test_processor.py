@@ -3,7 +3,7 @@
 import pytest
 from support.marker_scenes import image, tanker_at
 
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import DuplicateStampError, resolve
 

@@ -27,7 +27,7 @@ from mvuav_ros import (
     open_source,
     track,
 )
-from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -138,6 +139,26 @@ def test_corrupt_chunk_in_the_middle(tmp_path: Path, compression: str, summary: 
     if summary:  # only then do message indexes say how many there were
         lost = len(SAMPLES) - len(kept)
         assert f'{lost} messages lost' in error
+
+
+@pytest.mark.parametrize('places', [(0,), (-1,), (0, -1)])
+def test_a_damaged_definition_gives_no_wrong_name(tmp_path: Path, places: tuple[int, ...]) -> None:
+    """In the first chunk, in the summary, or differently in both."""
+    path = write_mcap(tmp_path / 'a.mcap', SAMPLES, 'none', chunk_size=10_000)
+    content = bytearray(path.read_bytes())
+    name = SAMPLES[0].topic.encode()
+    starts = [found.start() for found in re.finditer(re.escape(name), content)]
+    for place in places:
+        content[starts[place] + 3 + place] ^= 1
+    path.write_bytes(content)
+    if len(places) == 2:  # nobody knows which of the two is right
+        with pytest.raises(RecordingError, match='no readable topic'):
+            read(path)
+        return
+    got, errors = read(path)
+    assert set(got) <= set(SAMPLES)
+    assert len(got) > len(SAMPLES) / 2
+    assert errors
 
 
 def test_corrupt_chunk_of_ros1(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
-from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter

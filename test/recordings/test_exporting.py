@@ -19,9 +19,8 @@ import pytest
 from support.commands import mvuav
 from support.recording_samples import STORE, Sample, cdr, mcap_ends, write_mcap
 
-from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.cdr import cdr_header, view_points
 from mvuav_ros.messages.marker_messages import encode_markers, encode_rpy
-from mvuav_ros.messages.points import view_points
 from mvuav_ros.messages.untrusted import MalformedMessageError
 from mvuav_ros.recordings import tables
 from mvuav_ros.recordings import tables as result_rows

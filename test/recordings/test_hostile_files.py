@@ -34,8 +34,7 @@ from support.recording_samples import (
 )
 
 from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError
-from mvuav_ros.messages.frame import BadFrame
-from mvuav_ros.messages.images import COMPRESSED_VIDEO
+from mvuav_ros.messages.images import COMPRESSED_VIDEO, BadFrame
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.mcap_file import CHUNK_HEADER, HEADER, MAGIC
 from mvuav_ros.recordings.summary import summarise

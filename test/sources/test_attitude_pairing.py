@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mvuav_ros.sources.pairing import MAX_HELD, AttitudePairing
+from mvuav_ros.messages.sensors import MAX_HELD, AttitudePairing
 from mvuav_ros.vision.approach.attitude import Attitude
 
 MS = 1_000_000

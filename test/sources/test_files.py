@@ -26,8 +26,7 @@ from support.coded_videos import (
 )
 from support.recording_samples import START_NS
 
-from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.messages.images import COMPRESSED_VIDEO, FFMPEG_PACKET
+from mvuav_ros.messages.images import COMPRESSED_VIDEO, FFMPEG_PACKET, BadFrame, Frame
 from mvuav_ros.recordings.summary import summarise
 from mvuav_ros.recordings.writing import RecordingWriter
 from mvuav_ros.sources.bag import BagImages

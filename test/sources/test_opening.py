@@ -16,7 +16,7 @@ from support.recording_samples import (
     write_rosbag2,
 )
 
-from mvuav_ros.messages.frame import BadFrame, Frame
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.sources.files import ImageFolder, VideoFile
 from mvuav_ros.sources.opening import looks_like_bag, open_source
 from mvuav_ros.sources.source import SourceError

@@ -1,6 +1,6 @@
 """Images wait for the calibration of their own stamp, though not for ever."""
 
-from mvuav_ros.sources.pairing import MAX_HELD, StampPairing
+from mvuav_ros.messages.sensors import MAX_HELD, StampPairing
 
 
 def taken(pairing, wait=True):

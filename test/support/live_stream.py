@@ -11,8 +11,8 @@ from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
 from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import serialize_image
-from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.vision.image import Image
 from support.graph import EVERYTHING, Graph
 from support.marker_scenes import draw, tanker_at

@@ -15,7 +15,10 @@ from mvuav_ros.vision.image import Image
 
 
 def messages_of(processor: Processor, outputs: Iterable[Output]) -> dict[str, Any]:
-    return {topic: deserialize_message(make(), processor.type_of(topic)) for topic, make in outputs}
+    return {
+        topic: deserialize_message(make(), processor.message_types[topic])
+        for topic, make in outputs
+    }
 
 
 def image_of(image: Image, stamp_ns: int, frame_id: str) -> RosImage:

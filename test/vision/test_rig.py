@@ -7,8 +7,8 @@ import pytest
 from support.node_outputs import messages_of
 from support.places import ROOT
 
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor

@@ -11,8 +11,8 @@ from rclpy.serialization import deserialize_message
 
 from mvuav_ros.messages.cdr import cdr_header
 from mvuav_ros.messages.marker_messages import POINT
+from mvuav_ros.messages.poses import encode_integrity
 from mvuav_ros.messages.runway_messages import LINE
-from mvuav_ros.messages.statuses import encode_integrity
 from mvuav_ros.offline.evaluation.corners import COLUMNS as CORNER_COLUMNS
 from mvuav_ros.offline.simulated_messages import simulated_messages
 from mvuav_ros.processing.registry import PROCESSORS

@@ -17,8 +17,8 @@ PARTS: dict[str, tuple[str, ...]] = {
         'processing.tracking.TrackedFrame',
         'processing.tracking.draw',
         'sources.opening.open_source',
-        'messages.frame.Frame',
-        'messages.frame.BadFrame',
+        'messages.images.Frame',
+        'messages.images.BadFrame',
     ),
     'Images, cameras and rigs': (
         'vision.image.Image',

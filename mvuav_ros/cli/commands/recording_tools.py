@@ -71,7 +71,7 @@ def info(
 def _summarise_images(text: str, frames: FrameSource) -> FrameSummary:
     import numpy as np
 
-    from mvuav_ros.messages.frame import BadFrame
+    from mvuav_ros.messages.images import BadFrame
 
     summary = FrameSummary(text, rate_hz=frames.rate)
     formats: Counter[str] = Counter()

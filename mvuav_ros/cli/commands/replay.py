@@ -29,7 +29,8 @@ from mvuav_ros.offline.stopping import Interrupted, Stop, stop_on_signals
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from mvuav_ros.offline.replay.job import JobProgress, Plan, ReplayJob, ReplayOutcome
+    from mvuav_ros.offline.replay.batch import Plan
+    from mvuav_ros.offline.replay.job import JobProgress, ReplayJob, ReplayOutcome
 
 
 _MAX_REASONS = 5
@@ -238,7 +239,8 @@ def replay(
     recordings are skipped.
     """
     from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
-    from mvuav_ros.offline.replay.job import ReplaySettings, plan
+    from mvuav_ros.offline.replay.batch import plan
+    from mvuav_ros.offline.replay.job import ReplaySettings
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.source import Selection, SourceError
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
 
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import decode_image
-from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.recordings.reading import open_recording
 from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState

@@ -13,8 +13,8 @@ import numpy as np
 from rich.table import Table
 
 from mvuav_ros.cli.node_processes import NodeProcesses
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import IMAGE
-from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor

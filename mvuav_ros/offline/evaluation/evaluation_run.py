@@ -14,12 +14,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages.images import BadFrame, Frame
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
-from mvuav_ros.offline.replay import frame_replay
+from mvuav_ros.offline.replay import job as replay_job
 from mvuav_ros.offline.simulated_messages import truth_messages
 from mvuav_ros.processing.processor import Processor, resolve
 from mvuav_ros.processing.registry import PROCESSORS
@@ -148,13 +148,13 @@ def replay(
         RecordingError: the bag cannot be read.
         ParameterError: a parameter is not valid.
     """
-    processors = frame_replay.make_processors(parameters)
+    processors = replay_job.make_processors(parameters)
     run = EvaluationRun(text, names=names_of(processors))
     rejected = 0
     reasons: Counter[str] = Counter()
     seconds: list[float] = []
-    for step in frame_replay.replay(_frames(text, topic, run), processors):
-        if isinstance(step, frame_replay.FrameResults) and step.is_frame:
+    for step in replay_job.replay(_frames(text, topic, run), processors):
+        if isinstance(step, replay_job.FrameResults) and step.is_frame:
             run.frames += 1
             rejected += bool(step.reasons)
             reasons.update(step.reasons)

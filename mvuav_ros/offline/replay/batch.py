@@ -1,4 +1,4 @@
-"""Many recordings: each in a process or on a Dask cluster, and the manifest of what was done."""
+"""Many recordings: where their results go, each in a process or on a Dask cluster; the manifest."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from datetime import UTC, datetime
 from importlib import import_module
+from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, NamedTuple
 
 import mvuav_ros
 from mvuav_ros.offline.processes import Method, TaskProgress, run_in_processes
@@ -21,14 +22,75 @@ from mvuav_ros.offline.replay.job import (
     JobProgress,
     ReplayJob,
     ReplayOutcome,
+    ReplaySettings,
     attempt,
     description,
     is_own_input,
 )
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.processing.process_tuning import keep_freed_memory
+from mvuav_ros.recordings.account import RecordingError
+from mvuav_ros.recordings.layout import by_flight, recordings_in
 from mvuav_ros.recordings.remote import inside, is_url, read_text, size_at, write_text
+from mvuav_ros.sources.opening import PREFIX
 from mvuav_ros.sources.source import SourceError
+
+
+class Plan(NamedTuple):
+    """A job for each recording; ``folder`` is that of a batch's outputs, None for a single one."""
+
+    jobs: list[ReplayJob]
+    folder: str | None
+
+
+def plan(
+    sources: Sequence[str],
+    output: str,
+    settings: ReplaySettings,
+    *,
+    overwrite: bool = False,
+    absolute: bool = False,
+) -> Plan:
+    """Say where the results of each recording go.
+
+    Args:
+        sources: what the user names; of a folder of recordings each is a recording by itself.
+        output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
+            folder. A single recording's results as a rosbag2 folder are that folder.
+        settings: what is done with each of them.
+        overwrite: whether outputs that exist are replaced.
+        absolute: whether the paths are to hold in other processes.
+
+    Raises:
+        RecordingError: the output does not fit, or two recordings have the same name.
+        OSError: the folder cannot be made.
+    """
+    if absolute:
+        output = output if is_url(output) else str(Path(output).absolute())
+        sources = [_absolute(source) for source in sources]
+    sources = [each for source in sources for each in recordings_in(source)]
+    is_folder = settings.split_bytes is not None
+    if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
+        return Plan([ReplayJob(sources[0], output, settings, overwrite)], None)
+    if not output.endswith('/') and Path(output).suffix and not Path(output).is_dir():
+        raise RecordingError(
+            f'{output}: the name of a recording must end in .mcap'
+            if len(sources) == 1
+            else f'{output}: several inputs need a folder as output ({len(sources)} recordings)'
+        )
+    ending = '' if is_folder else '.mcap'
+    targets = {inside(output, name + ending): each for name, each in by_flight(sources).items()}
+    if not is_url(output):
+        Path(output).mkdir(parents=True, exist_ok=True)
+    jobs = [ReplayJob(source, target, settings, overwrite) for target, source in targets.items()]
+    return Plan(jobs, output)
+
+
+def _absolute(source: str) -> str:
+    if source.startswith(PREFIX) or is_url(source):
+        return source
+    return str(Path(source).expanduser().absolute())
+
 
 Event = tuple[int, JobProgress | ReplayOutcome]
 """The number of a job, and how far it is or what became of it."""

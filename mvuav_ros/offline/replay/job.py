@@ -1,39 +1,36 @@
-"""One recording through the nodes into one file: what is done, where to, and from what."""
+"""One recording through the nodes into one file, frame after frame, without a ROS graph."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
-import os
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
-from glob import glob
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mvuav_ros
-from mvuav_ros.offline.replay.frame_replay import (
-    FrameResults,
-    ReplayInput,
-    make_processors,
-    replay,
-    replay_in_threads,
-)
+from mvuav_ros.messages.cdr import cdr_header
+from mvuav_ros.messages.images import IMAGE, BadFrame, Frame, serialize_image
+from mvuav_ros.messages.sensors import is_rectified_topic, type_name
 from mvuav_ros.offline.stopping import Stop
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.processing.processor import DuplicateStampError, Output, Processor, resolve
+from mvuav_ros.processing.registry import PROCESSORS
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.layout import by_flight, recordings_in
 from mvuav_ros.recordings.recording import RecordedMessage
-from mvuav_ros.recordings.remote import inside, is_url, local_output, remote_state, size_at
+from mvuav_ros.recordings.remote import fingerprint, is_url, local_output, size_at
 from mvuav_ros.recordings.rosbag2_folder import Rosbag2Writer, open_writer
-from mvuav_ros.recordings.writing import RecordingWriter
-from mvuav_ros.sources.opening import PREFIX, looks_like_bag
-from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError, gamma_corrected
-from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.recordings.writing import RELIABLE_QOS, RecordingWriter
+from mvuav_ros.sources.bag import BagImages, EncodedFrame
+from mvuav_ros.sources.opening import looks_like_bag, open_source
+from mvuav_ros.sources.source import EVERYTHING, Selection, SourceError
+from mvuav_ros.vision.camera import CalibrationError, CameraModel
+from mvuav_ros.vision.image import ImageError
 
 DESCRIPTION = 'mvuav_replay'
 """The metadata record at the beginning of a replayed file."""
@@ -51,35 +48,6 @@ def description(source: str, settings: ReplaySettings) -> dict[str, str]:
         **fingerprint(source),
         'settings': json.dumps(dataclasses.asdict(settings), sort_keys=True),
     }
-
-
-def fingerprint(source: str) -> dict[str, str]:
-    """The input's path, and a digest of the names, sizes and times of its files."""
-    if is_url(source):
-        size, mark = remote_state(source)
-        return {'input': source, 'input_bytes': str(size), 'input_files': mark}
-    path = Path(source).expanduser()
-    digest = hashlib.sha256()
-    total = 0
-    for file in _files(path):
-        status = file.stat()
-        total += status.st_size
-        name = os.fsencode(file.name)
-        digest.update(b'%s\0%d\0%d\n' % (name, status.st_size, status.st_mtime_ns))
-    return {
-        'input': os.fsencode(path.resolve()).decode('utf-8', 'replace'),
-        'input_bytes': str(total),
-        'input_files': digest.hexdigest(),
-    }
-
-
-def _files(path: Path) -> Iterator[Path]:
-    if path.is_file():
-        yield path
-    elif path.is_dir():
-        yield from sorted(entry for entry in path.iterdir() if entry.is_file())
-    else:
-        yield from sorted(file for file in map(Path, glob(str(path))) if file.is_file())  # noqa: PTH207
 
 
 PROGRESS_INTERVAL = 0.1
@@ -183,6 +151,303 @@ class JobProgress(NamedTuple):
     total: int | None
 
 
+Item = Frame | BadFrame | EncodedFrame | RecordedMessage
+IMAGE_TOPIC = '/image_raw'
+"""Of the frames of a video or of image files."""
+
+
+class ReplayInput:
+    """A bag, a video, or images, or the part of it that a selection names."""
+
+    def __init__(
+        self,
+        text: str,
+        topic: str | None,
+        fps: float | None,
+        selection: Selection,
+        camera: CameraModel | None = None,
+    ) -> None:
+        """Open it; ``camera`` holds for all of its images, whatever they bring along.
+
+        Raises:
+            SourceError: there is no such thing, nothing in it can be read, or the calibration is
+                not one of its images.
+        """
+        self._source = open_source(text, topic=topic, rate=fps, cameras=False)
+        self._selection = selection
+        self._camera = camera
+        self.name = self._source.name
+        if camera is not None:
+            if isinstance(self._source, BagImages) and is_rectified_topic(self._source.topic):
+                self._camera = camera.rectified()
+            self._check(self._camera or camera)
+
+    def _check(self, camera: CameraModel) -> None:
+        """Whether the calibration is one of the first image."""
+        first = next((each for each in self._source.frames() if isinstance(each, Frame)), None)
+        if first is None:
+            return
+        try:
+            camera.check(first.image.width, first.image.height)
+        except CalibrationError as error:
+            self.close()
+            raise SourceError(f'{self.name}: {error}') from error
+
+    @property
+    def count(self) -> int | None:
+        """Number of frames as far as it is known."""
+        if isinstance(self._source, BagImages):
+            return self._source.count
+        return self._selection.count(self._source.count, self._source.rate)
+
+    @property
+    def account(self) -> Account:
+        """What cannot be read."""
+        return self._source.account
+
+    def items(self, *, keep: bool, camera: bool, attitude: bool) -> Generator[Item, None, None]:
+        """Frames, and the messages to be copied (``keep``).
+
+        Those of a bag have their calibrations and the body's attitude, if asked for.
+        """
+        for item in self._items(keep, camera and self._camera is None, attitude):
+            if self._camera is None or isinstance(item, RecordedMessage | BadFrame):
+                yield item
+            else:
+                yield replace(item, camera=self._camera)
+
+    def _items(self, keep: bool, camera: bool, attitude: bool) -> Iterator[Item]:
+        if isinstance(self._source, BagImages):
+            yield from self._source.items(
+                self._selection, others=keep, camera=camera, attitude=attitude
+            )
+            return
+        for index, frame in enumerate(self._selection.stretch(self._source.frames())):
+            if keep and isinstance(frame, Frame):
+                yield _message(frame)
+            if index % self._selection.every == 0:
+                yield frame
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._source.close()
+
+
+def _message(frame: Frame) -> RecordedMessage:
+    data = serialize_image(frame.image, cdr_header(frame.stamp_ns, frame.frame_id))
+    return RecordedMessage(IMAGE_TOPIC, IMAGE, frame.stamp_ns, data, None, RELIABLE_QOS)
+
+
+_MAX_UNDER_WAY, _MIN_UNDER_WAY = 16, 3
+"""Frames that are decoded ahead of the one that is written."""
+_MAX_BYTES = 48 << 20
+"""Of their messages and images, once there are `_MIN_UNDER_WAY`."""
+DEFECT = 'internal error of'
+"""What the reason begins with where the fault is ours."""
+
+
+class ResultMessage(NamedTuple):
+    """A node's result: its topic's full name, 'pkg/msg/Type', and CDR bytes."""
+
+    topic: str
+    type: str
+    data: bytes
+
+
+@dataclass(slots=True)
+class FrameResults:
+    """What the nodes made of one frame.
+
+    Attributes:
+        stamp_ns: the frame's, ns.
+        messages: the results, node after node.
+        reasons: why a node has none; empty where every node could use the frame.
+        seconds: that the nodes took for it.
+        is_frame: False for what nodes say once, at the end.
+    """
+
+    stamp_ns: int
+    messages: list[ResultMessage] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    is_frame: bool = True
+
+
+_UnderWay = RecordedMessage | list[Future[FrameResults]]
+
+
+def make_processors(parameters: Mapping[str, Mapping[str, Any]]) -> list[Processor]:
+    """The nodes' work, by their names, with the parameters that differ from the defaults.
+
+    Raises:
+        ParameterError: a parameter is unknown, or its value not valid.
+    """
+    processors = []
+    for name, values in parameters.items():
+        processor = PROCESSORS[name]()
+        processor.configure(processor.parameters_type.from_mapping(values))
+        processors.append(processor)
+    return processors
+
+
+def replay(
+    items: Iterable[Item],
+    processors: Sequence[Processor],
+    *,
+    debug: bool = False,
+) -> Generator[FrameResults | RecordedMessage, None, None]:
+    """The nodes' results for every frame of an input, under the topics of the live nodes.
+
+    Yields:
+        The frames' results in their order, messages as they are, and last what the nodes say at
+        the end.
+    """
+    last: Frame | None = None
+    for item in items:
+        if isinstance(item, EncodedFrame):
+            item = item.decoded()
+        if isinstance(item, RecordedMessage):
+            yield item
+        elif isinstance(item, BadFrame):
+            yield FrameResults(item.stamp_ns, reasons=[item.reason])
+        else:
+            last = item
+            yield merged(item.stamp_ns, [process(item, p, debug) for p in processors])
+    if last is not None:
+        yield merged(last.stamp_ns, [conclude(last, p) for p in processors], is_frame=False)
+
+
+def replay_in_threads(
+    items: Iterable[Item],
+    processors: Sequence[Processor],
+    threads: int,
+    *,
+    debug: bool = False,
+) -> Generator[FrameResults | RecordedMessage, None, None]:
+    """As `replay`, with the same results in the same order, while other frames are decoded.
+
+    What depends on earlier frames stays in order, in one thread for each node; what does not, the
+    decoding, is done by ``threads`` more. OpenCV lets go of Python's lock for nearly all of it.
+    """
+    lanes = [ThreadPoolExecutor(1, f'{processor.name} ') for processor in processors]
+    decoders = ThreadPoolExecutor(threads, 'decoding ')
+    last: list[Frame] = []
+
+    def work(processor: Processor, decoded: Future[Frame | BadFrame]) -> FrameResults:
+        frame = decoded.result()
+        if isinstance(frame, BadFrame):
+            return FrameResults(frame.stamp_ns, reasons=[frame.reason])
+        last[:] = [frame]
+        return process(frame, processor, debug)
+
+    def begin(item: Item) -> _UnderWay:
+        if isinstance(item, RecordedMessage):
+            return item
+        decoded = decoders.submit(item.decoded if isinstance(item, EncodedFrame) else lambda: item)
+        return [
+            lane.submit(work, processor, decoded)
+            for lane, processor in zip(lanes, processors, strict=True)
+        ]
+
+    def size(item: Item) -> int:
+        """Bytes; of what is not decoded yet as many as the frame before had."""
+        if isinstance(item, Frame):
+            return item.image.pixels.nbytes
+        if isinstance(item, EncodedFrame):
+            return len(item.recorded.data) + (last[0].image.pixels.nbytes if last else 0)
+        return len(item.data) if isinstance(item, RecordedMessage) else 0
+
+    under_way: deque[tuple[_UnderWay, int]] = deque()
+    bytes_under_way = 0
+    try:
+        for item in items:
+            under_way.append((begin(item), size(item)))
+            bytes_under_way += under_way[-1][1]
+            while under_way and (
+                _is_done(under_way[0][0])
+                or len(under_way) >= _MAX_UNDER_WAY
+                or (bytes_under_way > _MAX_BYTES and len(under_way) >= _MIN_UNDER_WAY)
+            ):
+                entry, held = under_way.popleft()
+                bytes_under_way -= held
+                yield _ended(entry)
+        for entry, _ in under_way:
+            yield _ended(entry)
+        if last:
+            parts = [conclude(last[0], processor) for processor in processors]
+            yield merged(last[0].stamp_ns, parts, is_frame=False)
+    finally:
+        for executor in (*lanes, decoders):
+            executor.shutdown(cancel_futures=True)
+
+
+def _is_done(entry: _UnderWay) -> bool:
+    return isinstance(entry, RecordedMessage) or all(part.done() for part in entry)
+
+
+def _ended(entry: _UnderWay) -> FrameResults | RecordedMessage:
+    if isinstance(entry, RecordedMessage):
+        return entry
+    parts = [part.result() for part in entry]
+    return merged(parts[0].stamp_ns, parts)
+
+
+def process(frame: Frame, processor: Processor, debug: bool) -> FrameResults:
+    """One node's results for one frame."""
+    results = FrameResults(frame.stamp_ns)
+    start = time.perf_counter()
+    try:
+        outputs = processor.process(frame, processor.debug_topics if debug else ())
+    except DuplicateStampError:
+        results.reasons.append('the stamp of the frame before')
+    except ImageError as error:
+        results.reasons.append(str(error))
+    except Exception as error:
+        # As in a live node, a defect of ours costs a frame and not the flight.
+        results.reasons.append(f'{DEFECT} {processor.name}: {type(error).__name__}: {error}')
+    else:
+        results.messages += _messages(processor, outputs)
+    results.seconds = time.perf_counter() - start
+    return results
+
+
+def conclude(frame: Frame, processor: Processor) -> FrameResults:
+    """What a node says at the end, in the name of the last frame that could be read."""
+    outputs = processor.periodic(cdr_header(frame.stamp_ns, frame.frame_id))
+    return FrameResults(frame.stamp_ns, _messages(processor, outputs))
+
+
+def merged(stamp_ns: int, parts: Sequence[FrameResults], *, is_frame: bool = True) -> FrameResults:
+    """The results of all nodes, in their order."""
+    return FrameResults(
+        stamp_ns,
+        [message for part in parts for message in part.messages],
+        list(dict.fromkeys(reason for part in parts for reason in part.reasons)),
+        sum(part.seconds for part in parts),
+        is_frame,
+    )
+
+
+def _messages(processor: Processor, outputs: Iterable[Output]) -> list[ResultMessage]:
+    node, types = f'/{processor.name}', processor.message_types
+    return [
+        ResultMessage(resolve(topic, node), type_name(types[topic]), make())
+        for topic, make in outputs
+    ]
+
+
+def gamma_corrected(items: Iterator[Item], gamma: float) -> Generator[Item, None, None]:
+    """The items with the image of every frame corrected; messages go through.
+
+    A gamma above 1 darkens.
+    """
+    for item in items:
+        frame = item.decoded() if isinstance(item, EncodedFrame) else item
+        if isinstance(frame, Frame):
+            frame = replace(frame, image=frame.image.gamma_corrected(gamma))
+        yield frame
+
+
 Writer = RecordingWriter | Rosbag2Writer
 Progress = Callable[[JobProgress], None]
 
@@ -217,13 +482,16 @@ def run_job(
                 camera=any(processor.uses_camera_info for processor in processors),
                 attitude=any(processor.awaits_attitude for processor in processors),
             )
-            with closing(gamma_corrected(items, settings.gamma)) as items:
+            with closing(items):
+                given: Iterator[Item] = items
+                if settings.gamma != 1.0:
+                    given = gamma_corrected(items, settings.gamma)
                 output = _Output(job, writer, outcome, source.account)
                 if threads == 1:
-                    steps = replay(items, processors, debug=settings.debug_images)
+                    steps = replay(given, processors, debug=settings.debug_images)
                 else:
                     steps = replay_in_threads(
-                        items, processors, threads - 1, debug=settings.debug_images
+                        given, processors, threads - 1, debug=settings.debug_images
                     )
                 with closing(steps):
                     _write(steps, output, source, progress, stop)
@@ -282,7 +550,7 @@ def _write(
     try:
         for step in steps:
             output.take(step)
-            if stop:
+            if stop.number:
                 outcome.interrupted = True
                 break
             if time.monotonic() >= reported + PROGRESS_INTERVAL:
@@ -329,59 +597,3 @@ def is_own_input(job: ReplayJob) -> bool:
     if source.is_dir() and looks_like_bag(source) and output.resolve().parent == source.resolve():
         return True
     return source.is_file() and output.exists() and output.samefile(source)
-
-
-class Plan(NamedTuple):
-    """A job for each recording; ``folder`` is that of a batch's outputs, None for a single one."""
-
-    jobs: list[ReplayJob]
-    folder: str | None
-
-
-def plan(
-    sources: Sequence[str],
-    output: str,
-    settings: ReplaySettings,
-    *,
-    overwrite: bool = False,
-    absolute: bool = False,
-) -> Plan:
-    """Say where the results of each recording go.
-
-    Args:
-        sources: what the user names; of a folder of recordings each is a recording by itself.
-        output: a path or URL: a name that ends in .mcap or, needed for several recordings, a
-            folder. A single recording's results as a rosbag2 folder are that folder.
-        settings: what is done with each of them.
-        overwrite: whether outputs that exist are replaced.
-        absolute: whether the paths are to hold in other processes.
-
-    Raises:
-        RecordingError: the output does not fit, or two recordings have the same name.
-        OSError: the folder cannot be made.
-    """
-    if absolute:
-        output = output if is_url(output) else str(Path(output).absolute())
-        sources = [_absolute(source) for source in sources]
-    sources = [each for source in sources for each in recordings_in(source)]
-    is_folder = settings.split_bytes is not None
-    if len(sources) == 1 and (is_folder or output.endswith('.mcap')):
-        return Plan([ReplayJob(sources[0], output, settings, overwrite)], None)
-    if not output.endswith('/') and Path(output).suffix and not Path(output).is_dir():
-        raise RecordingError(
-            f'{output}: the name of a recording must end in .mcap'
-            if len(sources) == 1
-            else f'{output}: several inputs need a folder as output ({len(sources)} recordings)'
-        )
-    ending = '' if is_folder else '.mcap'
-    targets = {inside(output, name + ending): each for name, each in by_flight(sources).items()}
-    if not is_url(output):
-        Path(output).mkdir(parents=True, exist_ok=True)
-    jobs = [ReplayJob(source, target, settings, overwrite) for target, source in targets.items()]
-    return Plan(jobs, output)
-
-
-def _absolute(source: str) -> str:
-    if source.startswith(PREFIX) or is_url(source):
-        return source
-    return str(Path(source).expanduser().absolute())

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 NAN = float('nan')
 
 
@@ -130,6 +133,17 @@ class MarkerResult:
     has_wings: bool = True
     ids: tuple[int, ...] = ()
     camera_doubt: str = ''
+
+
+def named_places(result: MarkerResult) -> tuple[list[int], NDArray[np.float64]]:
+    """The labels of the markers that were seen, and their places, (n, 2) px: what a pose needs."""
+    seen = [
+        marker
+        for marker in result.markers
+        if marker.state is MarkerState.DETECTED and marker.label != Label.UNLABELLED
+    ]
+    places = np.array([(marker.x, marker.y) for marker in seen]).reshape(-1, 2)
+    return [int(marker.label) for marker in seen], places
 
 
 def roll_of(left: Marker, right: Marker) -> float:

@@ -26,7 +26,7 @@ from support.recording_samples import (
 )
 
 from mvuav_ros.messages.definitions import decode_message
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import CAMERA_INFO
 from mvuav_ros.processing.processor import Processor
 from mvuav_ros.processing.registry import PROCESSORS

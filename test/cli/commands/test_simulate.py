@@ -11,8 +11,8 @@ from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from support.node_outputs import messages_of as messages_from
 from support.places import ROOT
 
+from mvuav_ros.messages.cdr import view_points as decode_points
 from mvuav_ros.messages.images import decode_image
-from mvuav_ros.messages.points import view_points as decode_points
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
 from mvuav_ros.processing.marker_processor import MarkerTrackerProcessor
 from mvuav_ros.recordings.reading import open_recording

@@ -12,8 +12,8 @@ import pytest
 from support.commands import mvuav_process, read, write_flight
 from support.recording_samples import START_NS, STEP_NS, STORE, Sample, cdr, image, write_mcap
 
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.offline.replay.frame_replay import make_processors, replay_in_threads
+from mvuav_ros.messages.images import Frame
+from mvuav_ros.offline.replay.job import make_processors, replay_in_threads
 from mvuav_ros.sources.source import SourceError
 from mvuav_ros.vision.image import Image
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.drawn_ground import drawn_strip
 
-from mvuav_ros.messages.frame import Frame
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
 from mvuav_ros.processing.runway_processor import RunwayDetectorProcessor
 from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine

@@ -9,8 +9,8 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from mvuav_ros.messages.frame import BadFrame, Frame
-from mvuav_ros.offline.replay.frame_replay import DEFECT, FrameResults, replay
+from mvuav_ros.messages.images import BadFrame, Frame
+from mvuav_ros.offline.replay.job import DEFECT, FrameResults, replay
 from mvuav_ros.processing.processor import Output, Processor, resolve
 from mvuav_ros.recordings.recording import RecordedMessage
 from mvuav_ros.vision.image import Image

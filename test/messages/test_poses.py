@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from mvuav_ros.messages import transforms
-from mvuav_ros.messages.frame import Frame
-from mvuav_ros.messages.points import view_points as decode_points
+from mvuav_ros.messages import poses
+from mvuav_ros.messages.cdr import view_points as decode_points
+from mvuav_ros.messages.images import Frame
 from mvuav_ros.messages.sensors import encode_camera_info, make_header
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
@@ -41,7 +41,7 @@ TANKER = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3, failur
 @pytest.fixture(autouse=True)
 def tf2_msgs(monkeypatch):
     """tf2_msgs is not on PyPI; its definition is in rosbags, whose reader is not ours."""
-    monkeypatch.setattr(transforms, 'TF_TYPE', TYPES.types['tf2_msgs/msg/TFMessage'])
+    monkeypatch.setattr(poses, 'TF_TYPE', TYPES.types['tf2_msgs/msg/TFMessage'])
 
 
 def matrix(translation, quaternion):
@@ -106,7 +106,7 @@ def test_a_point_of_the_runways_edge_lands_on_the_edges_pixel():
     """On that of the line that was found, and of the edge where it truly is."""
     processor = approach()
     said, info = fly(processor, RUNWAY), camera_info(RUNWAY)
-    assert processor.topics['/tf'] is transforms.TF_TYPE
+    assert processor.topics['/tf'] is poses.TF_TYPE
     checked = 0
     for outputs, frame in zip(said, RUNWAY, strict=True):
         if '/tf' not in outputs:
@@ -192,9 +192,7 @@ def test_the_covariance_follows_the_change_of_frame():
     translation = np.array([2.0, -1.0, 30.0])
     root = np.diag([0.1, 0.2, 0.5, 1e-3, 2e-3, 3e-3]) @ (np.eye(6) + 0.2 * np.ones((6, 6)))
     covariance = root @ root.T
-    given = transforms.camera_in_body(
-        Pose(rotation, translation, covariance, np.zeros((0, 2)), 0.0)
-    )
+    given = poses.camera_in_body(Pose(rotation, translation, covariance, np.zeros((0, 2)), 0.0))
     samples = []
     for sample in chance.multivariate_normal(np.zeros(6), covariance, 20_000):
         turn = about_x(sample[3]) @ about_y(sample[4]) @ about_z(sample[5])
@@ -241,7 +239,7 @@ def test_tf_can_be_switched_off_and_needs_tf2_msgs(make, monkeypatch):
     assert '/tf' in make().topics
     off = make(make.parameters_type(publish_tf='off'))
     assert '/tf' not in off.topics
-    monkeypatch.setattr(transforms, 'TF_TYPE', None)
+    monkeypatch.setattr(poses, 'TF_TYPE', None)
     without = make()
     assert '/tf' not in without.topics
     assert without.status == ''

@@ -1,9 +1,9 @@
-"""Where camera and target are to each other, as ``/tf`` and ``~/vision_pose`` carry it.
+"""Where camera and target are to each other, and how wrong that may be.
 
 ``/tf`` goes from the camera's optical frame to the target (a marker does so too), as the camera
 already has a parent on a robot that describes itself, or from the target to the vehicle.
 ``~/vision_pose`` is the vehicle, or the camera's body axes (x forward, y left, z up, REP-103), in
-the target's frame.
+the target's frame. ``~/integrity`` has the protection levels.
 """
 
 from __future__ import annotations
@@ -11,15 +11,32 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mvuav_ros.messages.cdr import CdrWriter, stamped_doubles, without_encapsulation
+from mvuav_ros.messages.cdr import (
+    ERROR,
+    OK,
+    WARN,
+    CdrWriter,
+    Status,
+    encode_statuses,
+    stamped_doubles,
+    texts,
+    without_encapsulation,
+)
 from mvuav_ros.vision.approach.results import Guidance
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_quaternion, from_rpy, quaternion
+from mvuav_ros.vision.integrity import (
+    IntegrityState,
+    ProtectionLevels,
+    RunwayLevels,
+    integrity_state,
+)
 from mvuav_ros.vision.pose import Pose
 
 Array = NDArray[np.float64]
@@ -67,10 +84,10 @@ def vehicle_of(camera: Placement, mount: Placement) -> Placement:
         mount: the same axes on the vehicle.
     """
     rotation = camera.rotation @ mount.rotation.T
-    x, y, z = arm = rotation @ mount.translation
+    arm = rotation @ mount.translation
+    jacobian = np.eye(6)
     # A small turn w about the outer axes moves the vehicle by arm x w.
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    jacobian = np.block([[np.eye(3), cross], [np.zeros((3, 3)), np.eye(3)]])
+    jacobian[:3, 3:] = _cross(arm)
     covariance = jacobian @ camera.covariance @ jacobian.T
     return Placement(rotation, camera.translation - arm, covariance)
 
@@ -142,15 +159,21 @@ def runway_in_camera(guidance: Guidance) -> Placement:
 def camera_in_body(pose: Pose) -> Placement:
     """The camera's body axes in the frame of a body that has that pose before it."""
     inverse = pose.rotation.T
-    x, y, z = pose.translation
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    jacobian = np.zeros((6, 6))
     # A small turn w about the optical axes moves the position by -Rᵀ [t]ₓ w, turns by -Rᵀ w.
-    jacobian = np.block([[-inverse, -inverse @ cross], [np.zeros((3, 3)), -inverse]])
+    jacobian[:3, :3] = jacobian[3:, 3:] = -inverse
+    jacobian[:3, 3:] = -inverse @ _cross(pose.translation)
     return Placement(
         inverse @ OPTICAL_FROM_BODY,
         -inverse @ pose.translation,
         jacobian @ pose.covariance @ jacobian.T,
     )
+
+
+def _cross(vector: Array) -> Array:
+    """The matrix whose product with w is the cross product of the vector with w."""
+    x, y, z = vector.tolist()
+    return np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
 
 
 def encode_transform(placement: Placement, header: bytes, child_frame: str) -> bytes:
@@ -178,3 +201,51 @@ def encode_pose(pose: Pose | None, header: bytes) -> bytes:
     if pose is not None:
         return encode_placement(body_in_camera(pose), header)
     return stamped_doubles(header, *[math.nan] * 43)
+
+
+def encode_integrity(
+    levels: ProtectionLevels | RunwayLevels,
+    alert_limits: Sequence[float],
+    risk: float,
+    header: bytes,
+) -> bytes:
+    """A DiagnosticArray with one status: OK available, WARN alert, ERROR not available.
+
+    Its values are the levels (m; degrees where the key says so), the alert limits and the
+    integrity risk per frame.
+    """
+    state = integrity_state(levels, alert_limits)
+    message = state.name.lower().replace('_', ' ')
+    if reason := levels.reason or ', '.join(levels.beyond(alert_limits)):
+        message += f': {reason}'
+    if isinstance(levels, ProtectionLevels):
+        name = 'pose'
+        axes: tuple[str, ...] = ('along', 'across', 'up')
+        values = texts(
+            along=levels.along,
+            across=levels.across,
+            up=levels.up,
+            horizontal=levels.horizontal,
+            vertical=levels.vertical,
+            roll_deg=math.degrees(levels.roll),
+            pitch_deg=math.degrees(levels.pitch),
+            yaw_deg=math.degrees(levels.yaw),
+        )
+    else:
+        name, axes = 'runway', ('offset', 'height')
+        values = texts(
+            offset=levels.offset,
+            height=levels.height,
+            heading_deg=math.degrees(levels.heading),
+        )
+    for axis, limit in zip(axes, alert_limits, strict=True):
+        values[f'alert_limit_{axis}'] = f'{limit:g}' if limit else 'none'
+    values['risk'] = f'{risk:g}'
+    return encode_statuses([Status(_LEVELS[state], name, message, values)], header)
+
+
+_LEVELS = {
+    IntegrityState.AVAILABLE: OK,
+    IntegrityState.ALERT: WARN,
+    IntegrityState.NOT_AVAILABLE: ERROR,
+}
