@@ -26,7 +26,7 @@ def run(missing, *arguments):
     ('missing', 'arguments', 'words'),
     [
         ('typer', ('mvuav', 'info', 'bags'), 'needs typer: apt install python3-typer'),
-        ('rich', ('mvuav', '--version'), 'needs rich: apt install python3-rich'),
+        ('rich', ('mvuav', 'info', 'bags'), 'needs rich: apt install python3-rich'),
         ('rclpy', ('marker_tracker',), 'marker_tracker needs ROS 2 (rclpy): source it'),
         ('yaml', ('video_source',), 'needs yaml: apt install python3-yaml'),
         ('matplotlib', ('mvuav', 'demo'), 'demo needs matplotlib: apt install python3-matplotlib'),

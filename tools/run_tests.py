@@ -32,7 +32,11 @@ QUICK = [
     *('test/vision', 'test/parameters', 'test/messages', 'test/processing', 'test/recordings'),
     *('test/sources', 'test/package'),
 ]
+MAX_TEST_SECONDS = 13 * 60.0  # of a part of `make test`, on two busy cores twice what it takes
+MAX_ENDING_SECONDS = 30.0  # in which a part that is interrupted says what it was at
 _BOOTSTRAPPED = '_ROS_WHEELS_BOOTSTRAP_COMPLETE'
+# With these pytest prints the difference of two images whole, which takes an hour.
+_TOLD_BY_CI = ('CI', 'BUILD_NUMBER')
 _running: set[subprocess.Popen[str]] = set()
 _ending = threading.Event()
 _COUNT = re.compile(r'(\d+) (passed|failed|skipped|error)')
@@ -43,6 +47,7 @@ class Part(NamedTuple):
 
     name: str
     commands: Callable[[], list[list[str]]]
+    max_seconds: float | None = None  # after which each command is ended, and has failed
 
 
 class Outcome(NamedTuple):
@@ -57,8 +62,12 @@ class Outcome(NamedTuple):
 
 
 def pytest(*arguments: str, python: Path = BIN / 'python') -> list[str]:
-    """A run of pytest; every skip is told with its reason, and the slowest tests."""
-    return [str(python), '-m', 'pytest', '-q', '-rfEs', '--durations=25', *arguments]
+    """A run of pytest; every skip is told with its reason, and the slowest tests.
+
+    A test that takes five minutes tells where it is.
+    """
+    told = ('-q', '-rfEs', '--durations=25', '-o', 'faulthandler_timeout=300')
+    return [str(python), '-m', 'pytest', *told, *arguments]
 
 
 def parallel(*arguments: str, python: Path = BIN / 'python') -> list[str]:
@@ -185,6 +194,10 @@ def stages(which: str) -> list[list[list[Part]]]:
             [style, Part('demo and panel', demo_and_panel)],
         ]
     ]
+    test = [
+        [[part._replace(max_seconds=MAX_TEST_SECONDS) for part in lane] for lane in lanes]
+        for lanes in test
+    ]
     rest = [[[Part('the longest', longest), *others, of_a_robot]]]
     return {
         'test': test,
@@ -204,7 +217,7 @@ def run(part: Part) -> Outcome:
     if not commands:
         return Outcome(part.name, 0, 0, 1, 0.0, 'not checked: no such Python on this machine')
     for command in commands:
-        status, last = _pass_on(part.name, command)
+        status, last = _pass_on(part.name, command, part.max_seconds)
         found = {word: int(number) for number, word in _COUNT.findall(last)}
         for word, number in found.items():
             counts[word] += number
@@ -235,12 +248,13 @@ def run_lanes(lanes: Sequence[Sequence[Part]]) -> list[Outcome]:
 
 
 def environment() -> dict[str, str]:
-    """Ours without what the wheels of ROS set for this Python alone.
+    """Ours without what says that this is CI, and what the wheels of ROS set for this Python alone.
 
     They start an interpreter a second time with the path of its own libraries, and mark that in the
     environment: another Python would take these libraries for its own.
     """
-    kept = {name: value for name, value in os.environ.items() if name != _BOOTSTRAPPED}
+    left_out = (_BOOTSTRAPPED, *_TOLD_BY_CI)
+    kept = {name: value for name, value in os.environ.items() if name not in left_out}
     own = str(BIN.parent)
     paths = [
         path
@@ -250,7 +264,7 @@ def environment() -> dict[str, str]:
     return kept | ({'LD_LIBRARY_PATH': os.pathsep.join(paths)} if paths else {})
 
 
-def _pass_on(name: str, command: Sequence[str]) -> tuple[int, str]:
+def _pass_on(name: str, command: Sequence[str], max_seconds: float | None) -> tuple[int, str]:
     """A command's exit status and its last line, everything shown as it comes."""
     last = ''
     if _ending.is_set():
@@ -267,14 +281,35 @@ def _pass_on(name: str, command: Sequence[str]) -> tuple[int, str]:
         start_new_session=True,
     ) as process:
         _running.add(process)
+        timers = _end_after(process, max_seconds) if max_seconds else []
         assert process.stdout is not None
         for line in process.stdout:
             # In one piece: another lane may write meanwhile.
             sys.stdout.write(f'{name} | {line.rstrip()}\n')
             sys.stdout.flush()
             last = line.strip() or last
+    for timer in timers:
+        timer.cancel()
     _running.discard(process)
     return process.returncode, last
+
+
+def _end_after(process: subprocess.Popen[str], seconds: float) -> list[threading.Timer]:
+    """Interrupt a command and all that it started, and kill them if that does not end them."""
+
+    def end(number: signal.Signals) -> None:
+        print(f'{process.args} is ended: {number.name}, as it did not end in {seconds:.0f} s')
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+
+    timers = [
+        threading.Timer(seconds, end, (signal.SIGINT,)),
+        threading.Timer(seconds + MAX_ENDING_SECONDS, end, (signal.SIGKILL,)),
+    ]
+    for timer in timers:
+        timer.daemon = True
+        timer.start()
+    return timers
 
 
 def summarize(outcomes: Sequence[Outcome]) -> int:

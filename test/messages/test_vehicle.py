@@ -1,6 +1,7 @@
 """The vehicle's pose and the tree of frames, against the arithmetic of those who take them."""
 
 import math
+from itertools import islice
 from types import SimpleNamespace as Some
 
 import numpy as np
@@ -60,7 +61,7 @@ RUNWAY = list(RunwayFlight(RunwaySettings(frames=8, runway_width=WIDTH, camera_p
 RUNWAY_CAMERA = camera_model(
     RunwayFlight(RunwaySettings(frames=1, runway_width=WIDTH, camera_pitch_deg=20.0)).camera
 )
-TANKER_FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=4, seed=3))
+TANKER_FLIGHT = TankerFlight(TankerSettings(motion='docking', frames=90, seed=3))
 
 
 def fly(processor, frames, camera, frame_id=CAMERA):
@@ -72,7 +73,7 @@ def fly(processor, frames, camera, frame_id=CAMERA):
 
 
 def fly_tanker(processor, frame_id=CAMERA):
-    return fly(processor, TANKER_FLIGHT, camera_model(TANKER_FLIGHT.camera), frame_id)
+    return fly(processor, islice(TANKER_FLIGHT, 4), camera_model(TANKER_FLIGHT.camera), frame_id)
 
 
 def place(data):

@@ -44,6 +44,27 @@ def test_a_later_command_runs_although_an_earlier_one_failed(runner, tmp_path):
     assert late.exists() and outcome.failed == 1 and outcome.passed == 3
 
 
+@pytest.mark.parametrize(
+    'ignores', ['', 'import signal; signal.signal(signal.SIGINT, lambda *_: 0);']
+)
+def test_a_command_that_does_not_end_is_ended_and_has_failed(runner, monkeypatch, ignores):
+    monkeypatch.setattr(runner, 'MAX_ENDING_SECONDS', 0.5)
+    asleep = f'{ignores} import time\nwhile True: time.sleep(600)'
+    part = runner.Part('part', lambda: [[sys.executable, '-c', asleep]], max_seconds=0.5)
+    assert runner.run(part)[1:4] == (0, 1, 0)
+
+
+def test_no_part_of_make_test_goes_on_for_ever(runner):
+    parts = [part for lanes in runner.stages('test') for lane in lanes for part in lane]
+    assert all(part.max_seconds for part in parts)
+
+
+def test_the_tests_are_not_told_that_this_is_ci(runner, monkeypatch):
+    """Else pytest prints the whole difference of two images, which takes an hour."""
+    monkeypatch.setenv('CI', 'true')
+    assert 'CI' not in runner.environment()
+
+
 def test_what_the_machine_lacks_is_said(runner):
     outcome = runner.run(runner.Part('Python 3.99', lambda: []))
     assert outcome.skipped == 1 and 'no such Python' in outcome.note

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -18,8 +18,8 @@ class FaultTuning:
     """How much evidence a doubt takes.
 
     Chosen on seeds 0 to 29 of flights of bare lights (`mvuav_thesis.light_flights`) and on the
-    simulator's docking approaches; `protected_by_few` and `fitting` on seeds 9000 to 9029 and 9500
-    to 9529.
+    simulator's docking approaches; `protected` on seeds 9000 to 9029 and 9500 to
+    9529.
     """
 
     # Squared distance over variance from which on a marker contradicts the others.
@@ -37,23 +37,14 @@ class FaultTuning:
     # Evidence that a marker has against it that was out of sight shortly before.
     returned: float = 50.0
     # px (1 sigma), of a marker's place by the others, up to which they would contradict another
-    # light there.
-    protected: float = 4.0
-    # The same where too few are in sight to determine each other's places later.
-    protected_by_few: float = 1.3
+    # light there, where too few are in sight to determine each other's places later.
+    protected: float = 1.3
     # Markers not out of sight before, by which alone others' places are determined.
     min_determining: int = 2
     min_agreeing: int = 4  # markers that determine each other's places
     # px (1 sigma): how far from a marker's place a light lies that has been taken for it.
     beside: float = 6.0
     inflate: float = 4.0  # by which the covariance is inflated where what is seen makes no sense
-    # By which they grow to find out whether it is only the motion that was not foreseen.
-    free: float = 1e3
-    min_free: int = 8  # coordinates for that
-    # Squared residuals over their variances up to which markers then fit the rig, which are more
-    # than can fit any other.
-    fitting: float = 12.0
-    fitting_few: float = 4.0  # the same of as few as can decide
 
 
 TUNING = FaultTuning()
@@ -216,27 +207,23 @@ class FaultDetector:
             return Consensus(self.views.view, (), (), tuple(found))
         return Consensus(view, tuple(rest), tuple(m for m in found if m not in rest))
 
-    def unverified(
-        self, found: Mapping[int, Point], returned: Collection[int], untrusted: Collection[int] = ()
-    ) -> set[int]:
-        """Which of the markers found lie where the others do not determine their places.
+    def unverified(self, found: Mapping[int, Point], untrusted: Set[int]) -> set[int]:
+        """Which of the untrusted markers lie where the others do not determine their places.
 
-        Asked are those that were out of sight shortly before, and where few are in sight also those
-        that were not alone.
+        Where enough are in sight, later frames show it.
         """
-        few = len(found) < TUNING.min_agreeing
-        doubtful = {m for m in found if m in returned or (few and m in untrusted)}
-        if not doubtful:
+        doubtful = untrusted & found.keys()
+        if not doubtful or len(found) >= TUNING.min_agreeing:
             return set()
-        if few and len(found) - len(doubtful) < TUNING.min_determining:
-            return doubtful
+        if len(found) - len(doubtful) < TUNING.min_determining:
+            return set(doubtful)
         correction = self._correct(found)
-        limit = TUNING.protected_by_few if few else TUNING.protected
         rows = {m: 1 + m if self.views.has_bank else 0 for m in doubtful}
         return {
             marker
             for index, marker in enumerate(found)
-            if marker in doubtful and correction.deviation_by_others(rows[marker], index) > limit
+            if marker in doubtful
+            and correction.deviation_by_others(rows[marker], index) > TUNING.protected
         }
 
     def inflate(self) -> None:

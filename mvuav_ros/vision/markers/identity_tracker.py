@@ -243,7 +243,7 @@ class IdentityTracker:
         # Where other lights are about, some three of all nearly always look like three markers.
         if len(search.reacquired) >= FAULTS.min_agreeing or not self._clutter.is_about:
             memory.trust(search.reacquired)
-        unverified = search.faults.unverified(places_of(search.found), (), memory.untrusted)
+        unverified = search.faults.unverified(places_of(search.found), memory.untrusted)
         expected = self._in_image(search.expected(search.missing))
         odds = search.finish()
         for index, (x, y, deviation) in expected.items():
