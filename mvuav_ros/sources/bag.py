@@ -38,8 +38,8 @@ from mvuav_ros.sources.source import (
     Selection,
     SourceError,
 )
-from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
+from mvuav_ros.vision.frames import Attitude
 from mvuav_ros.vision.image import ImageError
 
 _MAX_NAMES = 20
