@@ -15,13 +15,13 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext, redirect_stdout
 from importlib import import_module
 from io import StringIO
-from types import FrameType, SimpleNamespace, UnionType
-from typing import Annotated, Any, NoReturn, Union, get_args, get_origin, get_type_hints
+from types import FrameType
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 import mvuav_ros
-from mvuav_ros.cli.options import AsJson, MaxSize, Strict
+from mvuav_ros.cli.options import AsJson, MaxSize, Strict, take_options
 from mvuav_ros.cli.terminal import report_account, say
 from mvuav_ros.missing_module import explain_missing_module
 from mvuav_ros.offline.stopping import SIGNALS, Interrupted
@@ -52,46 +52,6 @@ COMMANDS = {
 """The module of `mvuav_ros.cli.commands` that has a function or a group of that name."""
 
 
-def spell_unions_out(app: typer.Typer) -> None:
-    """Write ``X | None`` as ``Optional[X]`` in all commands of an application and its groups."""
-    callbacks = [command.callback for command in app.registered_commands]
-    if app.registered_callback is not None:
-        callbacks.append(app.registered_callback.callback)
-    for callback in filter(None, callbacks):
-        hints = _hints(callback)
-        _annotate(callback, {name: _spelt(hint) for name, hint in hints.items()})
-    for group in app.registered_groups:
-        if group.typer_instance is not None:
-            spell_unions_out(group.typer_instance)
-
-
-def _hints(work: Callable[..., Any]) -> dict[str, Any]:
-    """Of its options; the type of what it returns may be known to type checkers only."""
-    options = {name: hint for name, hint in work.__annotations__.items() if name != 'return'}
-    where = getattr(work, '__globals__', {})
-    return get_type_hints(SimpleNamespace(__annotations__=options), where, include_extras=True)
-
-
-def _annotate(callback: Callable[..., Any], annotations: dict[str, Any]) -> None:
-    """Both where typer looks."""
-    signature = inspect.signature(callback)
-    callback.__annotations__ = annotations
-    callback.__signature__ = signature.replace(  # type: ignore[attr-defined]
-        parameters=[
-            parameter.replace(annotation=annotations[name])
-            for name, parameter in signature.parameters.items()
-        ],
-        return_annotation=None,
-    )
-
-
-def _spelt(hint: Any) -> Any:
-    if get_origin(hint) is Annotated:
-        inner, *extras = get_args(hint)
-        return Annotated[(_spelt(inner), *extras)]
-    return Union[get_args(hint)] if isinstance(hint, UnionType) else hint  # noqa: UP007
-
-
 def account_for_inputs(app: typer.Typer) -> None:
     """Make every command of an application and its groups that has an input account for it."""
     for command in app.registered_commands:
@@ -103,8 +63,8 @@ def account_for_inputs(app: typer.Typer) -> None:
 
 
 def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
-    signature, hints = inspect.signature(work), _hints(work)
-    added = {name: each for name, each in _ADDED.items() if name not in signature.parameters}
+    own = inspect.signature(work, eval_str=True).parameters
+    added = {name: each for name, each in _ADDED.items() if name not in own}
 
     def run(**given: Any) -> None:
         from mvuav_ros.recordings.compression import allowing
@@ -127,17 +87,8 @@ def _accounting(work: Callable[..., Any]) -> Callable[..., None]:
         if strict and any(account.is_lossy for account in accounts):
             raise RecordingError('--strict: something was lost or altered; see above')
 
-    parameters = [
-        inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
-        )
-        for name, (annotation, default) in added.items()
-    ]
     run.__name__, run.__doc__ = work.__name__, work.__doc__
-    run.__annotations__ = {**hints, **{name: annotation for name, (annotation, _) in added.items()}}
-    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
-        parameters=[*signature.parameters.values(), *parameters]
-    )
+    take_options(run, own.values(), added)
     return run
 
 
@@ -173,7 +124,6 @@ def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
         else:
             app.command(name)(command)
     account_for_inputs(app)
-    spell_unions_out(app)
     return app
 
 

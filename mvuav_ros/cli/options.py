@@ -1,15 +1,40 @@
-"""Options that several commands share."""
+"""Options that several commands share, and commands whose options are not in their code.
+
+What may be left out is an ``Optional``: typer 0.9, which a robot has, knows no ``X | None``.
+"""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Optional
 
 import typer
 
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.remote import is_url, size_at
+
+
+def take_options(
+    command: Callable[..., None],
+    own: Iterable[inspect.Parameter],
+    added: Mapping[str, tuple[Any, Any]],
+) -> None:
+    """Let a command that takes ``**given`` be one with options, in both places where typer looks.
+
+    Args:
+        command: is changed.
+        own: its parameters, whose annotations are no texts.
+        added: more of them: annotation and default by name.
+    """
+    parameters = [*own]
+    for name, (annotation, default) in added.items():
+        kind = inspect.Parameter.KEYWORD_ONLY
+        parameters.append(inspect.Parameter(name, kind, default=default, annotation=annotation))
+    command.__annotations__ = {each.name: each.annotation for each in parameters}
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
 
 
 class Storage(StrEnum):
@@ -24,15 +49,15 @@ class Storage(StrEnum):
 
 
 ParamsFile = Annotated[
-    Path | None, typer.Option(help='A ROS 2 parameter file.', show_default=False)
+    Optional[Path], typer.Option(help='A ROS 2 parameter file.', show_default=False)
 ]
 Param = Annotated[
-    list[str] | None,
+    Optional[list[str]],
     typer.Option(help='A parameter, node:name:=value; may be repeated.', show_default=False),
 ]
-ImageTopic = Annotated[str | None, typer.Option(help='Image topic of a bag that has several.')]
+ImageTopic = Annotated[Optional[str], typer.Option(help='Image topic of a bag that has several.')]
 CameraInfo = Annotated[
-    str | None,
+    Optional[str],
     typer.Option(
         help="The camera's calibration for all images: the YAML file of camera_calibration.",
         metavar='FILE',
@@ -40,10 +65,12 @@ CameraInfo = Annotated[
     ),
 ]
 Dask = Annotated[
-    str | None,
+    Optional[str],
     typer.Option(help='Run on a Dask cluster; the address of its scheduler.', metavar='tcp://…'),
 ]
-Json = Annotated[Path | None, typer.Option('--json', help='Also write the numbers to this file.')]
+Json = Annotated[
+    Optional[Path], typer.Option('--json', help='Also write the numbers to this file.')
+]
 Format = Annotated[
     Storage, typer.Option('--format', help='mcap files, or rosbag2 folders with metadata.yaml.')
 ]
@@ -54,7 +81,7 @@ Strict = Annotated[
     bool, typer.Option('--strict', help='Exit with status 1 if anything was lost or rejected.')
 ]
 MaxSize = Annotated[
-    int | None,
+    Optional[int],
     typer.Option(
         help='MB that each file may become when it is unpacked; default: 200 times its size, and '
         'at least 537.',

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -30,7 +30,7 @@ _WORDS = ('node', 'image', 'case', 'beside', '')
 
 def bench(
     suite: Annotated[
-        list[str] | None,
+        Optional[list[str]],
         typer.Argument(
             help=f'Suites to run: {", ".join(SUITES)}; default: all of these. live: the nodes as '
             'processes on real DDS, compared with a subscriber that only receives the images.'

@@ -6,7 +6,7 @@ import math
 from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -26,7 +26,8 @@ _LITTLE = 0.6
 
 
 ReportFolder = Annotated[
-    Path | None, typer.Option(help='Folder for the report; _report beside the file if not given.')
+    Optional[Path],
+    typer.Option(help='Folder for the report; _report beside the file if not given.'),
 ]
 
 
@@ -48,7 +49,7 @@ def calibrate(
     ],
     square: Annotated[float, typer.Option(help='Side of a square, m.')],
     charuco: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(help='The board is a ChArUco board with this dictionary: DICT_5X5_100.'),
     ] = None,
     marker: Annotated[
@@ -133,7 +134,7 @@ def _rig() -> None:
 def check(
     file: Annotated[Path, typer.Argument(help='A rig file like config/tanker_747.yaml.')],
     distance: Annotated[
-        list[float] | None,
+        Optional[list[float]],
         typer.Option(help='Distance from the camera, m; may be repeated.', show_default=False),
     ] = None,
     width: Annotated[int, typer.Option(help='Width of the images, px.', min=16)] = 640,
@@ -204,7 +205,7 @@ def calibrate_rig(
     rig: Annotated[Path, typer.Option(help='The rig as far as it is known, within a few percent.')],
     camera_info: CameraInfo = None,
     distance: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(
             help='A measured distance of two lights, m; without, the scale is that of the rough '
             'rig.',

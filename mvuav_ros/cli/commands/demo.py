@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -27,7 +27,7 @@ def demo(
         'out'
     ),
     bags: Annotated[
-        Path | None, typer.Option(help='Folder of the sample bags.', show_default=False)
+        Optional[Path], typer.Option(help='Folder of the sample bags.', show_default=False)
     ] = None,
     panel: Annotated[
         bool,

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from typer.core import TyperGroup
@@ -37,7 +37,7 @@ def corners(
     params_file: ParamsFile = None,
     param: Param = None,
     horizon: Annotated[
-        Path | None,
+        Optional[Path],
         typer.Option(
             help='CSV file with the horizon of each frame, instead of an attitude: columns file, '
             'row_at_centre (px) and slope_deg (right end down positive).'
@@ -51,7 +51,7 @@ def corners(
     ] = 0.05,
     as_json: Json = None,
     images: Annotated[
-        Path | None, typer.Option(help='Folder for overlays: best, median, worst, each failure.')
+        Optional[Path], typer.Option(help='Folder for overlays: best, median, worst, each failure.')
     ] = None,
     minimum: Annotated[
         float,
@@ -233,10 +233,10 @@ def bag(
         typer.Option('--replay', help='Run the nodes even if the bag holds their results.'),
     ] = False,
     params_file: Annotated[
-        Path | None, typer.Option(help='A ROS 2 parameter file; implies --replay.')
+        Optional[Path], typer.Option(help='A ROS 2 parameter file; implies --replay.')
     ] = None,
     param: Annotated[
-        list[str] | None,
+        Optional[list[str]],
         typer.Option(
             help='node:name:=value; may be repeated; implies --replay.', show_default=False
         ),

@@ -44,7 +44,7 @@ def info(
         str,
         typer.Argument(metavar='INPUT', help='A bag, a video file, or a folder or glob of images.'),
     ],
-) -> RecordingSummary | FrameSummary:
+) -> object:
     """Say what is inside INPUT: topics, types, counts, rates, sizes, encodings and damage."""
     from mvuav_ros.recordings.summary import summarise
     from mvuav_ros.sources.opening import looks_like_bag, open_source

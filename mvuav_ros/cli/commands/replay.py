@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
@@ -180,7 +180,7 @@ def replay(
     params_file: ParamsFile = None,
     param: Param = None,
     fps: Annotated[
-        float | None,
+        Optional[float],
         typer.Option(
             help='Frame rate of images without stamps (folder: 30, video: its own).', min=0.001
         ),
@@ -189,7 +189,7 @@ def replay(
         float, typer.Option(help='Start at this time of the recording, s.', min=0.0)
     ] = 0.0,
     duration: Annotated[
-        float | None, typer.Option(help='Length of the part to process, s.', min=0.0)
+        Optional[float], typer.Option(help='Length of the part to process, s.', min=0.0)
     ] = None,
     every: Annotated[
         int, typer.Option(help='Process only every N-th frame.', metavar='N', min=1)
@@ -220,7 +220,7 @@ def replay(
     storage: Format = Storage.MCAP,
     split_mb: SplitMb = 0,
     jobs: Annotated[
-        int | None,
+        Optional[int],
         typer.Option(
             help='Number of cores that share the work; default: all.',
             min=1,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mvuav_ros.cli.options import Force, refuse_to_overwrite
+from mvuav_ros.cli.options import Force, refuse_to_overwrite, take_options
 from mvuav_ros.cli.terminal import frame_progress, say
 from mvuav_ros.offline.stopping import Interrupted, stop_on_signals
 from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
@@ -38,17 +38,14 @@ def _command(kind: str, settings: type[ParameterSet]) -> Callable[..., None]:
             given['width'], given['height'] = _parse_size(size)
         _write(kind, given, output, force)
 
-    parameters = list(inspect.signature(run).parameters.values())[:-1]
-    hints = get_type_hints(run, include_extras=True)
+    options = {}
     for spec in settings.specs():
         limits = ', '.join(filter(None, (spec.unit, spec.constraint)))
         words = spec.description + (f' [{limits}]' if limits else '')
-        hints[spec.name] = Annotated[spec.type, typer.Option(help=words)]
-        parameters.append(
-            inspect.Parameter(spec.name, inspect.Parameter.KEYWORD_ONLY, default=spec.default)
-        )
-    run.__doc__, run.__annotations__ = settings.__doc__, hints
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        options[spec.name] = Annotated[spec.type, typer.Option(help=words)], spec.default
+    run.__doc__ = settings.__doc__
+    *own, _given = inspect.signature(run, eval_str=True).parameters.values()
+    take_options(run, own, options)
     return run
 
 

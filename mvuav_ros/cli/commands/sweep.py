@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -31,14 +31,14 @@ def sweep(
         ),
     ],
     param: Annotated[
-        list[str] | None,
+        Optional[list[str]],
         typer.Option(help='node:name:=value,value,…; several make a grid.', show_default=False),
     ] = None,
     output: Annotated[
         Path, typer.Option('--output', '-o', help='Folder for table, trends and report.')
     ] = Path('out/sweep'),
     nodes: Annotated[
-        str | None,
+        Optional[str],
         typer.Option(help='Nodes to run; default: those of --param.', show_default=False),
     ] = None,
     params_file: ParamsFile = None,
