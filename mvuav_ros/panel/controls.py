@@ -1,39 +1,27 @@
-"""How a parameter is set by hand, from its ROS descriptor alone."""
+"""How a parameter is set by hand, by what its node's kind declares of it."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, ParameterType
-
 from mvuav_ros.panel import sanitized
-from mvuav_ros.parameters.declaration import DescriptorText, Value, default_text, read_description
+from mvuav_ros.parameters.declaration import ParameterSet, ParameterSpec, Value, default_text
 from mvuav_ros.parameters.parameter_file import is_every_nodes
 
-_CHOICES = 'one of '
 _LOGARITHMIC = 40
 """A range whose ends have at least this ratio is spread logarithmically."""
 _MAX_STEPS = 500
 """Positions of a slider that a hand can still distinguish."""
-_MAX_RANGE = 1e15
-"""Ends of a range that is a range: beyond that any number is allowed."""
-_SHORT = 40
 _MAX_INTEGER = 2**63 - 1
 _BETWEEN = re.compile(r'[,;\s()\[\]]+')
 """Several numbers."""
-_TYPES = {
-    ParameterType.PARAMETER_BOOL: bool,
-    ParameterType.PARAMETER_INTEGER: int,
-    ParameterType.PARAMETER_DOUBLE: float,
-    ParameterType.PARAMETER_STRING: str,
-    ParameterType.PARAMETER_DOUBLE_ARRAY: tuple,
-}
+EVERY_NODE, OTHER = 'Every ROS node', 'Other'
+"""Stages of what is not declared."""
 
 
 class Kind(Enum):
@@ -47,56 +35,38 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True)
-class Control:
-    """A parameter's widget and its words; see `ParameterSpec`.
+class Control(ParameterSpec):
+    """A parameter as the panel sets it.
 
-    ``type`` is None of one that the panel only shows, a tuple is of numbers; ``text`` is what the
-    descriptor's description says. Ends that the descriptor does not say are NaN.
+    One that is not ``declared`` has a type only, that of its value, which stands for the default.
     """
 
-    name: str
-    kind: Kind
-    type: type | None
-    text: DescriptorText
-    constraint: str = ''
-    minimum: float = math.nan
-    maximum: float = math.nan
-    choices: tuple[str, ...] = ()
-    odd: bool = False
-    read_only: bool = False
+    declared: bool = True
+
+    @property
+    def kind(self) -> Kind:
+        """The widget."""
+        if self.type is bool:
+            return Kind.SWITCH
+        if self.type in (int, float):
+            return Kind.NUMBER if self.maximum is None else Kind.SLIDER
+        return Kind.MENU if self.choices else Kind.TEXT
 
     @property
     def is_every_nodes(self) -> bool:
         """Whether every ROS node has it, without a meaning for vision."""
-        return is_every_nodes(self.name)
-
-    @property
-    def stage(self) -> str:
-        """Of the processing."""
-        return 'Every ROS node' if self.is_every_nodes else self.text.stage or 'Other'
+        return self.stage == EVERY_NODE
 
     @property
     def label(self) -> str:
         """The name for people."""
         return sanitized.words(self.name)
 
-    @property
-    def default(self) -> Value | None:
-        """What its description says; None where that is nothing."""
-        said = self.text.default
-        if self.type is bool:
-            return said == 'on' if said else None
-        if self.type is str:
-            return '' if said == '(empty)' else said or None
-        with suppress(ValueError):
-            return self.parse(said) if said and self.type is not None else None
-        return None
-
-    def counts(self, values: Mapping[str, Any]) -> bool:
-        """Whether it has an effect while the node's parameters have these values."""
-        return not self.text.counts or any(
+    def has_effect(self, values: Mapping[str, Any]) -> bool:
+        """Whether it has one while the node's parameters have these values."""
+        return not self.counts or any(
             all(str(values.get(name)) in wanted for name, wanted in condition.items())
-            for condition in self.text.counts
+            for condition in self.counts
         )
 
     def parse(self, words: object) -> Value:
@@ -118,6 +88,20 @@ class Control:
         return int(number)
 
 
+def controls_of(declared: type[ParameterSet], values: Mapping[str, Any]) -> list[Control]:
+    """The controls of a node's parameters, in the order of their values."""
+    specs = {spec.name: Control(**vars(spec)) for spec in declared.specs()}
+    return [specs.get(name) or _undeclared(name, value) for name, value in values.items()]
+
+
+def _undeclared(name: str, value: Any) -> Control:
+    stage = EVERY_NODE if is_every_nodes(name) else OTHER
+    # Of what every node has, the clock alone can be chosen while it runs.
+    fixed = value is None or (stage == EVERY_NODE and name != 'use_sim_time')
+    known = '' if value is None else value
+    return Control(name, known, '', stage=stage, read_only=fixed, declared=False)
+
+
 def _number(words: str, wanted: str) -> float:
     try:
         number = float(words)
@@ -133,11 +117,9 @@ def scale_of(control: Control, image_size: float = 0.0) -> tuple[float, ...]:
 
     Places and lengths in the image end at the longer side of the node's images (px; 0: not known).
     """
-    low, high = control.text.usual or (control.minimum, control.maximum)
-    low, high = max(low, control.minimum), min(high, control.maximum)
-    if low >= high:
-        low, high = control.minimum, control.maximum
-    if control.text.unit == 'px' and image_size > 0 and control.text.usual:
+    assert control.minimum is not None and control.maximum is not None
+    low, high = control.usual or (control.minimum, control.maximum)
+    if control.unit == 'px' and image_size > 0 and control.usual:
         high = min(high, max(image_size, low + 1))
     whole = control.type is int
     if low > 0 and high / low >= _LOGARITHMIC:
@@ -170,41 +152,6 @@ def _two_digits(low: float, high: float, whole: bool) -> list[float]:
     for exponent in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
         values |= {round(digits * 10.0 ** (exponent - 1), 10) for digits in range(10, 100)}
     return sorted(v for v in values if low <= v <= high and (not whole or v == int(v)))
-
-
-def control_of(descriptor: ParameterDescriptor) -> Control:
-    """The control that fits a descriptor; of other packages' nodes as well."""
-    text = read_description(sanitized.words(descriptor.description, sanitized.LONGEST_DESCRIPTION))
-    short: dict[str, Any] = {
-        n: sanitized.words(getattr(text, n), _SHORT) for n in ('unit', 'default', 'stage')
-    }
-    text = replace(text, thesis=sanitized.words(text.thesis), **short)
-    constraint = sanitized.words(descriptor.additional_constraints, sanitized.LONGEST_DESCRIPTION)
-    type_ = _TYPES.get(descriptor.type)
-    choices: tuple[str, ...] = ()
-    kind, minimum, maximum = Kind.TEXT, math.nan, math.nan
-    if type_ is bool:
-        kind = Kind.SWITCH
-    elif type_ is str and constraint.startswith(_CHOICES):
-        kind, choices = Kind.MENU, tuple(constraint.removeprefix(_CHOICES).split(', '))
-    elif type_ in (int, float):
-        kind = Kind.NUMBER
-        for each in (*descriptor.integer_range, *descriptor.floating_point_range):
-            low, high = float(each.from_value), float(each.to_value)
-            if -_MAX_RANGE < low < high < _MAX_RANGE:
-                kind, minimum, maximum = Kind.SLIDER, low, high
-    return Control(
-        name=str(descriptor.name),
-        kind=kind,
-        type=type_,
-        text=text,
-        constraint=constraint,
-        minimum=minimum,
-        maximum=maximum,
-        choices=choices,
-        odd=constraint.startswith('odd'),
-        read_only=bool(descriptor.read_only) or type_ is None,
-    )
 
 
 def value_text(value: object) -> str:

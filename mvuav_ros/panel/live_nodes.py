@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
 from mvuav_ros.messages.sensors import type_name
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.controls import Control, control_of
+from mvuav_ros.panel.controls import Control, controls_of
 from mvuav_ros.panel.ros_thread import NoAnswerError, RosThread
 from mvuav_ros.parameters.declaration import Value
 from mvuav_ros.processing.registry import PROCESSORS
@@ -35,7 +35,6 @@ _MAX_NODES = 20
 _RAW, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _SERVICES = {
     'list_parameters': ListParameters,
-    'describe_parameters': DescribeParameters,
     'get_parameters': GetParameters,
     'set_parameters': SetParameters,
 }
@@ -128,12 +127,9 @@ class LiveNode:
         """
         said = dict.fromkeys((await self._ask(ListParameters)).result.names)
         names = [n for n in said if 0 < len(n) <= sanitized.LONGEST_NAME][:_MAX_PARAMETERS]
-        described = (await self._ask(DescribeParameters, names=names)).descriptors
-        controls = {each.name: control_of(each) for each in described}
-        names = [name for name in names if name in controls]
         values = (await self._ask(GetParameters, names=names)).values
-        self.controls = [controls[name] for name in names]
         self.values = dict(zip(names, map(value_of, values), strict=False))
+        self.controls = controls_of(PROCESSORS[self.kind].parameters_type, self.values)
         self.alive, self.unread, self.last_seen = True, False, time.monotonic()
 
     async def set(self, values: Mapping[str, Value]) -> dict[str, str]:

@@ -2,8 +2,7 @@
 
 Default, type, range, choices and documentation stand in the field; the node's ROS descriptors,
 the YAML files' checks and the README's tables are all made from it. What a descriptor has no field
-for is written as sentences at the end of its description: ``ros2 param describe`` shows them to
-people, and the tuning panel reads them back.
+for is written as sentences at the end of its description, as ``ros2 param describe`` shows them.
 """
 
 from __future__ import annotations
@@ -22,8 +21,6 @@ Condition = Mapping[str, tuple[str, ...]]
 _SPEC = 'mvuav_parameter'
 _Set = TypeVar('_Set', bound='ParameterSet')
 _TYPE_NAMES = {bool: 'boolean', int: 'whole number', float: 'number', str: 'text', tuple: 'numbers'}
-_KEYS = ('Unit', 'Default', 'Usual', 'Stage', 'Counts with', 'Thesis')
-"""In the order in which they stand."""
 
 
 class ParameterError(ValueError):
@@ -220,22 +217,6 @@ def _plain(number: float) -> str:
     return str(int(number)) if number == int(number) else str(number)
 
 
-@dataclass(frozen=True)
-class DescriptorText:
-    """A descriptor's description, taken apart, as in `ParameterSpec`; empty what it does not say.
-
-    ``description`` is without the other sentences, ``default`` as a person writes it.
-    """
-
-    description: str
-    unit: str = ''
-    default: str = ''
-    usual: tuple[float, float] | None = None
-    stage: str = ''
-    counts: tuple[Condition, ...] = ()
-    thesis: str = ''
-
-
 def write_description(spec: ParameterSpec) -> str:
     """The text of a parameter's descriptor."""
     said = {
@@ -246,24 +227,8 @@ def write_description(spec: ParameterSpec) -> str:
         'Counts with': '; or '.join(map(condition_text, spec.counts)),
         'Thesis': spec.thesis,
     }
-    return ' '.join([spec.description, *(f'{key}: {said[key]}.' for key in _KEYS if said[key])])
-
-
-def read_description(text: str) -> DescriptorText:
-    """Take a descriptor's text apart; of any node, in time linear in its length."""
-    found: dict[str, str] = {}
-    for key in reversed(_KEYS):
-        head, mark, value = text.rpartition(f' {key}: ')
-        if mark and value.endswith('.'):
-            text, found[key] = head, value[:-1]
-    return DescriptorText(
-        text.strip(),
-        unit=found.get('Unit', ''),
-        default=found.get('Default', ''),
-        usual=_range(found.get('Usual', '')),
-        stage=found.get('Stage', ''),
-        counts=_conditions(found.get('Counts with', '')),
-        thesis=found.get('Thesis', ''),
+    return ' '.join(
+        [spec.description, *(f'{key}: {words}.' for key, words in said.items() if words)]
     )
 
 
@@ -281,17 +246,3 @@ def default_text(value: Value) -> str:
 def condition_text(condition: Condition) -> str:
     """The values that other parameters must have, in words."""
     return ', '.join(f'{name} {" | ".join(values)}' for name, values in condition.items())
-
-
-def _conditions(text: str) -> tuple[Condition, ...]:
-    alternatives = [each.split(', ') for each in text.split('; or ') if each]
-    pairs = [[part.partition(' ') for part in parts] for parts in alternatives]
-    return tuple({name: tuple(said.split(' | ')) for name, _, said in each} for each in pairs)
-
-
-def _range(text: str) -> tuple[float, float] | None:
-    try:
-        low, high = map(float, text.split(' to '))
-    except ValueError:
-        return None
-    return (low, high) if -math.inf < low < high < math.inf else None

@@ -10,7 +10,15 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mvuav_ros.panel import sanitized
-from mvuav_ros.panel.controls import Control, Kind, position_on, scale_of, value_text
+from mvuav_ros.panel.controls import (
+    EVERY_NODE,
+    OTHER,
+    Control,
+    Kind,
+    position_on,
+    scale_of,
+    value_text,
+)
 from mvuav_ros.panel.live_nodes import LiveNode, same_value
 from mvuav_ros.panel.page import elements as el
 from mvuav_ros.panel.page.context import Page
@@ -18,17 +26,11 @@ from mvuav_ros.panel.page.set_bar import SetBar
 from mvuav_ros.parameters.declaration import Value
 
 _STAGES = [
-    'Mode',
-    'Image',
-    'Edges',
-    'Hough',
-    'Detection',
-    'Tracking',
-    'Pose',
-    'Approach',
-    'Integrity',
+    *('Mode', 'Image', 'Edges', 'Hough', 'Detection', 'Tracking', 'Pose', 'Approach', 'Integrity'),
+    *('unknown', 'Correction', OTHER, 'Node', EVERY_NODE),
 ]
-_FOLDED = ['Node', 'Every ROS node']
+"""In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
+_FOLDED = ['Node', EVERY_NODE]
 
 
 class ParameterRow:
@@ -51,8 +53,8 @@ class ParameterRow:
         self._image_size = -1
         self._refused = self._difference = ''
         self._slider: ui.element | None = None
-        thesis = f' Thesis: {control.text.thesis}.' if control.text.thesis else ''
-        self._description = (control.text.description or 'No description.') + thesis
+        thesis = f' Thesis: {control.thesis}.' if control.thesis else ''
+        self._description = (control.description or 'No description.') + thesis
         with el.box(f'param of-{control.kind.value}') as self._row:
             el.set_props(self._row, data_parameter=control.label)
             with el.box('named'):
@@ -65,7 +67,7 @@ class ParameterRow:
                 # The browser's own: Quasar's puts the keyboard's focus on an element without a
                 # role. ``static/live.js`` places its thumb and writes what it speaks.
                 slider = el.box('range', 'input').props('type=range min=0 step=1')
-                el.set_props(slider, aria_label=control.label, data_unit=control.text.unit)
+                el.set_props(slider, aria_label=control.label, data_unit=control.unit)
                 move = '(e) => emit(e.target.value)'
                 self._slider = slider.on('input', self._moved, js_handler=move, throttle=0.05)
             self._hint = el.text('', 'hint').props('aria-live=polite')
@@ -136,7 +138,8 @@ class ParameterRow:
         A value that is not the chosen set's is marked; ``difference`` says what that has.
         ``base`` is that set's value, to which it is reset; without one it is the default.
         """
-        self._base = self.control.default if base is None else base
+        default = self.control.default if self.control.declared else None
+        self._base = default if base is None else base
         self.changed = self._base is not None and value_text(value) != value_text(self._base)
         self._reset.set_visibility(self.changed and not self.control.read_only)
         el.set_props(self._reset, aria_label=f'Reset {self.control.label}')
@@ -201,12 +204,13 @@ class ParameterRow:
 
     def _say(self) -> None:
         """The line below: the node's reason, or range, unit and default."""
-        control, said = self.control, self.control.text
+        control = self.control
         words = [self._difference, '' if control.kind is Kind.MENU else control.constraint]
-        words += [said.unit, f'default {said.default}' if said.default else '']
+        words += [control.unit]
+        words += [f'default {value_text(control.default)}'] if control.declared else []
         words += ['set at the start only'] if control.read_only else []
         plain = ' · '.join(word for word in words if word)
-        self._hint.set_text(self._refused or sanitized.words(plain or said.description))
+        self._hint.set_text(self._refused or sanitized.words(plain or control.description))
         el.set_class(self._hint, 'refused', bool(self._refused))
         el.set_class(self._row, 'off-set', bool(self._difference))
         pending = bool(self._refused) or not same_value(self._new, self._current)
@@ -222,10 +226,6 @@ def _show_name(label: str, description: str) -> None:
             el.text(f'_{word}' if number else word, tag='span')
         with ui.tooltip().props('max-width=320px delay=600 anchor="top left" self="bottom left"'):
             el.text(description)
-
-
-_STAGES += ['unknown', 'Correction', 'Other', 'Node', 'Every ROS node']
-"""In the order of the processing; a stage that we do not know comes where ``unknown`` stands."""
 
 
 class Parameters:
@@ -288,7 +288,7 @@ class Parameters:
         sought, changed = str(self._filter.value or ''), bool(self._changed.value)
         looking, hidden = bool(sought) or changed, 0
         for row in self._rows.values():
-            counts = row.control.counts(self._node.values)
+            counts = row.control.has_effect(self._node.values)
             wanted = (row.matches(sought) and row.changed >= changed) if looking else counts
             hidden += not wanted
             row.place(visible=wanted or (self._whole and not looking), counts=counts)

@@ -165,8 +165,10 @@ class Tile:
     @property
     def _values(self) -> dict[str, Any]:
         node = self._part.page.services.system.nodes.get(self.stream.node)
-        controls = node.controls if node is not None else []
-        return {c.name: node.values.get(c.name) for c in controls if node and c.counts(node.values)}
+        if node is None:
+            return {}
+        counting = (control.name for control in node.controls if control.has_effect(node.values))
+        return {name: node.values.get(name) for name in counting}
 
     def show_values(self) -> None:
         """Follow the node's values: the rows searched, and what a click can set."""

@@ -11,14 +11,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
     ListParametersResult,
-    ParameterDescriptor,
     ParameterValue,
     SetParametersResult,
 )
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from sensor_msgs.msg import Image as RosImage
 from sensor_msgs.msg import PointCloud2, PointField
 from support.graph import ROOT
@@ -68,50 +65,17 @@ VALUES = {
 }
 
 
-def descriptors():
-    """Ranges without an order, types that are not the value's, words of every kind."""
-    none = FloatingPointRange(from_value=math.nan, to_value=math.inf)
-    turned = FloatingPointRange(from_value=5.0, to_value=-5.0)
-    wide = FloatingPointRange(from_value=-1e308, to_value=1e308)
-    said = {
-        'threshold': {'type': DOUBLE, 'floating_point_range': [none]},
-        'nan': {'type': DOUBLE, 'floating_point_range': [turned]},
-        'inf': {'type': DOUBLE, 'floating_point_range': [wide]},
-        'huge': {
-            'type': INTEGER,
-            'integer_range': [IntegerRange(from_value=-(2**63), to_value=2**63 - 1)],
-        },
-        'mode': {'type': STRING, 'additional_constraints': 'one of ' + ', '.join(WORDS)},
-        'start_row': {
-            'type': INTEGER,
-            'integer_range': [IntegerRange(from_value=0, to_value=10)],
-            'description': 'Unit: . Default: . Usual: nan to inf. Stage: ' + MARKUP + '.',
-        },
-    }
-    for index, name in enumerate(dict.fromkeys([*VALUES, *NAMES])):
-        words = WORDS[index % len(WORDS)]
-        keys = {
-            'type': STRING,
-            'description': f'{words} Unit: {words}. Stage: {words}. Thesis: {words}.',
-            **said.get(name, {}),
-        }
-        yield ParameterDescriptor(name=name, **keys)
-    yield ParameterDescriptor(name='never listed', type=DOUBLE)
-
-
 class Evil:
     """Answers for a node that passes for a runway_detector."""
 
     def __init__(self, graph):
         self.node = graph.add_node('evil')
         names = list(dict.fromkeys([*VALUES, *NAMES]))
-        self.made = list(descriptors())
         answers = {
             'list_parameters': (
                 ListParameters,
                 lambda _: {'result': ListParametersResult(names=[*names, *names])},
             ),
-            'describe_parameters': (DescribeParameters, lambda _: {'descriptors': self.made}),
             'get_parameters': (
                 GetParameters,
                 lambda request: {'values': [VALUES.get(n, value(0)) for n in request.names]},
@@ -279,7 +243,7 @@ def test_its_words_are_shown_as_text_and_cut(panel):
     shown = page.locator('[data-parameter]').evaluate_all('r => r.map(e => e.dataset.parameter)')
     assert 'x innerHTML=<img/src=x/onerror=window.harmed=1>' in shown
     assert all(len(name) <= 200 and name.isprintable() for name in shown)
-    assert 'never listed' not in shown and len(shown) == len(set(shown))
+    assert len(shown) == len(set(shown))
     assert LONG[:300] not in page.locator('body').inner_text()
     for row in page.locator('[data-parameter]').all():
         assert row.bounding_box() is None or row.bounding_box()['height'] < 600
