@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import mvuav_ros
+from mvuav_ros.detectors import DETECTORS
 from mvuav_ros.offline.evaluation.evaluation_run import replay
 from mvuav_ros.offline.evaluation.metrics import Metric, metric_groups, metrics_of
-from mvuav_ros.offline.node_parameters import PROCESSING_NODES
 from mvuav_ros.offline.processes import Done, each
 from mvuav_ros.offline.replay.batch import connect
 from mvuav_ros.offline.report import Cell, Column, Figure, Report, Section, Table
@@ -82,8 +82,8 @@ def parse_axis(text: str) -> Axis:
         )
     assignments = [parse_assignment(f'{target}:={part}') for part in parts]
     node, name, _ = assignments[0]
-    if node not in PROCESSING_NODES:
-        raise ParameterError(text, f'there are {", ".join(PROCESSING_NODES)}')
+    if node not in DETECTORS:
+        raise ParameterError(text, f'there are {", ".join(DETECTORS)}')
     spec = NODE_PARAMETERS[node].spec(name)
     return Axis(node, name, tuple(spec.convert(value) for _, _, value in assignments))
 

@@ -1,4 +1,4 @@
-"""Ordinary ROS 2 parameter files, ``node:name:=value``, and each node's parameters by its name."""
+"""Ordinary ROS 2 parameter files, ``node:name:=value``, and the nodes' parameters from both."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from mvuav_ros.detectors import DETECTORS, load_class
-from mvuav_ros.parameters.declaration import ParameterError, ParameterSet
+from mvuav_ros.parameters.declaration import ParameterError, ParameterSet, Value
 from mvuav_ros.parameters.video_source import VideoSourceParameters
 
 
@@ -131,17 +131,63 @@ NODE_PARAMETERS: dict[str, type[ParameterSet]] = {
 }
 
 
-def refuse_unknown_nodes(path: Path) -> None:
-    """Make sure that a parameter file is for nodes of this package alone: a name may be misspelt.
+NodeParameters = dict[str, dict[str, Value]]
+"""What differs from the defaults, by node and parameter."""
+
+
+def node_names(text: str | None, otherwise: Iterable[str] = DETECTORS) -> list[str]:
+    """The nodes that a user names, separated by commas; ``otherwise`` if the option is left out.
 
     Raises:
-        ParameterError: it is not, or cannot be read.
+        ParameterError: there is no such node, or none is named.
     """
-    for key in read_node_keys(path):
+    if text is None:
+        return list(otherwise)
+    names = list(dict.fromkeys(name.strip() for name in text.split(',') if name.strip()))
+    unknown = [name for name in names if name not in DETECTORS]
+    if unknown or not names:
+        raise ParameterError(
+            '--nodes', f'{", ".join(unknown) or "empty"}; there are {", ".join(DETECTORS)}'
+        )
+    return names
+
+
+def resolve_parameters(
+    nodes: Iterable[str], path: Path | None = None, assignments: Iterable[str] = ()
+) -> NodeParameters:
+    """The values that a ROS 2 parameter file, then ``node:name:=value``, give to nodes.
+
+    Raises:
+        ParameterError: a parameter is unknown, its value not valid, its node not among ``nodes``,
+            or the file none of parameters, or one of other nodes: a name may be misspelt.
+    """
+    for key in read_node_keys(path) if path else ():
         if not any(names_node(key, node) for node in NODE_PARAMETERS):
             raise ParameterError(
                 str(path), f'no such node: {key}; there are {", ".join(NODE_PARAMETERS)}'
             )
+    given: dict[str, dict[str, object]] = {
+        node: read_parameter_values(path, node) if path else {} for node in nodes
+    }
+    for node, name, value in map(parse_assignment, assignments):
+        if node not in given:
+            raise ParameterError(f'{node}:{name}', f'{node} is not among {", ".join(nodes)}')
+        given[node][name] = value
+    return {node: _valid(node, values) for node, values in given.items()}
+
+
+def complete(parameters: NodeParameters) -> NodeParameters:
+    """Every parameter of the nodes, the defaults included."""
+    return {
+        node: NODE_PARAMETERS[node].from_mapping(values).as_dict()
+        for node, values in parameters.items()
+    }
+
+
+def _valid(node: str, values: dict[str, object]) -> dict[str, Value]:
+    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
+    known = NODE_PARAMETERS[node].from_mapping(own).as_dict()
+    return {name: known[name] for name in own}
 
 
 def load_parameters(path: str | Path, node: str) -> ParameterSet:
@@ -168,10 +214,6 @@ def load_parameters(path: str | Path, node: str) -> ParameterSet:
         ...     load_parameters(file, 'marker_tracker').threshold
         0.6
     """
-    parameters = NODE_PARAMETERS.get(node)
-    if parameters is None:
+    if node not in NODE_PARAMETERS:
         raise ParameterError(node, f'no such node; there are {", ".join(NODE_PARAMETERS)}')
-    refuse_unknown_nodes(Path(path))
-    values = read_parameter_values(Path(path), node)
-    own = {name: value for name, value in values.items() if not is_every_nodes(name)}
-    return parameters.from_mapping(own)
+    return NODE_PARAMETERS[node].from_mapping(resolve_parameters([node], Path(path))[node])

@@ -226,9 +226,9 @@ def calibrate_rig(
     written if the flight does not determine them.
     """
     from mvuav_ros.offline import calibrate_rig as work
-    from mvuav_ros.offline.node_parameters import resolve_parameters
     from mvuav_ros.offline.report import write_report
     from mvuav_ros.parameters.marker_tracker import MarkerTrackerParameters
+    from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.recordings.remote import write_whole
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.opening import open_source

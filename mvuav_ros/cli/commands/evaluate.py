@@ -78,7 +78,7 @@ def corners(
         run_detector,
         write_images,
     )
-    from mvuav_ros.offline.node_parameters import resolve_parameters
+    from mvuav_ros.parameters.parameter_file import resolve_parameters
     from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
     from mvuav_ros.sources.source import SourceError
 
@@ -280,8 +280,11 @@ def _parameters(
 ) -> dict[str, dict[str, Any]]:
     """The nodes that the input's truth or the user asks for, with their parameters."""
     from mvuav_ros.offline.evaluation.evaluation_run import nodes_for
-    from mvuav_ros.offline.node_parameters import node_names, resolve_parameters
-    from mvuav_ros.parameters.parameter_file import parse_assignment
+    from mvuav_ros.parameters.parameter_file import (
+        node_names,
+        parse_assignment,
+        resolve_parameters,
+    )
 
     asked = [parse_assignment(assignment)[0] for assignment in assignments]
     nodes = node_names(','.join([*nodes_for(source), *asked]))

@@ -238,9 +238,9 @@ def replay(
     With a folder as output, manifest.json lists the outcome of each recording, and finished
     recordings are skipped.
     """
-    from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
     from mvuav_ros.offline.replay.batch import plan
     from mvuav_ros.offline.replay.job import ReplaySettings
+    from mvuav_ros.parameters.parameter_file import complete, node_names, resolve_parameters
     from mvuav_ros.sources.calibration import load_calibration
     from mvuav_ros.sources.source import Selection, SourceError
 

@@ -15,6 +15,7 @@ from mvuav_ros.cli.options import (
     refuse_to_overwrite,
 )
 from mvuav_ros.cli.terminal import frame_progress, say
+from mvuav_ros.detectors import DETECTORS
 
 if TYPE_CHECKING:
     from mvuav_ros.offline.parameter_sweep import RunResult
@@ -53,7 +54,6 @@ def sweep(
     does not stop the others; the exit status is 1 then.
     """
     from mvuav_ros.offline import report_figures  # noqa: F401  What it lacks is said before the runs.
-    from mvuav_ros.offline.node_parameters import PROCESSING_NODES, node_names, resolve_parameters
     from mvuav_ros.offline.parameter_sweep import (
         in_order,
         parse_axis,
@@ -63,10 +63,11 @@ def sweep(
     )
     from mvuav_ros.offline.parameter_sweep import sweep as run_sweep
     from mvuav_ros.offline.report import write_csv, write_report
+    from mvuav_ros.parameters.parameter_file import node_names, resolve_parameters
 
     axes = [parse_axis(text) for text in param or []]
     swept = list(dict.fromkeys(axis.node for axis in axes))
-    chosen = node_names(nodes, swept or PROCESSING_NODES)
+    chosen = node_names(nodes, swept or DETECTORS)
     base = resolve_parameters(chosen, params_file)
     runs = plan_runs(sources, axes, base, image_topic)
     refuse_to_overwrite(output / CSV, force)

@@ -9,8 +9,8 @@ from support.commands import mvuav
 from support.places import ROOT
 
 from mvuav_ros import load_parameters
-from mvuav_ros.offline.node_parameters import complete, node_names, resolve_parameters
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.parameter_file import complete, node_names, resolve_parameters
 
 BAG = ROOT / 'bags' / 'tanker.mcap'
 
