@@ -125,8 +125,13 @@ def _floor(bag: Path) -> int:
 
 def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> None:
     """A flight over a runway, as raw images or enlarged as JPEG."""
-    from mvuav_ros.messages.cdr import CdrWriter, cdr_header
-    from mvuav_ros.messages.images import COMPRESSED_IMAGE, IMAGE, serialize_image
+    from mvuav_ros.messages.cdr import cdr_header
+    from mvuav_ros.messages.images import (
+        COMPRESSED_IMAGE,
+        IMAGE,
+        serialize_compressed_image,
+        serialize_image,
+    )
     from mvuav_ros.recordings.writing import RecordingWriter
     from mvuav_ros.vision.image import Image
 
@@ -141,10 +146,9 @@ def _write_bag(path: Path, frames: int, jpeg_size: tuple[int, int] | None) -> No
                 writer.write('/image_raw', IMAGE, stamp_ns, message)
                 continue
             colour = cv2.cvtColor(cv2.resize(scene, jpeg_size), cv2.COLOR_GRAY2BGR)
-            cdr = CdrWriter(header)
-            cdr.text('jpeg')
-            cdr.octets(cv2.imencode('.jpg', colour)[1].tobytes())
-            writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, cdr.message())
+            jpeg = cv2.imencode('.jpg', colour)[1].tobytes()
+            message = serialize_compressed_image('jpeg', jpeg, header)
+            writer.write('/image_raw/compressed', COMPRESSED_IMAGE, stamp_ns, message)
 
 
 def _scene(index: int, random: np.random.Generator) -> NDArray[np.uint8]:
