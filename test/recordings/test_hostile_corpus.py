@@ -232,5 +232,5 @@ def test_only_one_module_of_the_command_line_prints() -> None:
         for path in (ROOT / 'mvuav_ros' / 'cli').rglob('*.py')
         if any(word in path.read_text() for word in ('typer.echo(', ' print(', 'secho('))
     ]
-    # Three that are read by programs, and one that writes to a terminal by itself.
-    assert sorted(printing) == ['app.py', 'live_camera.py', 'live_floor.py', 'terminal.py']
+    # Two that are read by programs, and one that writes to a terminal by itself.
+    assert sorted(printing) == ['app.py', 'live_processes.py', 'terminal.py']

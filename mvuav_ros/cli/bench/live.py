@@ -15,6 +15,7 @@ import numpy as np
 from mvuav_ros.cli.node_processes import NodeProcess, NodeProcesses
 from mvuav_ros.sources.source import SourceError
 
+_PROCESSES = 'mvuav_ros.cli.bench.live_processes'
 SIZES = ((640, 480), (1280, 720), (1920, 1080))
 LIMITS = {'marker_tracker': 1.3, 'runway_detector': 1.6}
 """Median latency at 640x480 may be this many times the floor's."""
@@ -106,10 +107,10 @@ def measure_live(case: LiveCase, seconds: float) -> list[LiveResult]:
     """
     settings = ('--ros-args', '-p', f'image_transport:={case.transport}')
     with NodeProcesses() as processes:
-        floor = processes.start('mvuav_ros.cli.bench.live_floor', case.transport)
+        floor = processes.start(_PROCESSES, 'floor', case.transport)
         nodes = {name: processes.start('mvuav_ros', name, *settings) for name in case.nodes}
         orders = {**asdict(case), 'seconds': seconds, 'subscribers': len(case.nodes) + 1}
-        camera = processes.start('mvuav_ros.cli.bench.live_camera', json.dumps(orders))
+        camera = processes.start(_PROCESSES, 'camera', json.dumps(orders))
         camera.wait_for('begin')
         before = {name: _usage(process) for name, process in nodes.items()}
         camera.wait_for('end')

@@ -1,4 +1,8 @@
-"""The camera of ``mvuav bench live``: publishes images and receives the results of its nodes."""
+"""The processes of ``mvuav bench live`` beside the nodes: ``camera`` and ``floor``.
+
+The camera publishes images and receives the nodes' results. The floor is the least that any rclpy
+node does with an image.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage, PointCloud2
 from sensor_msgs.msg import Image as RosImage
 
@@ -31,6 +35,11 @@ PLACES = ((-150, 0), (-60, -20), (0, -60), (60, -20), (150, 0))
 WARM_UP = 1.0
 """Seconds of images before those that count."""
 _STAMP_AT = 4
+_STREAMS = {
+    'raw': (RosImage, 'image_raw'),
+    'compressed': (CompressedImage, 'image_raw/compressed'),
+}
+"""Type and topic of the images by transport."""
 
 
 def scene(width: int, height: int, encoding: str, index: int) -> Image:
@@ -64,9 +73,26 @@ def _stamped(message: bytes, stamp_ns: int) -> bytes:
     return b''.join((message[:_STAMP_AT], stamp, memoryview(message)[_STAMP_AT + 8 :]))
 
 
-def main() -> None:
+def floor(transport: str) -> None:
+    """Take images; when interrupted, print when each came (ns) by its stamp as JSON."""
+    arrivals: dict[int, int] = {}
+
+    def take(message: RosImage | CompressedImage) -> None:
+        now = time.time_ns()
+        stamp = message.header.stamp
+        arrivals[stamp.sec * 1_000_000_000 + stamp.nanosec] = now
+
+    rclpy.init()
+    node = rclpy.create_node('bench_floor')
+    node.create_subscription(*_STREAMS[transport], take, qos_profile_sensor_data)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
+    print(json.dumps(arrivals))
+
+
+def camera(orders: str) -> None:
     """Publish for a while; print what came back as JSON."""
-    given = json.loads(sys.argv[1])
+    given = json.loads(orders)
     tune_process()
     prepare_transport()
     rclpy.init()
@@ -97,10 +123,7 @@ def _publish(node: Any, given: dict[str, Any]) -> list[int]:
     compressed = given['transport'] == 'compressed'
     look = given['width'], given['height'], given['encoding']
     messages = cycle([_serialized(scene(*look, index), compressed) for index in range(60)])
-    kind, topic = RosImage, 'image_raw'
-    if compressed:
-        kind, topic = CompressedImage, 'image_raw/compressed'
-    publisher = node.create_publisher(kind, topic, QoSProfile(depth=10))
+    publisher = node.create_publisher(*_STREAMS[given['transport']], QoSProfile(depth=10))
     end = time.monotonic() + 20.0
     while publisher.get_subscription_count() < given['subscribers'] and time.monotonic() < end:
         time.sleep(0.05)
@@ -146,4 +169,4 @@ def _spin(node: Any, stop: Event) -> None:
 
 
 if __name__ == '__main__':
-    main()
+    {'camera': camera, 'floor': floor}[sys.argv[1]](sys.argv[2])
