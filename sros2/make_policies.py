@@ -28,7 +28,7 @@ MANAGED_NODE_ANSWERS = (
     '~/get_transition_graph',
 )
 MANAGED_NODE_PUBLISHES = ('diagnostics', '~/transition_event')
-PANEL_ASKS = ('describe_parameters', 'get_parameters', 'list_parameters', 'set_parameters')
+PANEL_ASKS = ('get_parameters', 'list_parameters', 'set_parameters')
 
 
 def detector_policy(processor: type[Processor]) -> str:
