@@ -90,6 +90,12 @@ class LiveNode:
         return self.found.image_topic or (said if sanitized.is_ros_name(said) else '')
 
     @property
+    def camera_info_topic(self) -> str:
+        """Where their calibration comes from; empty without images."""
+        base = self.image_topic.removesuffix('/compressed').rpartition('/')[0]
+        return f'{base}/camera_info' if self.image_topic else ''
+
+    @property
     def image_size(self) -> int:
         """The longer side of its images, px; 0 while that is not known."""
         sides = map(sanitized.number, self.status.get('image', '').split(' ')[0].split('x'))

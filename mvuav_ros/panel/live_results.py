@@ -277,8 +277,7 @@ class SeriesFeed:
             topic: (kind, f'{node.name}/{topic}') for topic, kind in TOPICS[node.kind].items()
         }
         if node.image_topic:
-            base = node.image_topic.removesuffix('/compressed').rpartition('/')[0]
-            topics['camera_info'] = CameraInfo, f'{base}/camera_info'
+            topics['camera_info'] = CameraInfo, node.camera_info_topic
         # Best effort connects to every publisher and never slows one down.
         qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         for topic, (kind, name) in topics.items():

@@ -35,7 +35,6 @@ class SampleFlight:
         bag: the file, whose name is the namespace of its images.
         processor: what the node runs.
         node_name: the node's name.
-        main_topic: result topic that has one message per frame.
         make_table: from the newest message of each topic below ``~/`` what the terminal shows.
         parameters: of the node.
         title: what the terminal shows behind the node's name.
@@ -44,7 +43,6 @@ class SampleFlight:
     bag: Path
     processor: type[Processor]
     node_name: str
-    main_topic: str
     make_table: Callable[[dict[str, Any]], Table]
     parameters: dict[str, str] = field(default_factory=dict)
     title: str = ''
@@ -72,8 +70,8 @@ class SampleFlight:
 
     @property
     def main(self) -> str:
-        """The full name of the main topic."""
-        return self.topic(self.main_topic)
+        """The full name of the topic that has one message per frame."""
+        return self.topic(self.processor.panel.known_by)
 
     def topic(self, suffix: str) -> str:
         """A result topic's full name."""
@@ -130,22 +128,17 @@ def approach_table(newest: dict[str, Any]) -> Table:
     table = _table('line', 'confidence', 'far end x, y px', 'near end x, y px')
     for row in decode_points(newest['line_params']) if 'line_params' in newest else ():
         if row['role'] in _SIDES:
-            far, near = (_place(row[x], row[y]) for x, y in (('x', 'y'), ('x2', 'y2')))
-            table.add_row(_SIDES[LineRole(row['role'])], _share(row['confidence']), far, near)
+            sure = '-' if math.isnan(row['confidence']) else f'{100 * row["confidence"]:.0f} %'
+            ends = (
+                ', '.join(map(_number, (row[x], row[y]))) for x, y in (('x', 'y'), ('x2', 'y2'))
+            )
+            table.add_row(_SIDES[LineRole(row['role'])], sure, *ends)
     if 'pose' in newest:
         place = newest['pose'].pose.pose.position
         if math.isfinite(place.y):
             side = 'left' if place.y > 0 else 'right'
             table.caption = f'{abs(place.y):.1f} m {side} of the centreline, {place.z:.1f} m high'
     return table
-
-
-def _place(x: float, y: float) -> str:
-    return f'{_number(x)}, {_number(y)}'
-
-
-def _share(value: float) -> str:
-    return '-' if math.isnan(value) else f'{100 * value:.0f} %'
 
 
 def thesis_table(newest: dict[str, Any]) -> Table:
@@ -189,11 +182,11 @@ def panel_flights(bags: Path) -> list[SampleFlight]:
     approach = {'mode': 'approach', 'runway_width': '30.0'}
     flights = [
         SampleFlight(
-            *(tanker, MarkerTrackerProcessor, 'marker_tracker', 'markers', marker_table),
+            *(tanker, MarkerTrackerProcessor, 'marker_tracker', marker_table),
             title='five lights',
         ),
         SampleFlight(
-            *(runway, RunwayDetectorProcessor, 'runway_detector', 'line_params', approach_table),
+            *(runway, RunwayDetectorProcessor, 'runway_detector', approach_table),
             parameters=approach,
             title='approach',
         ),
@@ -208,7 +201,7 @@ def demo_flights(bags: Path) -> list[SampleFlight]:
         SourceError: there are none.
     """
     thesis = SampleFlight(
-        *(bags / 'runway.mcap', RunwayDetectorProcessor, 'runway_thesis', 'line_params'),
+        *(bags / 'runway.mcap', RunwayDetectorProcessor, 'runway_thesis'),
         make_table=thesis_table,
         title='thesis',
     )

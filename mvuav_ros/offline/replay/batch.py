@@ -163,7 +163,9 @@ def run_on_cluster(
     with client:
         stop = distributed.Event(run, client=client)
         progress: SimpleQueue[tuple[int, JobProgress]] = SimpleQueue()
-        client.subscribe_topic(run, lambda event: progress.put(_progress(event[1])))
+        client.subscribe_topic(
+            run, lambda event: progress.put((event[1][0], JobProgress(*event[1][1:])))
+        )
         numbers = {
             client.submit(_work, job, number, run, pure=False): number
             for number, job in enumerate(jobs)
@@ -205,11 +207,6 @@ def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
         stop.close()
 
 
-def _progress(message: Any) -> tuple[int, JobProgress]:
-    number, name, done, total = message
-    return number, JobProgress(name, done, total)
-
-
 def _drained(queue: SimpleQueue[tuple[int, JobProgress]]) -> Iterator[Event]:
     try:
         while True:
@@ -239,20 +236,12 @@ class Manifest:
     """A folder's manifest: version, settings, times, and for each recording its outcome.
 
     It is written when the batch begins, while it runs and when it ends. Recordings of earlier
-    batches into the same folder stay in it.
+    batches into the same folder stay in it. Every method raises RecordingError or OSError where
+    the folder cannot be reached or written.
     """
 
     def __init__(self, folder: str, jobs: Sequence[ReplayJob]) -> None:
-        """Read what an earlier batch left.
-
-        Args:
-            folder: of the outputs, or its URL.
-            jobs: all of the batch.
-
-        Raises:
-            RecordingError: the folder cannot be reached.
-            OSError: likewise.
-        """
+        """Read what an earlier batch left in the outputs' folder, or URL, for all of the jobs."""
         self._place = inside(folder, MANIFEST)
         self._settings = dataclasses.asdict(jobs[0].settings)
         self._started = datetime.now(UTC).isoformat()
@@ -265,10 +254,6 @@ class Manifest:
 
         An output that is finished is left as it is, one that was begun is made again, and any
         other file is in the way, unless its job may overwrite it.
-
-        Raises:
-            RecordingError: the manifest cannot be written.
-            OSError: likewise.
         """
         settled, to_do = [], []
         for job in jobs:
@@ -282,24 +267,14 @@ class Manifest:
         return settled, to_do
 
     def take(self, outcome: ReplayOutcome) -> None:
-        """Note what became of a job.
-
-        Raises:
-            RecordingError: the manifest cannot be written.
-            OSError: likewise.
-        """
+        """Note what became of a job."""
         counts = {name: getattr(outcome, name) for name in (*_COUNTS, 'failure')}
         self._note(outcome.output, _word(outcome), counts)
         if time.monotonic() > self._written + _WRITING_INTERVAL:
             self._write()
 
     def end(self) -> None:
-        """Write the last version; what was not done by now is said to be interrupted.
-
-        Raises:
-            RecordingError: the manifest cannot be written.
-            OSError: likewise.
-        """
+        """Write the last version; what was not done by now is said to be interrupted."""
         for entry in self._known.values():
             if entry['outcome'] == 'begun':
                 entry['outcome'] = 'interrupted'

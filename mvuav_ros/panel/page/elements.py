@@ -72,6 +72,21 @@ def icon_button(icon: str, words: str, on_click: Callable[..., Any] | None) -> u
     return made
 
 
+def slider(label: str, on_move: Callable[[int], object], unit: str = '') -> ui.element:
+    """The browser's own slider; ``on_move`` gets its position.
+
+    Quasar's puts the keyboard's focus on an element without a role. ``static/live.js`` places the
+    thumb and writes what it speaks.
+    """
+    made = set_props(box('range', 'input'), aria_label=label, data_unit=unit)
+    return made.props('type=range min=0 step=1').on(
+        'input',
+        lambda event: on_move(int(event.args)),
+        js_handler='(e) => emit(e.target.value)',
+        throttle=0.05,
+    )
+
+
 def choice(options: Any, label: str, value: Any = None, **more: Any) -> ui.select:
     """A menu to choose from."""
     made = ui.select(options, value=value, label=label, **more)

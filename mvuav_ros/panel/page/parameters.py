@@ -64,12 +64,7 @@ class ParameterRow:
             with el.box('edit'):
                 self._field = self._make_field()
             if control.kind is Kind.SLIDER and not control.read_only:
-                # The browser's own: Quasar's puts the keyboard's focus on an element without a
-                # role. ``static/live.js`` places its thumb and writes what it speaks.
-                slider = el.box('range', 'input').props('type=range min=0 step=1')
-                el.set_props(slider, aria_label=control.label, data_unit=control.unit)
-                move = '(e) => emit(e.target.value)'
-                self._slider = slider.on('input', self._moved, js_handler=move, throttle=0.05)
+                self._slider = el.slider(control.label, self._moved, control.unit)
             self._hint = el.text('', 'hint').props('aria-live=polite')
 
     def _make_field(self) -> Any:
@@ -181,8 +176,7 @@ class ParameterRow:
         self._show_new(value)
         self._edited(self.control.name, value)
 
-    def _moved(self, event: Any) -> None:
-        position = int(event.args)
+    def _moved(self, position: int) -> None:
         if 0 <= position < len(self._scale):
             self._enter(self._scale[position])
 
@@ -273,7 +267,8 @@ class Parameters:
         with el.box('heads').props('aria-hidden=true'):
             for head in ('parameter', 'now', 'new'):
                 el.text(head)
-        controls = sorted(self._node.controls, key=_rank)
+        rank = {stage: number for number, stage in enumerate(_STAGES)}
+        controls = sorted(self._node.controls, key=lambda c: rank.get(c.stage, rank['unknown']))
         for stage, group in groupby(controls, key=lambda control: control.stage):
             # Goes away with its last visible row; see the style sheet.
             with ui.expansion(stage).classes('stage-rows').props('dense') as rows:
@@ -426,7 +421,3 @@ class Parameters:
         self._discard.set_enabled(bool(self._edits))
         self._undo.set_enabled(bool(self._history.done))
         self._redo.set_enabled(bool(self._history.undone))
-
-
-def _rank(control: Control) -> int:
-    return _STAGES.index(control.stage if control.stage in _STAGES else 'unknown')

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from nicegui import background_tasks, ui
 
@@ -33,10 +32,7 @@ class Frames:
                 el.icon_button('skip_previous', 'One frame back', lambda: self.step(-1))
                 self._play = el.icon_button('play_arrow', 'Play', self.play)
                 el.icon_button('skip_next', 'One frame on', lambda: self.step(1))
-                slider = el.box('range grow', 'input').props('type=range min=0 step=1 max=0')
-                el.set_props(slider, aria_label='Frame', data_unit='')
-                move = '(e) => emit(e.target.value)'
-                self._slider = slider.on('input', self._moved, js_handler=move, throttle=0.05)
+                self._slider = el.slider('Frame', self._go).classes('grow').props('max=0')
                 self._words = el.text('', 'small soft number').props('role=status')
             with el.box('line wrap'):
                 self._from = ui.number('From [s]', value=0.0, min=0.0, on_change=self.show)
@@ -97,9 +93,6 @@ class Frames:
     def _next(self) -> None:
         if not self._busy:
             self._go((self._index + 1) % self._count)
-
-    def _moved(self, event: Any) -> None:
-        self._go(int(event.args))
 
     def _go(self, index: int) -> None:
         self._index = min(max(index, 0), self._count - 1)

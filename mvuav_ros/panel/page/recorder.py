@@ -79,8 +79,7 @@ def _topics(node: LiveNode) -> dict[str, type]:
     found: dict[str, type] = {f'{node.name}/{topic}': kind for topic, kind in topics.items()}
     if node.image_topic:
         found[node.image_topic] = CompressedImage if node.found.compressed else RosImage
-        base = node.image_topic.removesuffix('/compressed').rpartition('/')[0]
-        found[f'{base}/camera_info'] = CameraInfo
+        found[node.camera_info_topic] = CameraInfo
     return found
 
 
