@@ -80,7 +80,6 @@ class NamedFlight:
         total: latencies where no marker had been named the frame before.
         whole: frames of all whole markers together.
         detected: of these, with a name.
-        max_predicted: largest distance of a predicted marker from its true place, px.
         roll_error: the greatest while both wings were detected, rad, modulo a turn.
     """
 
@@ -93,7 +92,6 @@ class NamedFlight:
     total: tuple[int, ...] = ()
     whole: int = 0
     detected: int = 0
-    max_predicted: float = 0.0
     roll_error: float = 0.0
     _waiting: dict[int, int] = field(default_factory=dict)
     _after_all: set[int] = field(default_factory=set)
@@ -115,12 +113,9 @@ class NamedFlight:
         self.results += (result,)
         detected = _detected(result)
         for index, (marker, true) in enumerate(zip(result.markers, truth, strict=True)):
-            if marker.state is not MarkerState.LOST:
+            if detected[index]:
                 distances = [math.hypot(marker.x - t.x, marker.y - t.y) for t in truth]
-                if detected[index]:
-                    self._place(index, true, distances)
-                else:
-                    self.max_predicted = max(self.max_predicted, distances[index])
+                self._place(index, true, distances)
             self.whole += true.whole
             self.detected += true.whole and detected[index]
             self._wait(index, true.whole, detected[index], none_before)

@@ -18,6 +18,7 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 import cv2
 
 from mvuav_ros.offline.stopping import (
+    LOOK,
     SIGNALS,
     Interrupted,
     Stop,
@@ -174,13 +175,16 @@ def run_in_processes(
                 number, task = waiting.popleft()
                 worker.send(number, task)
                 busy[worker] = number
-            for worker in _ready_workers(busy, stop, deadline):
-                message = _receive(worker, busy[worker])
-                if isinstance(message, Done):
-                    del busy[worker]
-                    if isinstance(message.error, ProcessDiedError):
-                        worker.end()
-                    else:
+            ready = wait([worker.fileno() for worker in busy], LOOK)
+            for worker in [worker for worker in busy if worker.fileno() in ready]:
+                try:
+                    message = worker.receive()
+                except ProcessDiedError as error:
+                    worker.end()
+                    message = Done(busy.pop(worker), None, error)
+                else:
+                    if isinstance(message, Done):
+                        del busy[worker]
                         idle.append(worker)
                 yield message
             if deadline is not None and time.monotonic() > deadline:
@@ -190,23 +194,6 @@ def run_in_processes(
     finally:
         for worker in [*idle, *busy]:
             worker.end()
-
-
-def _ready_workers(busy: dict[Worker, int], stop: Stop, deadline: float | None) -> list[Worker]:
-    """The workers whose messages can be received; none where the end was asked for first."""
-    descriptors = [worker.fileno() for worker in busy]
-    if deadline is None:
-        ready = wait([*descriptors, stop.fileno()])
-    else:
-        ready = wait(descriptors, max(0.0, deadline - time.monotonic()))
-    return [worker for worker in busy if worker.fileno() in ready]
-
-
-def _receive(worker: Worker, number: int) -> TaskProgress | Done[Any]:
-    try:
-        return worker.receive()
-    except ProcessDiedError as error:
-        return Done(number, None, error)
 
 
 def attempted(number: int, work: Callable[[], ResultT]) -> Done[ResultT]:
@@ -252,7 +239,7 @@ def _serve(
 def _next_task(connection: Connection, stop: Stop, parent: int) -> tuple[int, Any] | None:
     """Wait for a task; None when there will be none any more."""
     while not stop and os.getppid() == parent:
-        if connection in wait([connection, stop.fileno()], _PARENT_LOOK):
+        if connection.poll(_PARENT_LOOK):
             try:
                 task: tuple[int, Any] = connection.recv()
             except EOFError:

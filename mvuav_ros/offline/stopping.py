@@ -2,7 +2,7 @@
 
 A handler that raises may land anywhere: between a lock and its ``with``, in a destructor, in a
 callback. There the interruption is lost, or the lock is never let go of. These handlers raise
-nothing; what is to end in good order looks at the flag, or waits for the descriptor beside it.
+nothing; what is to end in good order looks at the flag, and waits for nothing longer than `LOOK`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ ResultT = TypeVar('ResultT')
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE = 10.0
 """Seconds after which a further signal ends the process at once."""
-_LOOK = 0.05
+LOOK = 0.05
+"""Seconds between two looks at the flag."""
 
 
 class Interrupted(BaseException):
@@ -45,20 +46,13 @@ class Stop:
 
     def __init__(self) -> None:
         self.number = 0
-        self._reader, self._writer = os.pipe()
 
     def __bool__(self) -> bool:
         return self.number != 0
 
     def request(self, number: int = signal.SIGTERM) -> None:
         """Ask for the end; may be called by a signal's handler, and by any thread."""
-        if not self.number:
-            self.number = number
-            os.write(self._writer, b'\0')
-
-    def fileno(self) -> int:
-        """A descriptor that can be read from the request on, for whoever waits for several."""
-        return self._reader
+        self.number = self.number or number
 
     def unless_requested(self, function: Callable[[], ResultT]) -> ResultT | None:
         """What a function returns, or None as soon as the end is asked for.
@@ -83,17 +77,12 @@ class Stop:
         # What is opened there is accounted for here.
         here = contextvars.copy_context()
         threading.Thread(target=here.run, args=(run,), name='opening', daemon=True).start()
-        while not done.wait(_LOOK):
+        while not done.wait(LOOK):
             if self:
                 return None
         if errors:
             raise errors[0]
         return results[0]
-
-    def close(self) -> None:
-        """Let go of the descriptors."""
-        os.close(self._reader)
-        os.close(self._writer)
 
 
 @contextmanager
@@ -120,7 +109,6 @@ def stop_on_signals() -> Iterator[Stop]:
         for number, handler in before.items():
             # The rest of a process that is ending must not be disturbed by a second Ctrl-C.
             signal.signal(number, signal.SIG_IGN if stop else handler)
-        stop.close()
 
 
 @contextmanager

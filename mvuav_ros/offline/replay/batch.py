@@ -201,10 +201,7 @@ def _work(job: ReplayJob, number: int, run: str) -> ReplayOutcome:
                 stop.request()
 
     keep_freed_memory()
-    try:
-        return attempt(job, report, stop)
-    finally:
-        stop.close()
+    return attempt(job, report, stop)
 
 
 def _drained(queue: SimpleQueue[tuple[int, JobProgress]]) -> Iterator[Event]:
