@@ -2,7 +2,7 @@
 
 A handler that raises may land anywhere: between a lock and its ``with``, in a destructor, in a
 callback. There the interruption is lost, or the lock is never let go of. These handlers raise
-nothing; what is to end in good order looks at the flag, and waits for nothing longer than `LOOK`.
+nothing; what is to end in good order looks at the flag, and waits for nothing else for long.
 """
 
 from __future__ import annotations
