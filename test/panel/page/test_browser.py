@@ -387,6 +387,7 @@ def test_the_pose_stands_in_space_with_red_left_and_green_right(panel):
     # What three.js draws: the wing tips' lights, in the axes of the body.
     read = """() => {
         const holder = document.querySelector('.scene');
+        if (!holder?.dataset.objects) return null;
         const [moved] = holder.dataset.objects.split(' ');
         const body = getElement(Number(holder.id.slice(1))).objects.get(moved)?.mesh;
         if (!body) return null;
