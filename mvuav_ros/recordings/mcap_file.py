@@ -12,6 +12,7 @@ import re
 import struct
 import zlib
 from collections.abc import Container, Iterator, Sequence
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -128,13 +129,12 @@ class McapFile(RecordingFile):
 
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Whether the channels could be taken from the file's end, and the data begin likewise."""
-        size = stream.seek(0, 2)
-        found = _summary(stream, size)
+        found = _Records(stream, self._name, self._account).summary()
         if found is None:
             self._lose('index', 'its index is missing (was the recording cut off?)', 0)
             return False
         start, is_intact = found
-        statistics, end = None, size - len(MAGIC)
+        statistics, end = None, stream.seek(0, 2) - len(MAGIC)
         while is_intact and start + HEADER.size <= end:
             stream.seek(start)
             opcode, length = HEADER.unpack(stream.read(HEADER.size))
@@ -143,7 +143,7 @@ class McapFile(RecordingFile):
             if is_intact and opcode in _DEFINITIONS and length <= _MAX_SCHEMAS:
                 is_intact = self._take(opcode, stream.read(length))
             elif is_intact and opcode == Opcode.STATISTICS:
-                statistics = _statistics(stream.read(length))
+                statistics = _sound(Statistics, stream.read(length))
         if not is_intact:
             self._lose('index', 'its index is damaged', 0)
             return False
@@ -192,10 +192,11 @@ class McapFile(RecordingFile):
             elif span.opcode == Opcode.DATA_END:
                 in_summary = True
             elif span.opcode == Opcode.FOOTER:
-                totals.append(promised if walk.is_summary_intact(span) else None)
+                found = walk.summary(span)
+                totals.append(promised if found is not None and found[1] else None)
                 promised, is_closed = None, True
             elif span.opcode == Opcode.STATISTICS and span.length < _BLOCK:
-                statistics = _statistics(walk.read(span.body, span.length))
+                statistics = _sound(Statistics, walk.read(span.body, span.length))
                 promised = None if statistics is None else statistics.message_count
             elif span.length > SIZE_LIMIT:
                 self._lose(span.body, f'record at byte {span.body} skipped: larger than 1 GB', 1)
@@ -246,9 +247,12 @@ class McapFile(RecordingFile):
             return
         if header.crc and header.crc == zlib.crc32(raw):
             problem = ''
-        elif not problem:
-            problem = _contradiction(header, raw)
-        elif size > SIZE_LIMIT:
+        # The length of a plain one stands twice in the record.
+        elif not problem and len(raw) != size and (header.crc or not header.is_plain):
+            problem = 'its size is wrong'
+        elif not problem and header.crc:
+            problem = 'its checksum is wrong'
+        elif problem and size > SIZE_LIMIT:
             problem = f'it is larger than 1 GB ({size} bytes)'
         is_whole = True
         for record in _records_in(raw):
@@ -300,9 +304,8 @@ class McapFile(RecordingFile):
         if self._schema_bytes > _MAX_SCHEMAS:
             self._lose('definitions', 'its schemas are implausibly large', 0)
             return False
-        try:
-            record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
-        except _PARSE_ERRORS:
+        record = _definition(opcode, body)
+        if record is None:
             self._lose('definitions', 'a channel or schema record is damaged', 0)
             return False
         if opcode == Opcode.SCHEMA:
@@ -328,6 +331,10 @@ class _ChunkHeader(NamedTuple):
     compression: str
     data_offset: int
     data_size: int
+
+    @property
+    def is_plain(self) -> bool:
+        return self.compression in ('', 'none')
 
 
 class _Span(NamedTuple):
@@ -390,14 +397,33 @@ class _Records:
         self._stream.seek(offset)
         return self._stream
 
-    def summary(self) -> tuple[int, bool] | None:
-        """See `_summary`."""
-        return _summary(self._stream, self._size)
+    def summary(self, footer: _Span | None = None) -> tuple[int, bool] | None:
+        """Where the summary begins (the footer, if there is none), and whether its checksum holds.
 
-    def is_summary_intact(self, footer: _Span) -> bool:
-        """Whether the checksum in a footer holds, if it has one."""
-        found = _summary(self._stream, footer.body + footer.length + len(MAGIC), self._base)
-        return found is not None and found[1]
+        None without a footer; without a checksum the summary is believed.
+
+        Args:
+            footer: of one of several files that were joined; the last one's if None.
+        """
+        end, base = self._size, 0
+        if footer is not None:
+            end, base = footer.body + footer.length + len(MAGIC), self._base
+        footer_offset = end - _FOOTER_SIZE
+        if footer_offset < base + len(MAGIC):
+            return None
+        tail = self.read(footer_offset, _FOOTER_SIZE)
+        if tail[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(tail) != (Opcode.FOOTER, 20):
+            return None
+        said = _parsed(Footer, tail[HEADER.size :])
+        start: int = base + said.summary_start if said.summary_start else footer_offset
+        if start > footer_offset:
+            return None
+        stream, checksum, left = self.stream_at(start), 0, end - len(MAGIC) - 4 - start
+        while said.summary_crc and left > 0:
+            block = stream.read(min(left, _BLOCK))
+            checksum = zlib.crc32(block, checksum)
+            left -= len(block)
+        return start, bool(checksum == said.summary_crc)
 
     def _span_at(self, offset: int) -> _Span | None:
         """The record there, if its length may be true: a chunk repeats it, others must fit."""
@@ -469,6 +495,18 @@ def _parsed(kind: Any, body: bytes | memoryview) -> Any:
     return kind.read(ReadDataStream(BytesIO(body)))
 
 
+def _sound(kind: Any, body: bytes | memoryview) -> Any:
+    """A record's content; None if it is damaged."""
+    with suppress(*_PARSE_ERRORS):
+        return _parsed(kind, body)
+    return None
+
+
+def _definition(opcode: int, body: bytes | memoryview) -> Any:
+    """A schema or channel; None if it is damaged."""
+    return _sound(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
+
+
 _Key = tuple[int, bytes]
 """Of a schema or channel: its opcode, and its number in its first two bytes."""
 
@@ -479,22 +517,10 @@ def _key(opcode: int, body: bytes | memoryview) -> _Key:
 
 def _meaning(opcode: int, body: bytes | memoryview) -> Any:
     """What a schema or channel is called; None if it is damaged."""
-    try:
-        record = _parsed(SchemaRecord if opcode == Opcode.SCHEMA else Channel, body)
-    except _PARSE_ERRORS:
-        return None
-    if opcode == Opcode.SCHEMA:
-        return record.name
+    record = _definition(opcode, body)
+    if record is None or opcode == Opcode.SCHEMA:
+        return record and record.name
     return record.topic, record.schema_id, record.message_encoding
-
-
-def _statistics(body: bytes) -> Statistics | None:
-    """The statistics record; None if it is damaged."""
-    try:
-        statistics: Statistics = _parsed(Statistics, body)
-    except _PARSE_ERRORS:
-        return None
-    return statistics
 
 
 def _records_in(view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, memoryview]]:
@@ -512,45 +538,3 @@ def _records_in(view: memoryview, *, whole: bool = True) -> Iterator[tuple[int, 
         position += length
     if whole and position != len(view):
         yield 0, view[:0]
-
-
-def _contradiction(header: _ChunkHeader, raw: memoryview) -> str:
-    """Why a chunk that was unpacked is not what its header says; '' if it may be."""
-    if header.crc:
-        return 'its checksum is wrong' if len(raw) == header.uncompressed_size else _WRONG_SIZE
-    # The length of a plain one stands twice in the record.
-    is_plain = header.compression in ('', 'none')
-    return '' if is_plain or len(raw) == header.uncompressed_size else _WRONG_SIZE
-
-
-_WRONG_SIZE = 'its size is wrong'
-
-
-def _summary(stream: BinaryIO, end: int, base: int = 0) -> tuple[int, bool] | None:
-    """Where the summary begins (the footer, if there is none), and whether its checksum holds.
-
-    None without a footer; without a checksum the summary is believed.
-
-    Args:
-        stream: the file.
-        end: where the file ends, or that one of several that were joined.
-        base: where it begins.
-    """
-    footer_offset = end - _FOOTER_SIZE
-    if footer_offset < base + len(MAGIC):
-        return None
-    stream.seek(footer_offset)
-    tail = stream.read(_FOOTER_SIZE)
-    if tail[-len(MAGIC) :] != MAGIC or HEADER.unpack_from(tail) != (Opcode.FOOTER, 20):
-        return None
-    footer = _parsed(Footer, tail[HEADER.size :])
-    start: int = base + footer.summary_start if footer.summary_start else footer_offset
-    if start > footer_offset:
-        return None
-    stream.seek(start)
-    checksum, left = 0, end - len(MAGIC) - 4 - start
-    while footer.summary_crc and left > 0:
-        block = stream.read(min(left, _BLOCK))
-        checksum = zlib.crc32(block, checksum)
-        left -= len(block)
-    return start, bool(checksum == footer.summary_crc)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 
 from mcap.records import Attachment, Metadata
 
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.compression import (
-    Limit,
-    decompress_file,
-)
+from mvuav_ros.recordings.compression import Limit, decompress_file
 from mvuav_ros.recordings.layout import (
     MCAP_START,
     ROS1_START,
@@ -80,12 +77,7 @@ class Recording:
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -134,7 +126,7 @@ class Recording:
                 yield self._file(path).messages(topics, start_ns, end_ns)
             except OSError as error:
                 said = f'{path.name}: reading ended early: {error.strerror or error}'
-                account.lose(_plain(path), 'io', said)
+                account.lose(path.name.removesuffix('.zstd'), 'io', said)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata of mcap files."""
@@ -199,15 +191,10 @@ class Recording:
         if self._folder is not None:
             self._folder.cleanup()
         self._folder = TemporaryDirectory(prefix='mvuav_')
-        target = Path(self._folder.name) / _plain(path)
+        target = Path(self._folder.name) / path.name.removesuffix('.zstd')
         decompress_file(path, target, self.account, limit)
         self._unpacked = (path, _opened(target, start_of(target), self.account, limit))
         return self._unpacked[1]
-
-
-def _plain(path: Path) -> str:
-    """What a file is called in the account, unpacked or not."""
-    return path.name.removesuffix('.zstd')
 
 
 def _opened(path: Path, start: bytes, account: Account, limit: Limit) -> RecordingFile:
@@ -236,11 +223,5 @@ def _merged(known: TopicInfo | None, channel: TopicInfo) -> TopicInfo:
         return channel
     counts = (known.message_count, channel.message_count)
     total = None if None in counts else sum(count for count in counts if count is not None)
-    return TopicInfo(
-        known.name,
-        known.type,
-        total,
-        known.serialization_format,
-        known.schema or channel.schema,
-        known.qos or channel.qos,
-    )
+    schema, qos = known.schema or channel.schema, known.qos or channel.qos
+    return replace(known, message_count=total, schema=schema, qos=qos)

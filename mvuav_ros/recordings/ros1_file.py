@@ -88,12 +88,9 @@ def next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
     return None
 
 
-def stream_of(raw: memoryview) -> BinaryIO:
-    """A chunk as a stream, without copying it as BytesIO does."""
-    return cast(BinaryIO, _View(raw))
-
-
 class _View(RawIOBase):
+    """A chunk as a stream, without copying it as BytesIO does."""
+
     def __init__(self, raw: memoryview) -> None:
         self._raw = raw
         self._position = 0
@@ -220,7 +217,7 @@ class Ros1File(RecordingFile):
         return raw
 
     def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[StoredMessage]:
-        stream = stream_of(raw)
+        stream = cast(BinaryIO, _View(raw))
         position = 0
         while position < len(raw):
             record = record_at(stream, position)
@@ -264,8 +261,8 @@ class Ros1File(RecordingFile):
         schema = Schema('ros1msg', definition)
         self._define(key, TopicInfo(name, kind, None, encoding, schema))
 
-    def _bag_header(self, stream: BinaryIO) -> Header | None:
-        """The bag's header, None if it is damaged."""
+    def _read_index(self, stream: BinaryIO) -> bool:
+        """Take the connections and counts from the bag's end, if all of it is there."""
         line = stream.readline(64)
         if line.startswith(MAGIC) and line != VERSION_LINE:
             version = line[len(MAGIC) :].strip().decode('ascii', 'replace')
@@ -275,16 +272,10 @@ class Ros1File(RecordingFile):
             )
         record = record_at(stream, len(VERSION_LINE))
         if record is None or record.kind != RecordType.BAGHEADER:
-            return None
-        if record.header.get('encryptor'):
-            raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
-        return record.header
-
-    def _read_index(self, stream: BinaryIO) -> bool:
-        """Take the connections and counts from the bag's end, if all of it is there."""
-        header = self._bag_header(stream)
-        if header is None:
             return False
+        header = record.header
+        if header.get('encryptor'):
+            raise RecordingError(f'{self._path} is encrypted; decrypt it with "rosbag decrypt"')
         try:
             position = header.get_uint64('index_pos')
             left = header.get_uint32('conn_count') + header.get_uint32('chunk_count')

@@ -146,12 +146,8 @@ def marker_names(recording: Recording, tracker: str) -> dict[int, str]:
             continue
         stamp_ns = stamp_ns_of(message.header)
         if recorded.topic in missing:
-            place = message.point
-            newest[recorded.topic] = (
-                stamp_ns,
-                float(np.float32(place.x)),
-                float(np.float32(place.y)),
-            )
+            x, y = np.array((message.point.x, message.point.y), np.float32).tolist()
+            newest[recorded.topic] = stamp_ns, x, y
         elif points is not None and {'x', 'y', 'label'} <= set(points.dtype.names or ()):
             places = points[['label', 'x', 'y']].tolist()
             labels = {(stamp_ns, x, y): label for label, x, y in places}
@@ -200,12 +196,8 @@ def _in_blocks(points: NDArray[np.void]) -> Iterator[Any]:
         yield from points[start : start + ROWS_AT_ONCE].tolist()
 
 
-def _vector(message: Any) -> tuple[Columns, Iterable[Row]]:
-    return ('x', 'y', 'z'), [(message.vector.x, message.vector.y, message.vector.z)]
-
-
-def _point(message: Any) -> tuple[Columns, Iterable[Row]]:
-    return ('x', 'y', 'z'), [(message.point.x, message.point.y, message.point.z)]
+def _xyz(vector: Any) -> tuple[Columns, Iterable[Row]]:
+    return ('x', 'y', 'z'), [(vector.x, vector.y, vector.z)]
 
 
 def _pose(message: Any, outer: Matrix = _STRAIGHT) -> tuple[Columns, Iterable[Row]]:
@@ -227,8 +219,8 @@ def _angles(roll: float, pitch: float, yaw: float) -> Row:
 
 _PLAIN: dict[str, Reader] = {
     _CLOUD: _points,
-    'geometry_msgs/msg/Vector3Stamped': _vector,
-    _POINT: _point,
+    'geometry_msgs/msg/Vector3Stamped': lambda message: _xyz(message.vector),
+    _POINT: lambda message: _xyz(message.point),
     'geometry_msgs/msg/PoseStamped': _pose,
     'geometry_msgs/msg/PoseWithCovarianceStamped': _pose,
 }
@@ -268,13 +260,9 @@ class Table:
 
     def add(self, rows: Iterable[Row]) -> None:
         """Write a message's rows, which may be very many."""
-        self._begin_message()
         remaining = iter(rows)
         while block := list(islice(remaining, ROWS_AT_ONCE)):
             self.count += self._write(block)
-
-    def _begin_message(self) -> None:
-        pass
 
     def _write(self, rows: list[Row]) -> int:
         raise NotImplementedError
@@ -298,9 +286,6 @@ class Csv(Table):
     def _write(self, rows: list[Row]) -> int:
         self._writer.writerows(rows)
         return len(rows)
-
-    def _end(self) -> None:
-        self._text.flush()
 
 
 class Parquet(Table):
@@ -385,8 +370,10 @@ class Mot(Table):
         super().__init__(path, columns)
         self._frame = 0
 
-    def _begin_message(self) -> None:
+    def add(self, rows: Iterable[Row]) -> None:
+        """See `Table`; each message is a frame."""
         self._frame += 1
+        super().add(rows)
 
     def _write(self, rows: list[Row]) -> int:
         written = 0

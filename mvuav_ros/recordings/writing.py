@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import zstandard
@@ -225,7 +225,10 @@ class EncodedChunk(NamedTuple):
 
 
 class Summary:
-    """What stands at a file's end; kept as bytes, as there is a chunk for every half second."""
+    """What stands at a file's end; kept as bytes, as there is a chunk for every half second.
+
+    ``statistics`` are of what was added by now.
+    """
 
     def __init__(self) -> None:
         self._schemas = bytearray()
@@ -233,7 +236,7 @@ class Summary:
         self._chunks = bytearray()
         self._metadata = bytearray()
         self._attachments = bytearray()
-        self._statistics = Statistics(
+        self.statistics = Statistics(
             attachment_count=0,
             channel_count=0,
             channel_message_counts={},
@@ -249,15 +252,15 @@ class Summary:
         """Add a schema or channel."""
         if isinstance(record, SchemaRecord):
             self._schemas += record_bytes(record)
-            self._statistics.schema_count += 1
+            self.statistics.schema_count += 1
         else:
             self._channels += record_bytes(record)
-            self._statistics.channel_count += 1
+            self.statistics.channel_count += 1
 
     def add(self, chunk: Chunk, index: bytes) -> None:
         """Add a chunk that was written."""
         self._chunks += index
-        statistics = self._statistics
+        statistics = self.statistics
         statistics.chunk_count += 1
         counts = statistics.channel_message_counts
         for key, count in chunk.counts.items():
@@ -275,12 +278,12 @@ class Summary:
         if isinstance(record, Metadata):
             index = MetadataIndex(offset=offset, length=len(data), name=record.name)
             self._metadata += record_bytes(index)
-            self._statistics.metadata_count += 1
+            self.statistics.metadata_count += 1
             return data
         about = record.log_time, record.create_time, len(record.data), record.name
         attached = AttachmentIndex(offset, len(data), *about, record.media_type)
         self._attachments += record_bytes(attached)
-        self._statistics.attachment_count += 1
+        self.statistics.attachment_count += 1
         return data
 
     def encode(self, offset: int) -> bytes:
@@ -290,7 +293,7 @@ class Summary:
         groups = (
             (Opcode.SCHEMA, bytes(self._schemas)),
             (Opcode.CHANNEL, bytes(self._channels)),
-            (Opcode.STATISTICS, record_bytes(self._statistics)),
+            (Opcode.STATISTICS, record_bytes(self.statistics)),
             (Opcode.CHUNK_INDEX, bytes(self._chunks)),
             (Opcode.ATTACHMENT_INDEX, bytes(self._attachments)),
             (Opcode.METADATA_INDEX, bytes(self._metadata)),
@@ -398,12 +401,7 @@ class RecordingWriter:
     def __enter__(self) -> RecordingWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and issubclass(kind, Exception):
             is_ours = not self._closed and self._file.is_there
             with suppress(RecordingError):
@@ -419,6 +417,11 @@ class RecordingWriter:
     def size(self) -> int:
         """Bytes in the file by now."""
         return self._file.size
+
+    @property
+    def statistics(self) -> Statistics:
+        """Numbers and times of the messages in the file by now; of all once it is closed."""
+        return self._summary.statistics
 
     def write(
         self,
