@@ -86,16 +86,6 @@ class Recording:
         counts = [topic.message_count for topic in self.topics]
         return None if None in counts else sum(count or 0 for count in counts)
 
-    @property
-    def errors(self) -> list[str]:
-        """What could not be read, in words; more may come while messages are read."""
-        return self.account.errors
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is unusual about the recording, though nothing is lost by it."""
-        return self.account.warnings
-
     def messages(
         self,
         topics: Container[str] | None = None,
@@ -167,8 +157,8 @@ class Recording:
                     skipped[SkippedChannel(channel.name, channel.serialization_format)] = None
         if not readable:
             raise refusals[0]
-        if not topics and not skipped and self.errors:
-            reasons = '; '.join(self.errors)
+        if not topics and not skipped and self.account.errors:
+            reasons = '; '.join(self.account.errors)
             raise RecordingError(f'{self.path} holds no readable topic: {reasons}')
         for refusal in refusals:
             self.account.lose(str(refusal), 'refused', str(refusal))

@@ -83,13 +83,6 @@ def motion_blur(image: Pixels, dx: float, dy: float) -> Pixels:
     return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
 
 
-def defocus(image: Pixels, sigma: float) -> Pixels:
-    """Gaussian blur; the image itself where sigma (px) is 0."""
-    if sigma == 0.0:
-        return image
-    return cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-
-
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first frame; fixed, because a flight must not depend on the clock."""
 
@@ -203,7 +196,10 @@ class Flight(ABC, Generic[TruthT]):
     def _exposed(self, pixels: Pixels, time: float) -> Pixels:
         """An image with the lens's blur and the sensor's faults; may be the same array."""
         settings = self._basics
-        pixels = defocus(pixels, settings.blur)
+        if settings.blur > 0.0:
+            pixels = cv2.GaussianBlur(
+                pixels, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE
+            )
         if settings.noise > 0.0:
             if self._noise is None:
                 rng = self._rng(RandomStream.NOISE_POOL)

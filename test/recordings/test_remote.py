@@ -116,7 +116,7 @@ def test_repair_and_export_from_s3_to_s3(s3: str, tmp_path: Path) -> None:
             assert (run.status, f'{s3}/damaged/{name}: {COUNT} messages' in run.out) == (0, True)
         assert 'exists' in mvuav('repair', damaged, '-o', f'{s3}/damaged/{name}', *more).error
         with local_copy(f'{s3}/damaged/{name}') as path, open_recording(path) as recording:
-            assert (len(list(recording.messages())), recording.errors) == (COUNT, [])
+            assert (len(list(recording.messages())), recording.account.errors) == (COUNT, [])
     results = f'{s3}/damaged/results.mcap'
     replayed = mvuav('replay', f'{s3}/damaged/out', '-o', results, '--nodes', 'marker_tracker')
     assert replayed.status == 0

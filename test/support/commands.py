@@ -84,7 +84,7 @@ def read(path: Path) -> list[RecordedMessage]:
     """Every message of a recording that must be whole."""
     with open_recording(path) as recording:
         messages = list(recording.messages())
-        assert recording.errors == []
+        assert recording.account.errors == []
     return messages
 
 
