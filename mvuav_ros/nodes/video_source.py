@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from threading import Event, Thread
 from typing import TypeVar
 
@@ -21,7 +20,6 @@ from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.sources.calibration import load_calibration
 from mvuav_ros.sources.opening import open_source
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.sources.v4l2_camera import CameraSettings
 from mvuav_ros.vision.image import ImageError
 
 RETRY_INTERVAL = 1.0
@@ -240,8 +238,7 @@ class VideoSource(ManagedNode):
 
     def _open_source(self) -> FrameSource:
         given = self.current
-        camera = CameraSettings(**{f.name: getattr(given, f.name) for f in fields(CameraSettings)})
-        return open_source(given.source, topic=given.bag_topic or None, camera=camera)
+        return open_source(given.source, topic=given.bag_topic or None, camera=given)
 
     def begin(self) -> None:
         """Take the camera, or play the recording from its start."""

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -183,8 +183,8 @@ class Chunk:
             return True
         return self.end_ns - span_ns < stamp_ns < self.start_ns + span_ns
 
-    def encode(self, offset: int) -> EncodedChunk:
-        """The chunk and message index records, to be written at ``offset`` of the file."""
+    def encode(self, offset: int) -> tuple[bytes, bytes]:
+        """What is to be written at ``offset`` of the file, and the index record for its end."""
         start_ns = self.start_ns if self._entries else 0
         data = zstandard.ZstdCompressor(level=_LEVEL).compress(self._records)
         head = CHUNK_HEADER.pack(
@@ -214,14 +214,7 @@ class Chunk:
             message_start_time=start_ns,
             uncompressed_size=self.size,
         )
-        return EncodedChunk(b''.join(pieces), record_bytes(index))
-
-
-class EncodedChunk(NamedTuple):
-    """What goes into the file now, and the index record that goes to its end."""
-
-    data: bytes
-    index_record: bytes
+        return b''.join(pieces), record_bytes(index)
 
 
 class Summary:
@@ -547,9 +540,9 @@ class RecordingWriter:
         """Write the chunks that are handed over, and the last one when it gets old."""
         while (chunk := self._next_chunk()) is not None:
             try:
-                encoded = chunk.encode(self._file.size)
-                self._file.append(encoded.data)
-                self._summary.add(chunk, encoded.index_record)
+                data, index = chunk.encode(self._file.size)
+                self._file.append(data)
+                self._summary.add(chunk, index)
             except Exception as error:
                 with self._changed:
                     self._error = error

@@ -166,11 +166,20 @@ class BagImages(FrameSource):
             self.account.note(('skipped', name), said)
         self.topic = chosen.name
         self.topics = tuple(topic.name for topic in self._recording.topics)
-        self.camera_topic = camera_topic_of(self._recording, chosen.name)
-        self.imu_topic = imu_topic_of(self._recording, chosen.name)
+        # As camera drivers name theirs: beside the image topic or, if compressed, its parent.
+        base = chosen.name.removesuffix('/compressed').rpartition('/')[0]
+        self.camera_topic = self._named(CAMERA_INFO, f'{base}/camera_info')
+        self.imu_topic = self._named(IMU, f'{base}/imu') or self._named(IMU, '/imu')
         self._message_count = chosen.message_count
         self.count: int | None = chosen.message_count
         self.name = f'bag {words(path.name)} {words(self.topic)}'
+
+    def _named(self, kind: str, name: str) -> str | None:
+        """The name, if there are messages of that type there."""
+        for topic in self._recording.topics:
+            if (topic.name, topic.type) == (name, kind) and topic.message_count != 0:
+                return name
+        return None
 
     def frames(self) -> Iterator[Frame | BadFrame]:
         """Read from the start; a message that does not decode is a `BadFrame`.
@@ -279,22 +288,6 @@ def _frames(
 
 
 AnyFrame = EncodedFrame | Frame
-
-
-def camera_topic_of(recording: Recording, image_topic: str) -> str | None:
-    """The name that camera drivers give, beside the image topic or, if compressed, its parent."""
-    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
-    for topic in recording.topics:
-        if topic.type == CAMERA_INFO and topic.name == f'{base}/camera_info':
-            return topic.name if topic.message_count != 0 else None
-    return None
-
-
-def imu_topic_of(recording: Recording, image_topic: str) -> str | None:
-    """The name of the body's attitude: ``imu`` beside the image topic, or ``/imu``."""
-    base = image_topic.removesuffix('/compressed').rpartition('/')[0]
-    names = {topic.name for topic in recording.topics if topic.type == IMU and topic.message_count}
-    return next((name for name in (f'{base}/imu', '/imu') if name in names), None)
 
 
 class SynchronizedTopics:

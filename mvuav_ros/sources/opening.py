@@ -13,6 +13,7 @@ import yaml
 
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
+from mvuav_ros.parameters.video_source import VideoSourceParameters
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
 from mvuav_ros.recordings.remote import fetch, is_url
@@ -22,7 +23,7 @@ from mvuav_ros.simulation.settings import RunwaySettings, TankerSettings
 from mvuav_ros.simulation.tanker_flight import TankerFlight
 from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
-from mvuav_ros.sources.v4l2_camera import Camera, CameraSettings
+from mvuav_ros.sources.v4l2_camera import Camera
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.rig import RigError
 
@@ -33,7 +34,7 @@ def open_source(
     topic: str | None = None,
     rate: float | None = None,
     cameras: bool = True,
-    camera: CameraSettings | None = None,
+    camera: VideoSourceParameters | None = None,
 ) -> FrameSource:
     """Open whatever ``text`` names.
 
