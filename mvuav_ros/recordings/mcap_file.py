@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Hashable, Iterator
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -90,31 +90,25 @@ class McapFile(RecordingFile):
     def __init__(self, path: Path, account: Account, limit: Limit) -> None:
         """See `RecordingFile`."""
         super().__init__(path, account, limit)
-        self._name = path.name
         self._schemas: dict[int, tuple[str, Schema | None]] = {}
         self._schema_bytes = 0
         self._in_summary: dict[_Key, Any] | None = None
         self._is_summary_intact = True
         self._contradicted: set[_Key] = set()
         self._indexed = False
-        self._scanned = False
 
-    def channels(self) -> Sequence[TopicInfo]:
-        """Every channel, from the summary at the file's end or else from a pass through it."""
-        if not self._scanned:
-            with self._path.open('rb') as stream:
-                self._indexed = self._read_summary(stream)
-                if not self._indexed:
-                    self._channels, self._schemas = Channels(), {}
-                    found = self._stored(stream, None, -1, END_OF_TIME)
-                    self._channels.count(number for number, *_ in found)
-            self._scanned = True
-        return self._channels.listed()
+    def _scan(self, stream: BinaryIO) -> None:
+        """Take in every channel, from the file's summary or else from a pass through it."""
+        self._indexed = self._read_summary(stream)
+        if not self._indexed:
+            self._channels, self._schemas = Channels(), {}
+            found = self._stored(stream, None, -1, END_OF_TIME)
+            self._channels.count(number for number, *_ in found)
 
     def extras(self) -> Iterator[Attachment | Metadata]:
         """The attachments and metadata."""
         with self._path.open('rb') as stream:
-            walk = _Records(stream, self._name, self._account)
+            walk = _Records(stream, self._lose, self._note)
             for span in walk.spans():
                 if span.opcode not in _EXTRAS:
                     continue
@@ -129,7 +123,7 @@ class McapFile(RecordingFile):
 
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Whether the channels could be taken from the file's end, and the data begin likewise."""
-        found = _Records(stream, self._name, self._account).summary()
+        found = _Records(stream, self._lose, self._note).summary()
         if found is None:
             self._lose('index', 'its index is missing (was the recording cut off?)', 0)
             return False
@@ -158,10 +152,10 @@ class McapFile(RecordingFile):
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, first_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
-        walk = _Records(stream, self._name, self._account)
+        walk = _Records(stream, self._lose, self._note)
         self._limit.begin()
         self._schema_bytes = 0
-        chunk = ChunkTally(self._name)
+        chunk = ChunkTally(self._path.name)
         promised: int | None = None
         totals: list[int | None] = []
         is_closed = in_summary = False
@@ -174,9 +168,9 @@ class McapFile(RecordingFile):
                 chunk.is_index_whole = False
                 continue
             chunk.end(self._account)
-            chunk = ChunkTally(self._name)
+            chunk = ChunkTally(self._path.name)
             if span.chunk is not None:
-                chunk = ChunkTally(self._name, span.body - HEADER.size)
+                chunk = ChunkTally(self._path.name, span.body - HEADER.size)
                 for opcode, body in self._chunk(walk, span, span.chunk, (first_ns, end_ns), chunk):
                     if opcode == Opcode.MESSAGE:
                         chunk.got += 1
@@ -184,7 +178,7 @@ class McapFile(RecordingFile):
                     else:
                         self._take(opcode, body)
             elif span.opcode == Opcode.HEADER and span.body > _FIRST_BODY:
-                self._account.note((self._name, 'joined'), f'{self._name}: several, joined in one')
+                self._note('joined', 'several, joined in one')
                 # The numbers of the next file mean something else.
                 self._channels.known, self._schemas, self._schema_bytes = {}, {}, 0
                 totals += [] if is_closed else [None]
@@ -227,8 +221,7 @@ class McapFile(RecordingFile):
         if self._indexed and not (header.start_ns < wanted[1] and wanted[0] <= header.end_ns):
             if self._are_true(walk, header):
                 return
-            said = f'{self._name}: times of chunks are wrong; all are read'
-            self._account.note((self._name, 'times'), said)
+            self._note('times', 'times of chunks are wrong; all are read')
         if self._limit.left <= 0:
             chunk.offset = -1
             self._lose('limit', self._limit.reason)
@@ -350,10 +343,13 @@ class _Span(NamedTuple):
 class _Records:
     """The records of an open mcap file in stored order."""
 
-    def __init__(self, stream: BinaryIO, name: str, account: Account) -> None:
-        self._stream = stream
-        self._name = name
-        self._account = account
+    def __init__(
+        self,
+        stream: BinaryIO,
+        lose: Callable[[Hashable, str, int | None], None],
+        note: Callable[[Hashable, str], None],
+    ) -> None:
+        self._stream, self._lose, self._note = stream, lose, note
         self._size = stream.seek(0, 2)
         self._base = 0
 
@@ -369,12 +365,12 @@ class _Records:
                     self._note_end(offset, is_closed)
                     return
                 said = f'damaged at byte {offset}, reading continues at byte {found}'
-                self._account.lose(self._name, offset, f'{self._name}: {said}')
+                self._lose(offset, said, None)
                 offset, search_from = found, found + 1
                 continue
             if span.opcode >= _PRIVATE_OPCODES:
                 said = f'record of unknown kind {span.opcode} skipped at byte {offset}'
-                self._account.lose(self._name, offset, f'{self._name}: {said}', 0)
+                self._lose(offset, said, 0)
             elif span.opcode == Opcode.HEADER:
                 self._base = offset - len(MAGIC)
             yield span
@@ -483,11 +479,10 @@ class _Records:
     def _note_end(self, offset: int, is_closed: bool = False) -> None:
         left = self._size - offset
         if is_closed:
-            said = f'{self._name}: the {left} bytes behind its end are no records'
-            self._account.note((self._name, 'end'), said)
+            self._note('end', f'the {left} bytes behind its end are no records')
             return
         said = f'cut off or damaged; its last {left} bytes cannot be read in full'
-        self._account.lose(self._name, 'end', f'{self._name}: {said}')
+        self._lose('end', said, None)
 
 
 def _parsed(kind: Any, body: bytes | memoryview) -> Any:

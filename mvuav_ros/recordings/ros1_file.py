@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator
 from io import BytesIO, RawIOBase
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
@@ -125,28 +125,23 @@ class Ros1File(RecordingFile):
         super().__init__(path, account, limit)
         self._raw: dict[int, tuple[str, bytes]] = {}
         self._definitions: set[tuple[str, str]] = set()
-        self._scanned = False
 
-    def channels(self) -> Sequence[TopicInfo]:
-        """Every connection, from the bag's index or else from a pass through it.
+    def _scan(self, stream: BinaryIO) -> None:
+        """Take in every connection, from the bag's index or else from a pass through it.
 
         Raises:
             RecordingError: the bag has another version, or is encrypted.
         """
-        if not self._scanned:
-            with self._path.open('rb') as stream:
-                is_indexed = self._read_index(stream)
-                if is_indexed:
-                    next(self._stored(stream, None, START_OF_TIME, END_OF_TIME), None)
-                else:
-                    self._lose('index', 'not indexed (was the recording cut off?)', 0)
-                if not is_indexed or self._channels.is_contradicted:
-                    self.written = None
-                    self._channels = Channels()
-                    stored = self._stored(stream, None, START_OF_TIME, END_OF_TIME)
-                    self._channels.count(number for number, *_ in stored)
-            self._scanned = True
-        return self._channels.listed()
+        is_indexed = self._read_index(stream)
+        if is_indexed:
+            next(self._stored(stream, None, START_OF_TIME, END_OF_TIME), None)
+        else:
+            self._lose('index', 'not indexed (was the recording cut off?)', 0)
+        if not is_indexed or self._channels.is_contradicted:
+            self.written = None
+            self._channels = Channels()
+            stored = self._stored(stream, None, START_OF_TIME, END_OF_TIME)
+            self._channels.count(number for number, *_ in stored)
 
     def _stored(
         self, stream: BinaryIO, _topics: Container[str] | None, _first_ns: int, _end_ns: int

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,8 +18,7 @@ from urllib.parse import quote
 
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
-from mvuav_ros.recordings.account import Account
-from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit
+from mvuav_ros.recordings.compression import SIZE_LIMIT
 from mvuav_ros.recordings.recording import TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
 from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile, StoredMessage
@@ -37,30 +36,22 @@ _MAX_TEXT = 1 << 26
 
 
 class SqliteFile(RecordingFile):
-    """One rosbag2 database; it is opened anew for every pass."""
+    """One rosbag2 database, for which SQLite keeps to limits of its own."""
 
-    def __init__(self, path: Path, account: Account, limit: Limit) -> None:
-        """See `RecordingFile`; SQLite keeps to limits of its own."""
-        super().__init__(path, account, limit)
-        self._scanned = False
-
-    def channels(self) -> Sequence[TopicInfo]:
-        """Every topic of the database, none if the table of topics cannot be read."""
-        if not self._scanned:
-            self._scanned = True
-            missing = PageFile(self._path).missing_bytes
-            if missing:
-                self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
-            try:
-                with self._connect() as database:
-                    for key, topic in _topics(database).items():
-                        self._define(key, topic)
-                    if not missing:
-                        query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
-                        self._channels.take_counts(dict(database.execute(query)))
-            except (*_ERRORS, KeyError, ValueError) as error:
-                self._lose('error', f'the database is damaged ({error})')
-        return self._channels.listed()
+    def _scan(self, _stream: BinaryIO) -> None:
+        """Take in every topic of the database, none if the table of topics cannot be read."""
+        missing = PageFile(self._path).missing_bytes
+        if missing:
+            self._lose('cut', f'cut off; {counted(missing, "byte")} of it are missing')
+        try:
+            with self._connect() as database:
+                for key, topic in _topics(database).items():
+                    self._define(key, topic)
+                if not missing:
+                    query = 'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
+                    self._channels.take_counts(dict(database.execute(query)))
+        except (*_ERRORS, KeyError, ValueError) as error:
+            self._lose('error', f'the database is damaged ({error})')
 
     def _stored(
         self, _stream: BinaryIO, topics: Container[str] | None, first_ns: int, end_ns: int

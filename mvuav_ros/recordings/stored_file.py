@@ -165,10 +165,19 @@ class RecordingFile(ABC):
         self._channels = Channels()
         self._message_limit = limit
         self._lost: Counter[tuple[tuple[str, str], str]] = Counter()
+        self._scanned = False
 
-    @abstractmethod
     def channels(self) -> Sequence[TopicInfo]:
         """Every channel, those that are not CDR included; found once, when first asked for."""
+        if not self._scanned:
+            with self._path.open('rb') as stream:
+                self._scan(stream)
+            self._scanned = True
+        return self._channels.listed()
+
+    @abstractmethod
+    def _scan(self, stream: BinaryIO) -> None:
+        """Find the channels, by an index or else by a pass through the file."""
 
     @abstractmethod
     def _stored(
@@ -248,11 +257,13 @@ class RecordingFile(ABC):
     def _define(self, number: int, topic: TopicInfo) -> None:
         """Take in a definition, and note a contradiction."""
         if contradiction := self._channels.define(number, topic):
-            name = self._path.name
-            self._account.note((name, contradiction), f'{name}: {contradiction}')
+            self._note(contradiction, contradiction)
 
     def _lose(self, key: Hashable, text: str, count: int | None = None) -> None:
         self._account.lose(self._path.name, key, f'{self._path.name}: {text}', count)
+
+    def _note(self, key: Hashable, text: str) -> None:
+        self._account.note((self._path.name, key), f'{self._path.name}: {text}')
 
     def _note_end(self, size: int) -> None:
         self._lose('end', f'cut off or damaged; its last {size} bytes cannot be read in full')
