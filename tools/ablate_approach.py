@@ -3,7 +3,8 @@
     python tools/ablate_approach.py ../shared/footage OUT [--only NAME ...]
 
 Prints a table for docs/runway.md. OUT keeps a JSON file for each mechanism; what is there stays
-as it is.
+as it is. What chance does is measured as well: nothing is switched off, but every image has noise
+of up to one grey level.
 """
 
 from __future__ import annotations
@@ -21,11 +22,14 @@ from approach_mechanisms import WITHOUT
 from approach_rows import Frame, Row
 
 FULL = 'nothing'
+NOISE = 'nothing, noise '
 KINDS = ('runs', 'no horizon', 'simulated')
 ROWS = ('run2 colour image', 'run3 colour image', 'run5 grey image', 'simulated S-turn, attitude')
 """Parts of the names of the rows that are compared, unless others are asked for."""
 CHANGED = 2.0
-"""Percent of a row's frames: fewer are noise."""
+"""Percent of a row's frames beyond what noise does: fewer are noise, too."""
+NOISES = 3
+"""Runs with noise."""
 
 
 def evaluated(options: argparse.Namespace, name: str) -> list[Row]:
@@ -36,7 +40,9 @@ def evaluated(options: argparse.Namespace, name: str) -> list[Row]:
         command = [sys.executable, str(Path(__file__).with_name('evaluate_approach.py'))]
         command += [str(options.footage), '--kinds', *options.kinds, '--only', *options.rows]
         command += ['--json', str(part), '--cache', str(options.folder / 'frames')]
-        if name != FULL:
+        if name.startswith(NOISE):
+            command += ['--noise', name.removeprefix(NOISE)]
+        elif name != FULL:
             command += ['--without', name]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         part.rename(path)
@@ -46,18 +52,28 @@ def evaluated(options: argparse.Namespace, name: str) -> list[Row]:
     ]
 
 
-def table(rows: list[Row], full: list[Row]) -> Iterator[str]:
-    """Cells: right and wrong on both halves, and rows that are better and worse."""
+def table(rows: list[Row], unchanged: list[list[Row]]) -> Iterator[str]:
+    """Cells: right and wrong on both halves, and rows that are better and worse than by chance."""
+    gains = np.array([[gain(row) for row in run] for run in unchanged])
+    now = np.array([gain(row) for row in rows])
+    better = now > gains.max(axis=0) + CHANGED
+    worse = now < gains.min(axis=0) - CHANGED
     for check in (False, True):
-        part = [(one, other) for one, other in zip(rows, full, strict=True) if one.check == check]
-        shares = np.array([one.shares()[1:] for one, _ in part])
-        change = shares - np.array([other.shares()[1:] for _, other in part])
-        # Roads have no right frames.
-        gain = np.where(np.abs(change) > CHANGED, change, 0.0) @ (1.0, -1.0)
+        part = np.array([row.check == check for row in rows])
+        if not part.any():
+            yield from ('', '', '')
+            continue
+        shares = np.array([row.shares()[1:] for row in rows if row.check == check])
         right, wrong = shares.mean(axis=0)
         yield f'{right:.1f} %'
         yield f'{wrong:.1f} %'
-        yield f'{(gain > 0).sum()}, {(gain < 0).sum()} of {len(part)}'
+        yield f'{(better & part).sum()}, {(worse & part).sum()} of {part.sum()}'
+
+
+def gain(row: Row) -> float:
+    """Right frames minus wrong ones, percent."""
+    _, right, wrong = row.shares()
+    return right - wrong
 
 
 def main() -> None:
@@ -69,14 +85,16 @@ def main() -> None:
     parser.add_argument('--kinds', nargs='*', default=KINDS, help='as of evaluate_approach.py')
     parser.add_argument('--rows', nargs='*', default=ROWS, help='parts of their names')
     options = parser.parse_args()
-    full = evaluated(options, FULL)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    controls = (FULL, *(f'{NOISE}{seed}' for seed in range(1, NOISES + 1)))
+    unchanged = [evaluated(options, name) for name in controls]
     titles = ('right', 'wrong', 'better, worse')
     print('| without | ms |', ' | '.join(f'{t} ({h})' for h in ('tuned', 'check') for t in titles))
     print('|' + '---|' * 8)
-    for name in (FULL, *(WITHOUT if options.only is None else options.only)):
+    for name in (*controls, *(WITHOUT if options.only is None else options.only)):
         rows = evaluated(options, name)
         spent = math.fsum(row.later_ms for row in rows) / len(rows)
-        print(f'| {name} | {spent:.1f} |', ' | '.join(table(rows, full)), '|', flush=True)
+        print(f'| {name} | {spent:.1f} |', ' | '.join(table(rows, unchanged)), '|', flush=True)
 
 
 if __name__ == '__main__':

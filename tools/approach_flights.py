@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,8 @@ from mvuav_ros.simulation.ground import GroundPainter, Ripmap, load_ground
 from mvuav_ros.simulation.pinhole import CameraPose
 from mvuav_ros.simulation.runway_flight import RunwayFlight, measured_attitude
 from mvuav_ros.simulation.settings import RunwaySettings
-from mvuav_ros.vision.approach.attitude import Attitude
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, from_rpy
+from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Attitude, from_rpy
 
 FLIGHTS: dict[str, dict[str, Any]] = {
     'approach': {},
@@ -161,5 +161,8 @@ def drawn(flight: RunwayFlight, name: str, index: int, cache: Path | None) -> Pi
     path = cache / name.replace(' ', '_') / f'{index}.png'
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), flight.frame(index).image.pixels)
+        # As a whole: another evaluation may read it meanwhile.
+        written = path.with_suffix(f'.{os.getpid()}.png')
+        cv2.imwrite(str(written), flight.frame(index).image.pixels)
+        written.replace(path)
     return cv2.imread(str(path))

@@ -12,8 +12,7 @@ from mvuav_ros.vision.approach.attitude import HorizonTracker
 from mvuav_ros.vision.approach.edges import EdgeLook
 from mvuav_ros.vision.approach.ground_motion import Overlaid, Registration
 from mvuav_ros.vision.approach.search import LevelledImage
-from mvuav_ros.vision.approach.side_lines import LineChoice, _Side
-from mvuav_ros.vision.approach.track import EdgeTrack
+from mvuav_ros.vision.approach.side_lines import LinedEdges
 
 
 def _returns(value: Any) -> Callable[..., Any]:
@@ -26,19 +25,14 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'weights from near by': [(tuning.PROBABILITY, 'min_near_by', math.inf)],
     'search above the picture': [(tuning.DETECTOR, 'range_above', 0.03)],
     'horizon in the image': [(HorizonTracker, 'find', _returns(None))],
-    'meeting at the horizon': [(tuning.DETECTOR, 'max_off_horizon', -1.0)],
-    'side lines': [(EdgeTrack, '_lines_along', _returns(None))],
+    'side lines': [(LinedEdges, 'find', _returns(None))],
     'line widths': [(tuning.LINES, 'half_widths', (0.06,))],
     'lines over many frames': [(tuning.LINES, 'memory', 1.0)],
-    'line held': [(tuning.LINES, 'switch_margin', 0.0)],
-    'lines move together': [(_Side, '_shift', _returns(0.0))],
     'lines near the mean': [
         (tuning.LINES, 'away_cost', 0.0),
         (tuning.LINES, 'away_from_colour_cost', 0.0),
     ],
     "shoulders' lines": [(tuning.LINES, 'shoulder_cost', 0.0)],
-    'doubt from other lines': [(LineChoice, 'other', _returns(0.0))],
-    'known span': [(EdgeTrack, 'known_span', lambda self, strip: strip)],
     'edges alone': [(tuning.TRACK, 'lock_width', math.inf)],
     'shoulders': [(track, 'shows_shoulders', _returns(None))],
     'registration': [(Registration, 'shift', _returns((0.0, 0.0)))],
@@ -46,7 +40,7 @@ WITHOUT: dict[str, list[tuple[Any, str, Any]]] = {
     'clear colours': [(tuning.EDGES, 'clear_contrast', math.inf)],
     'edges in paint': [(tuning.EDGES, 'min_paint_lead', math.inf)],
     'edges on the frame': [(track, 'agrees', _returns(False))],
-    'edges kept': [(tuning.TRACK, 'min_distinct', math.inf)],
+    'kinds over many frames': [(tuning.TRACK, 'kind_leave', 1.0)],
     'strips over many frames': [(tuning.TRACK, 'strip_memory', 1.0)],
     'mean of strips': [(tuning.TRACK, 'hot', (20.0, 0.02)), (tuning.TRACK, 'cold', (40.0, 0.02))],
     'third track': [(tuning.TRACKER, 'max_tracks', 2)],

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from mvuav_ros.offline.evaluation.corners import WARM_UP
 from mvuav_ros.parameters.runway_detector import RunwayDetectorParameters
-from mvuav_ros.vision.approach.attitude import Attitude, HorizonLine
+from mvuav_ros.vision.approach.attitude import HorizonLine
 from mvuav_ros.vision.approach.detector import ApproachDetector
 from mvuav_ros.vision.approach.probability import Report
 from mvuav_ros.vision.approach.results import ApproachResult
 from mvuav_ros.vision.approach.tracker import RunwayTracker
+from mvuav_ros.vision.frames import Attitude
 
 Pixels = NDArray[Any]
 MIN_CONFIDENCE = 0.5
@@ -106,7 +107,13 @@ def opencv_lines(image: Pixels) -> None:
 
 
 class Timed:
-    """A detector whose CPU time is counted."""
+    """A detector whose CPU time is counted.
+
+    Attributes:
+        noise: seed of noise of up to one grey level on every image; none where 0.
+    """
+
+    noise = 0
 
     def __init__(self, width: float = 0.0) -> None:
         # Everything is reported, so that it is known how wrong the doubtful is.
@@ -114,6 +121,7 @@ class Timed:
             mode='approach', runway_width=width, min_confidence=0.0
         )
         self.detector = ApproachDetector(parameters)
+        self._random = np.random.default_rng(self.noise)
         self.spent: list[float] = []
         self.opencv: list[float] = []
 
@@ -121,6 +129,9 @@ class Timed:
         self, image: Pixels, horizon: Attitude | HorizonLine | None = None
     ) -> ApproachResult:
         """The next frame, at 25 frames/s."""
+        if self.noise:
+            noisy = image + self._random.integers(-1, 2, image.shape)
+            image = np.clip(noisy, 0, 255).astype(np.uint8)
         begin = time.process_time()
         result = self.detector.process(image, len(self.spent) * 40_000_000, horizon)
         between = time.process_time()

@@ -337,7 +337,9 @@ def main() -> None:
     parser.add_argument('--json', type=Path, help='for every frame')
     parser.add_argument('--beside', type=Path, help='JSON of another checkout, to compare with')
     parser.add_argument('--without', choices=WITHOUT, help='a mechanism that is switched off')
+    parser.add_argument('--noise', type=int, default=0, help='seed of noise of one grey level')
     options = parser.parse_args()
+    Timed.noise = options.noise
     if options.without is not None:
         switch_off(options.without)
     cv2.setNumThreads(1)

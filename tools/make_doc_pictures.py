@@ -15,6 +15,7 @@ matplotlib.use('Agg')
 
 from doc_pictures.coordinate_frames import body_frames, image_frame, roll_sign, runway_frame
 from doc_pictures.marker_stages import marker_parameters, marker_pipeline
+from doc_pictures.name_confidence import name_confidence
 from doc_pictures.node_graph import node_graph
 from doc_pictures.protection_level import protection_level
 from doc_pictures.runway_stages import approach_pipeline, runway_parameters, thesis_pipeline
@@ -29,6 +30,7 @@ PICTURES: Mapping[str, Callable[[Path], None]] = {
     'marker_pipeline.jpg': marker_pipeline,
     'runway_pipeline_thesis.jpg': thesis_pipeline,
     'runway_pipeline_approach.jpg': approach_pipeline,
+    'name_confidence.png': name_confidence,
     'protection_level.png': protection_level,
     'parameter_threshold.jpg': lambda path: marker_parameters(path, 'threshold'),
     'parameter_search_radius.jpg': lambda path: marker_parameters(path, 'search_radius'),

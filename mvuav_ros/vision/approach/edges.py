@@ -219,11 +219,6 @@ class EdgeLook:
         self._known = False
 
     @property
-    def clear(self) -> bool:
-        """Pavement and land differ so much that every frame shows the edges."""
-        return float(np.linalg.norm(self._contrast)) > EDGES.clear_contrast
-
-    @property
     def coloured(self) -> bool:
         """Their colours alone distinguish them: the edge is the pavement's, not a line's."""
         return float(np.linalg.norm(self._contrast[1:])) > EDGES.colour_contrast

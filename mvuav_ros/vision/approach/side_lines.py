@@ -86,7 +86,6 @@ class LineChoice:
         lines: tuple[list[Line], list[Line]],
         offsets: tuple[float, float] = (0.0, 0.0),
         scale: float = 1.0,
-        width: float = 20.0,
     ) -> tuple[Line, Line] | None:
         """The runway's lines among those of a frame; None where it does not show both.
 
@@ -94,10 +93,9 @@ class LineChoice:
             lines: along the left and along the right edge, at least one of each.
             offsets: from the edges as followed to those as expected in `Line`, widths.
             scale: width expected in `Line` over the width followed.
-            width: the latter, px.
         """
         for side, found, offset in zip(self._sides, lines, offsets, strict=True):
-            side.take_in(found, offset, scale, LINES.shift_sigma / width)
+            side.take_in(found, offset, scale)
         left, right = self._sides
         self.shoulders = min(left.weigh(right), right.weigh(left))
         numbers = left.chosen(), right.chosen()
@@ -105,17 +103,12 @@ class LineChoice:
             return None
         return lines[0][numbers[0]], lines[1][numbers[1]]
 
-    def other(self, apart: float) -> float:
-        """Odds of lines more than so many widths from the chosen ones: of the worse side."""
-        return max(side.other(apart) for side in self._sides)
-
 
 class _Side:
     def __init__(self) -> None:
         self.known: list[_Known] = []
         self.mean = 0.0
         self.away_less = LINES.away_cost
-        self._held: _Known | None = None
         self._frames = 0
 
     def move(self, outwards: float) -> None:
@@ -123,16 +116,14 @@ class _Side:
             line.place -= outwards
         self.mean -= outwards
 
-    def take_in(self, lines: list[Line], offset: float, scale: float, sigma: float) -> None:
+    def take_in(self, lines: list[Line], offset: float, scale: float) -> None:
         places = [offset + scale * line.middle for line in lines]
         clearest = max(1e-6, *(line.clearness for line in lines))
         shares = [line.clearness / clearest for line in lines]
         self._frames += 1
         memory = max(LINES.memory, 1.0 / self._frames)
         left = dict(enumerate(places))
-        shift = self._shift(places, shares, sigma)
         for line in sorted(self.known, key=lambda line: -line.clearness):
-            line.place += shift
             line.number = None
             if abs(line.place - offset) > LINES.choice_reach * scale:
                 continue
@@ -174,22 +165,7 @@ class _Side:
 
     def chosen(self) -> int | None:
         """The number of the runway's line in the newest frame."""
-        best = max(self.known, key=lambda line: line.log_odds)
-        held = self._held if self._held in self.known else None
-        if held is None or best.log_odds > held.log_odds + LINES.switch_margin:
-            held = best
-        self._held = held
-        return held.number
-
-    def other(self, apart: float) -> float:
-        held = self._held
-        if held is None:
-            return 0.0
-        return sum(
-            math.exp(min(line.log_odds - held.log_odds, 5.0))
-            for line in self.known
-            if abs(line.place - held.place) > apart
-        )
+        return max(self.known, key=lambda line: line.log_odds).number
 
     def _gaps(self) -> list[tuple[_Known, float, float]]:
         """Of clear lines outside of others: which, how far outside, and whether both are clear."""
@@ -200,22 +176,6 @@ class _Side:
             for inner in clear
             if outer.place - inner.place > LINES.same
         ]
-
-    def _shift(self, places: list[float], shares: list[float], sigma: float) -> float:
-        """By how much the known lines are moved in this frame, so that they fit best."""
-        if not self.known:
-            return 0.0
-        known = np.array([line.place for line in self.known])
-        apart = np.array(places) - known[:, None]
-        shifts = apart[np.abs(apart) <= 3.0 * sigma]
-        if not shifts.size:
-            return 0.0
-        near = 1.0 - np.abs(apart - shifts[:, None, None]) / LINES.same
-        seen = np.maximum((near * np.array(shares)).max(axis=2), 0.0)
-        clearness = np.array([line.clearness for line in self.known])
-        fit = (seen * clearness).sum(axis=1) - 0.5 * (shifts / sigma) ** 2
-        best = int(fit.argmax())
-        return float(shifts[best]) if fit[best] > 0.0 else 0.0
 
 
 Numbers = NDArray[np.floating[Any]]
@@ -363,15 +323,10 @@ class LinedEdges:
 
     Attributes:
         shoulders: from 0 to 1, whether shoulders have lines too, on both sides and as far apart.
-        other: odds that another line is the runway's, farther from the found one than allowed.
     """
 
     def __init__(self) -> None:
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin anew: the lines were not looked for in a frame."""
-        self.other, self.shoulders = 0.0, 0.0
+        self.shoulders = 0.0
         self._choice = LineChoice()
 
     def move(self, before: Strip, after: Strip) -> None:
@@ -391,25 +346,20 @@ class LinedEdges:
             away.append(float(np.average(offsets, weights=edge.weights + 1e-6)))
         self._choice.expect((-away[0], away[1]), colour=True)
 
-    def find(
-        self, frame: LevelledFrame, strip: Strip, about: Strip, tolerance: float
-    ) -> Edges | None:
+    def find(self, frame: LevelledFrame, strip: Strip, about: Strip) -> Edges | None:
         """Both edges in the next frame, if it shows the lines of the runway followed as ``strip``.
 
-        They are looked for ``about`` another strip; at the near end an edge may be wrong by
-        ``tolerance``, px.
+        They are looked for ``about`` another strip.
         """
         offsets = _outwards(strip, about)
         depth = LINES.compared_depth * float(strip[5])
         expected = float(about[3] - about[2]) * float(strip[1] + depth - about[1])
         scale = expected / (float(strip[3] - strip[2]) * depth)
-        width = float((strip[3] - strip[2]) * strip[5])
 
         def choose(lines: tuple[list[Line], list[Line]]) -> tuple[Line, Line] | None:
-            return self._choice.choose(lines, offsets, scale, width)
+            return self._choice.choose(lines, offsets, scale)
 
         found = edges_by_lines(frame, about, choose)
-        self.other = self._choice.other(tolerance / width) if found else 0.0
         self.shoulders = self._choice.shoulders
         return found
 

@@ -10,6 +10,7 @@ what many frames together say of each.
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ from mvuav_ros.vision.approach.strips import (
     strip_through,
     strips_through,
 )
-from mvuav_ros.vision.approach.tuning import SEARCH, TRACK
+from mvuav_ros.vision.approach.tuning import LINES, SEARCH, SHOULDERS, TRACK
 
 Places = NDArray[np.float64]
 """(n, 2, 2): columns of the left and the right edge at `TUNING.first_row` of the near end's depth
@@ -175,113 +176,43 @@ def support(edges: Edges) -> float:
     return min(edge.support for edge in edges)
 
 
-class EdgeTrack(FollowedStrip):
-    """A runway's edges, and what is known of how they look.
+class EdgeKind(IntEnum):
+    """What a runway's edges are measured by."""
 
-    Attributes:
-        distinct: share of the last frames with clear lines along both sides, or clear colours.
-        shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
+    STRIPS = 0
+    """The mean of the strips that it may be."""
+    STEP = 1
+    """The step from land to pavement, on the frame itself."""
+    LINE = 2
+    """The outer side of the lines along both sides."""
+
+
+class EdgeKinds:
+    """Which kind of edge is the runway's: a hidden variable, filtered forwards over the frames.
+
+    Frames err alike, so what a frame says of a kind counts by `TRACK.kind_weight`; and from one
+    frame to the next the kind may become another one with a probability of `TRACK.kind_leave`.
     """
 
-    def __init__(self, strip: Strip, log_odds: float) -> None:
-        super().__init__(strip, log_odds)
-        self.distinct = self.shoulders = 0.0
-        self._look, self._lines = EdgeLook(), LinedEdges()
-        self._clear = False
+    def __init__(self) -> None:
+        self._shares = np.array(TRACK.first_kinds)
+
+    def share(self, *kinds: EdgeKind) -> float:
+        """Probability of one of some kinds."""
+        return float(self._shares[list(kinds)].sum())
+
+    def take_in(self, evidence: dict[EdgeKind, float]) -> None:
+        """Take in log odds of the kinds that a frame speaks of."""
+        odds = np.zeros(len(EdgeKind))
+        odds[list(evidence)] = list(evidence.values())
+        left = (1.0 - TRACK.kind_leave) * self._shares + TRACK.kind_leave / len(EdgeKind)
+        shares = left * np.exp(TRACK.kind_weight * odds)
+        self._shares = shares / shares.sum()
 
     @property
-    def other_edges(self) -> float:
-        """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
-
-        It is so with paved shoulders that are plain to see.
-        """
-        shoulders = float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
-        return max(shoulders, self._lines.other)
-
-    @property
-    def shoulder_lines(self) -> float:
-        """From 0 to 1, whether shoulders have lines too, on both sides and as far apart."""
-        return self._lines.shoulders
-
-    def predict(self, view: View) -> None:
-        """Where it is expected in the next frame."""
-        self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
-
-    def follow_edges(self, view: View) -> bool:
-        """Follow a wide runway by its edges alone; whether they are seen."""
-        strip = self.strip()
-        exact = self.seen_edges(view, wide=True)
-        if exact is None:
-            self.points = None
-            return False
-        # The lines' outer sides are the edges, by colour too: shoulders may lie beyond.
-        if self._look.coloured:
-            self._lines.expect_colour(strip, exact)
-        exact = self._lines_along(view, strip) or exact
-        self._update(exact, float(strip[1] + 0.3 * self.far + 0.7 * self.near))
-        shown = shows_shoulders(view.frame, self.strip())
-        if shown is not None:
-            self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
-        return True
-
-    def see_ends(self, view: View) -> None:
-        """See where it ends in the newest frame."""
-        strip = self.strip()
-        found = ends_of(view.working, strip)
-        if found is None:
-            return
-        if found[1] > 0.5 * self.near:
-            self._ends_at(strip[1] + found)
-        middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
-        _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
-        self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)
-
-    def seen_edges(self, view: View, *, wide: bool) -> Edges | None:
-        """Both edges by the pavement's, where they were followed, if they are seen there."""
-        exact = self._look.find(view.frame, self.strip(), wide=wide)
-        return None if support(exact) < TRACK.min_support else exact
-
-    def by_lines(self, view: View, about: Strip) -> Edges | None:
-        """Both edges by the lines along them, where colour does not show them."""
-        coloured = self._clear and self._look.coloured
-        if coloured:
-            self._lines.forget()
-        found = None if coloured else self._lines_along(view, about)
-        distinct = float(coloured or found is not None)
-        self.distinct += max(TRACK.memory, 1.0 / self.age) * (distinct - self.distinct)
-        return found
-
-    def _lines_along(self, view: View, about: Strip) -> Edges | None:
-        strip = self.strip()
-        allowed = tolerance(float((strip[3] - strip[2]) * strip[5]))
-        return self._lines.find(view.frame, strip, about, allowed)
-
-    def known_span(self, strip: Strip) -> Strip:
-        """A strip whose lines are measured to the near end as known from earlier frames, too.
-
-        What is measured in the far part of a runway alone is wrong at its near end.
-        """
-        _, y = self.shape.vanishing_point
-        if self.age <= TRACK.young or not math.isfinite(y):
-            return strip
-        down = y - float(strip[1])
-        ends = max(self.far + down, 1.0), max(self.near + down, float(strip[5]))
-        return np.array([*strip[:4], *ends])
-
-    def take_in(self, points: Edges, rows: NDArray[np.float64], view: View) -> None:
-        """Take in edges between two rows."""
-        self._update(points, float(0.3 * rows[0] + 0.7 * rows[1]), view.horizon)
-
-    def _update(
-        self, points: Edges, row: float, horizon: tuple[float, float] | None = None
-    ) -> None:
-        self.points = points
-        self.shape.move_reference(row)
-        self.shape.update(points, horizon)
-
-    def _ends_at(self, rows: NDArray[np.float64]) -> None:
-        _, y = self.shape.vanishing_point
-        self.follow_ends(max(float(rows[0]) - y, 1.0), float(rows[1]) - y)
+    def likeliest(self) -> EdgeKind:
+        """The one with the greatest probability."""
+        return EdgeKind(int(self._shares.argmax()))
 
 
 _PAINT = FEATURES.index('paint')
@@ -289,13 +220,15 @@ _STEPS = (FEATURES.index('brightness'), FEATURES.index('colour'))
 _OPEN = FEATURES.index('open_end')
 
 
-class RunwayTrack(EdgeTrack):
+class RunwayTrack(FollowedStrip):
     """The mean of strips that overlap, and how likely one of them is the runway.
 
     Attributes:
         moved: frames that differed from the one before.
-        locked: it is followed by its edges alone.
+        distinct: share of the last frames in which the edges are clear lines or colours.
+        shoulders: share of the last frames in which pavement is seen to go on beyond both edges.
         agreement: probability of the strips that are where the mean is.
+        locked: it is followed by its edges alone.
     """
 
     max_misses = 4
@@ -304,13 +237,28 @@ class RunwayTrack(EdgeTrack):
         """Begin with a candidate."""
         super().__init__(strip, log_odds)
         self.moved = 0
-        self.locked = False
+        self.distinct = self.shoulders = 0.0
         self.agreement = 1.0
         self._found = [strip]
         self._hypotheses = Hypotheses()
+        self._look, self._lines, self.kinds = EdgeLook(), LinedEdges(), EdgeKinds()
         self._spread = np.zeros((2, 2))
-        self._rested = self._unseen = 0
+        self._rested = 0
         self._sharp = 0.0
+        self.locked = False
+
+    @property
+    def other_edges(self) -> float:
+        """Odds that an edge is elsewhere: 1, even, where the image shows two places for it.
+
+        It is so with paved shoulders that are plain to see.
+        """
+        return float(np.interp(self.shoulders, TRACK.shoulder_range, (0.0, 1.0)))
+
+    @property
+    def shoulder_lines(self) -> float:
+        """From 0 to 1, whether shoulders have lines too, on both sides and as far apart."""
+        return self._lines.shoulders
 
     def add(self, strip: Strip) -> None:
         """Take in what a search has found, in the next frame."""
@@ -321,24 +269,22 @@ class RunwayTrack(EdgeTrack):
         self._found = [turn_strips(strip[None], old, new)[0] for strip in self._found]
         super().turn(old, new)
 
-    def step(self, view: View, period: int) -> None:
-        """Follow it into the next frame; ``period`` is frames from one weighing to the next."""
+    def step(self, view: View, period: int, *, shown: bool = False) -> None:
+        """Follow it into the next frame; ``period`` is frames from one weighing to the next.
+
+        Between weighings the edges of the one that is ``shown`` are measured, not those of others.
+        """
         if self.age:
-            self.predict(view)
-        if not self._plausible(view):
-            self.give_up()
-            return
+            self.shape.predict(*view.registration.shift(self.strip(), view.frame.level))
         before = self.strip()
-        self._follow(view, period)
-        if self._plausible(view):
+        if is_plausible(before, view.working.size):
+            self._follow(view, period, shown)
+        if is_plausible(self.strip(), view.working.size):
             self._lines.move(before, self.strip())
         else:
             self.give_up()
 
-    def _plausible(self, view: View) -> bool:
-        return is_plausible(self.strip(), view.working.size)
-
-    def _follow(self, view: View, period: int) -> None:
+    def _follow(self, view: View, period: int, shown: bool) -> None:
         self.age += 1
         self.moved += view.registration.moving
         self._rested += 1
@@ -348,16 +294,21 @@ class RunwayTrack(EdgeTrack):
         elif dim:
             period *= 2
         if self._rested < period and self.age > 1:
-            if self.locked:
-                self.follow_edges(view)
-            elif self.points is not None:
-                self._rest(view)
+            if self.locked or self.points is not None:
+                strip = self.strip()
+                self._measure(
+                    view, strip, strip[1] + strip[4:6], weighed=False, rest=dim or not shown
+                )
             return
         share, self._rested = float(self._rested), 0
-        if self.locked and self._hold(view):
-            self._found = []
-            return
-        seen = self._plausible(view) and self._weigh(view, share)
+        self._lock()
+        if self.locked:
+            strip = self.strip()
+            self._measure(view, strip, strip[1] + strip[4:6], weighed=True)
+            self._see_ends(view)
+            seen = True
+        else:
+            seen = self._weigh(view, share)
         self._found = []
         if seen:
             self.misses = 0
@@ -368,33 +319,20 @@ class RunwayTrack(EdgeTrack):
             TRACK.missed_odds - self.log_odds
         )
 
-    def _rest(self, view: View) -> None:
-        """Follow without weighing; wide edges are measured in every frame."""
+    def _lock(self) -> None:
+        """Near the ground everything around a runway has straight edges, too."""
+        exact = self.kinds.share(EdgeKind.STEP, EdgeKind.LINE)
+        if self.locked:
+            self.locked = exact > TRACK.unlock_share
+            return
         strip = self.strip()
-        rows = strip[1] + strip[4:6]
-        mean = columns_at(strip[None], rows)[0]
-        self.points = points_along(mean, rows, self._spread)
-        if self.log_odds < TRACK.dim_odds:
-            return
-        lines = self.by_lines(view, strip)
-        if lines is not None:
-            self.take_in(lines, rows, view)
-            return
-        wide = float(mean[1, 1] - mean[0, 1]) >= TRACK.wide
-        if self._clear and wide and (self._look.clear or self._rested % 2 == 0):
-            exact = self._look.find(view.frame, strip, wide=True)
-            if all(map(agrees, exact, self.points)):
-                self._update(exact, float(0.3 * rows[0] + 0.7 * rows[1]))
-
-    def _hold(self, view: View) -> bool:
-        """Follow a locked runway by its edges alone; whether it stays locked."""
-        if self._plausible(view) and self.follow_edges(view):
-            self._unseen = 0
-            self.see_ends(view)
-            return True
-        self._unseen += 1
-        self.locked = self._unseen <= TRACK.max_unseen
-        return self.locked
+        self.locked = (
+            float((strip[3] - strip[2]) * strip[5]) > TRACK.lock_width
+            and self.age > TRACK.lock_age
+            and self.log_odds > TRACK.lock_odds
+            and exact > TRACK.lock_share
+            and (self.agreement > TRACK.lock_agreement or self._sharp > TRACK.lock_support)
+        )
 
     def _weigh(self, view: View, share: float) -> bool:
         """Weigh all strips that may be the runway; whether there are any."""
@@ -411,49 +349,117 @@ class RunwayTrack(EdgeTrack):
         )
         memory = max(1.0 - (1.0 - TRACK.memory) ** share, 1.0 / self.age)
         self.log_odds += memory * (now - self.log_odds)
-        weighed = self._hypotheses.weigh(measured, odds, share, frame)
+        strips, shares = self._hypotheses.weigh(measured, odds, share, frame)
         self._look.paint_lead = float(features[best, _PAINT] - features[best, _STEPS].sum())
-        self._measure(view, weighed, memory)
-        self.open_end = bool(features[best, _OPEN] > 0.5)
-        self._hypotheses.settle(weighed.strips, self.strip())
-        return True
-
-    def _measure(self, view: View, weighed: Weighed, memory: float) -> None:
-        """Find the edges about the mean of the strips."""
-        strips, shares = weighed.strips, weighed.shares
-        best = strips[int(shares.argmax())]
-        rows = best[1] + best[4:6]
+        likeliest = strips[int(shares.argmax())]
+        rows = likeliest[1] + likeliest[4:6]
         corners = columns_at(strips, rows)
         mean = np.tensordot(shares, corners, axes=1)
-        self._spread = spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
-        points = points_along(mean, rows, spread)
-        width = float(mean[1, 1] - mean[0, 1])
-        near_mean = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(width)
-        self.agreement += memory * (float(shares[near_mean].sum()) - self.agreement)
-        self._clear = bool(spread[:, 1].max() < max(TRACK.clear_px, TRACK.clear_share * width))
-        wide = width >= TRACK.wide
-        through = strip_through(mean, rows, best[4:6])
-        if self._clear or wide:
-            exact = self._look.find(view.frame, through, wide=wide)
-            if all(map(agrees, exact, points)) or (wide and support(exact) > TRACK.min_support):
-                points, self._clear = exact, True
-                self._sharp += memory * (support(exact) - self._sharp)
-                self.locked = (
-                    width > TRACK.lock_width
-                    and self.age > TRACK.lock_age
-                    and self.log_odds > TRACK.lock_odds
-                    and (self.agreement > TRACK.lock_agreement or self._sharp > TRACK.lock_support)
-                )
-        if not self._clear and self._look.coloured and self.distinct > TRACK.min_distinct:
-            # Strips that differ much have a mean that may be none of them.
-            held = self.seen_edges(view, wide=wide)
-            self._clear = held is not None
-            points = held or points
-        if not self.locked:
-            self._lines.expect(self.strip(), through)
-            lines = self.by_lines(view, self.known_span(through))
-            if lines is None and self.distinct > TRACK.min_distinct and not self._look.coloured:
-                lines = points_along(columns_at(self.strip()[None], rows)[0], rows, spread)
-            points = lines or points
-        self.take_in(points, rows, view)
+        self._spread = np.sqrt(np.tensordot(shares, (corners - mean) ** 2, axes=1))
+        near = np.abs(corners - mean).max(axis=(1, 2)) < tolerance(float(mean[1, 1] - mean[0, 1]))
+        self.agreement += memory * (float(shares[near].sum()) - self.agreement)
+        through = strip_through(mean, rows, likeliest[4:6])
+        self._lines.expect(self.strip(), through)
+        self._measure(view, through, rows, weighed=True)
         self._ends_at(rows)
+        self.open_end = bool(features[best, _OPEN] > 0.5)
+        self._hypotheses.settle(strips, self.strip())
+        return True
+
+    def _measure(
+        self,
+        view: View,
+        strip: Strip,
+        rows: NDArray[np.float64],
+        *,
+        weighed: bool,
+        rest: bool = False,
+    ) -> None:
+        """Find the edges about a strip between two rows, by the likeliest kind that is seen."""
+        corners = columns_at(strip[None], rows)[0]
+        width = float(corners[1, 1] - corners[0, 1])
+        mean = points_along(corners, rows, self._spread)
+        if rest:
+            self.points = mean
+            return
+        measured = {EdgeKind.STRIPS: mean} if weighed and not self.locked else {}
+        evidence: dict[EdgeKind, float] = {}
+        coloured = self._look.coloured
+        if weighed or coloured or width >= LINES.max_width:
+            self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
+        by_colour = coloured and EdgeKind.STEP in measured
+        if by_colour:
+            self._lines.expect_colour(self.strip(), measured[EdgeKind.STEP])
+        # Far away a line is thinner than a pixel, and colour shows the edge better.
+        if width >= LINES.max_width:
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[False]
+        elif not (by_colour and width < TRACK.lock_width):
+            lines = self._lines.find(view.frame, self.strip(), strip)
+            evidence[EdgeKind.LINE] = TRACK.lines_seen[lines is not None]
+            if lines is not None:
+                measured[EdgeKind.LINE] = lines
+            elif EdgeKind.STEP not in evidence:
+                self._find_steps(view, strip, mean, measured, evidence, weighed=weighed)
+        self.kinds.take_in(evidence)
+        distinct = EdgeKind.LINE in measured or (self._look.coloured and EdgeKind.STEP in measured)
+        self.distinct += max(TRACK.memory, 1.0 / self.age) * (float(distinct) - self.distinct)
+        self.points = measured.get(self.kinds.likeliest)
+        if self.points is not None:
+            self.shape.move_reference(float(0.3 * rows[0] + 0.7 * rows[1]))
+            self.shape.update(self.points, view.horizon if weighed else None)
+        elif not self.locked:
+            # Not replaced by another kind's, which would be elsewhere.
+            own = columns_at(self.strip()[None], rows)[0]
+            self.points = points_along(own, rows, self._spread)
+        if self.locked and width > SHOULDERS.min_width:
+            shown = shows_shoulders(view.frame, self.strip())
+            if shown is not None:
+                self.shoulders += TRACK.shoulder_memory[not shown] * (float(shown) - self.shoulders)
+
+    def _find_steps(
+        self,
+        view: View,
+        strip: Strip,
+        mean: Edges,
+        measured: dict[EdgeKind, Edges],
+        evidence: dict[EdgeKind, float],
+        *,
+        weighed: bool,
+    ) -> None:
+        """Find the steps along both edges."""
+        width = float(strip[3] - strip[2]) * strip[5]
+        wide = width >= TRACK.wide
+        steps = self._look.find(view.frame, strip, wide=wide)
+        clear = support(steps)
+        odds = TRACK.support_odds * (clear - TRACK.min_support)
+        if self._look.coloured and width < TRACK.colour_width:
+            odds += TRACK.colour_odds
+        trusted = wide and clear > TRACK.min_support and (weighed or self.locked)
+        if trusted or all(map(agrees, steps, mean)):
+            measured[EdgeKind.STEP] = steps
+            if weighed:
+                self._sharp += TRACK.sharp_memory * (clear - self._sharp)
+        else:
+            odds = min(odds, TRACK.steps_away)
+            if weighed and self.kinds.share(EdgeKind.STEP) > 0.5:
+                # Strips that differ much have a mean that may be none of them.
+                held = self._look.find(view.frame, self.strip(), wide=wide)
+                if support(held) > TRACK.min_support:
+                    measured[EdgeKind.STEP] = held
+        evidence[EdgeKind.STEP] = odds
+
+    def _see_ends(self, view: View) -> None:
+        """See where it ends in the newest frame."""
+        strip = self.strip()
+        found = ends_of(view.working, strip)
+        if found is None:
+            return
+        if found[1] > 0.5 * self.near:
+            self._ends_at(strip[1] + found)
+        middle = strip[0] + 0.5 * (strip[2] + strip[3]) * self.near
+        _, last = view.frame.level.to_frame(middle, strip[1] + self.near)
+        self.open_end = bool(last > view.frame.image.shape[0] - 2 * view.frame.level.factor)
+
+    def _ends_at(self, rows: NDArray[np.float64]) -> None:
+        _, y = self.shape.vanishing_point
+        self.follow_ends(max(float(rows[0]) - y, 1.0), float(rows[1]) - y)

@@ -82,19 +82,11 @@ class Sight(NamedTuple):
         return cls(row, ranges, (row, SEARCH.attitude_sigma), True)
 
     @classmethod
-    def from_image(cls, row: float, slope: float, height: int, best: FollowedStrip | None) -> Sight:
-        """The image shows a horizon, or the edge of clouds or hills.
-
-        It is the horizon if the best track's edges meet there.
-        """
+    def from_image(cls, row: float, slope: float, height: int) -> Sight:
+        """The image shows a horizon, or the edge of clouds or hills."""
         above, below = SEARCH.horizon_reach
         ranges = [SearchRange(slope, row - above, row + below), *cls.unknown(height).ranges]
-        meeting = None
-        if best is not None:
-            off = abs(best.shape.vanishing_point[1] - row)
-            if off < DETECTOR.max_off_horizon:
-                meeting = row, SEARCH.image_horizon_sigma
-        return cls(row, ranges, meeting)
+        return cls(row, ranges)
 
 
 TrackT = TypeVar('TrackT', bound=FollowedStrip)
@@ -181,8 +173,9 @@ class RunwayTracker(StripTracker[RunwayTrack]):
         working = LevelledImage(pixels, frame.level, self._scene, self._overlaid.mask)
         view = View(frame, working, sight.meeting, self._registration)
         for track in self.tracks:
-            best = track is self.best
-            track.step(view, TRACKER.best_period if best else TRACKER.others_period)
+            shown = track is self.best
+            period = TRACKER.best_period if shown else TRACKER.others_period
+            track.step(view, period, shown=shown)
         self.tracks = [
             track
             for track in self.tracks

@@ -17,8 +17,6 @@ class DetectorTuning:
 
     # frames that are all the same, from which a picture shows nothing: two seconds
     frozen_frames: int = 50
-    # px between a runway's vanishing point and a seen horizon that are taken for the same
-    max_off_horizon: float = 10.0
     # shares of the height searched for vanishing points without a horizon
     whole_range: tuple[float, float] = (0.03, 0.65)
     # share of the height above the picture up to which they are searched
@@ -121,8 +119,6 @@ class LinesTuning:
     memory: float = 0.1  # share of a new frame in how clear a line is on average
     # between places of one line in two frames, and between like gaps of both sides
     same: float = 0.1
-    # px by which all lines of a side seem to move together from frame to frame
-    shift_sigma: float = 1.2
     choice_reach: float = 0.3  # from an expected edge to the lines that are compared
     # of the clearest line's clearness: markings in run 3 have 0.6 to 0.85, shoulders' lines
     # in run 5 0.9
@@ -132,7 +128,6 @@ class LinesTuning:
     away_from_colour_cost: float = 20.0  # log odds, likewise where colour shows the edge
     # log odds lost by the outer of two clear lines, if the other side has two as far apart
     shoulder_cost: float = 4.0
-    switch_margin: float = 0.7  # log odds by which another line must be likelier than the one held
     min_kept: float = 0.05  # average clearness below which a line is given up
     min_clear: float = 0.01  # from 0 to 1, from which a line is compared with the other side's
     step: float = 0.02  # between samples across an edge
@@ -160,6 +155,8 @@ class ShouldersTuning:
     """Of paved shoulders; lengths are widths of the runway. Run 3 and its variants alone."""
 
     rows: int = 32  # sampled
+    # px of the near end: a narrower runway's side lines look like shoulders in run 5
+    min_width: float = 45.0
     # share of the way from the far end: farther away a shoulder is too narrow
     first_row: float = 0.3
     step: float = 0.01  # between samples
@@ -205,8 +202,6 @@ class SearchTuning:
     candidates: int = 60  # kept on the finest level of the pyramid; half as many on the others
     attitude_reach: float = 10.0  # px searched about a horizon from attitude, which is good to 6
     attitude_sigma: float = 6.0  # px, standard deviation of that horizon
-    # px, of a horizon seen in the image about the vanishing point: land is not at infinity
-    image_horizon_sigma: float = 8.0
     horizon_reach: tuple[float, float] = (20.0, 60.0)  # px above and below a horizon in the image
     min_score: float = 0.5  # textures per row of a pair of edges
     max_pairs: int = 4  # strips of one row of vanishing points
@@ -315,20 +310,24 @@ class TrackTuning:
     dim_odds: float = -1.5
     dim_period: int = 4  # frames from one weighing to the next of a young track that is
     missed_odds: float = -4.0  # log odds of a weighing in which nothing is there
-    # standard deviation of the near corners, below which edges are measured on the frame
-    # itself
-    clear_px: float = 1.0
-    clear_share: float = 0.03  # widths, likewise
     # px from which a runway is followed by its edges alone: near the ground all has straight
     # edges
     lock_width: float = 30.0
     lock_age: int = 20  # frames, likewise
     lock_odds: float = 0.5  # log odds, likewise
     lock_agreement: float = 0.4  # agreement, likewise
-    lock_support: float = 0.7  # or support of the edges
-    max_unseen: int = 3  # weighings in a row in which those edges may be missing
-    # share of the last frames with clear edges, from which edges are kept where they are gone
-    min_distinct: float = 0.5
+    lock_support: float = 0.7  # or support of the steps, averaged over the last weighings
+    sharp_memory: float = 0.3  # share of a new weighing in that
+    lock_share: float = 0.9  # probability that the edges are steps or lines, likewise
+    unlock_share: float = 0.5  # the same, below which it is no longer
+    first_kinds: tuple[float, float, float] = (0.6, 0.2, 0.2)  # of strips, steps and lines
+    kind_leave: float = 0.02  # probability that the kind of edge becomes another one
+    kind_weight: float = 0.3  # of one frame's log odds, as frames err alike
+    lines_seen: tuple[float, float] = (-2.0, 3.0)  # log odds of lines that are missing, or seen
+    support_odds: float = 6.0  # log odds of steps per support
+    colour_odds: float = 3.0  # log odds of steps that colour shows
+    colour_width: float = 38.0  # px up to which that holds: later lines show the edges better
+    steps_away: float = -2.0  # log odds of steps that are not where the strips are
 
 
 @dataclass(frozen=True)

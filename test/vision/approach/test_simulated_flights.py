@@ -106,7 +106,7 @@ def test_height_roll_pitch_and_vanishing_point(name):
 @pytest.mark.long
 def test_the_covariance_is_consistent_over_1000_frames():
     """Squared errors in units of the covariance: 5 on average for y, z, roll, pitch and yaw."""
-    squares = []
+    squares, parts = [], []
     for name in FLIGHTS:
         for result, truth in later(name):
             guidance, pose = result.guidance, truth.pose
@@ -120,11 +120,16 @@ def test_the_covariance_is_consistent_over_1000_frames():
                 ]
             )
             squares.append(error @ np.linalg.solve(guidance.covariance[1:, 1:], error))
+            parts.append(error**2 / np.diag(guidance.covariance)[1:])
     assert len(squares) >= 1000
     mean = float(np.mean(squares)) / 5
     # Errors of one flight are alike from frame to frame, so that the mean of four flights cannot
     # be near 1; it must be neither boastful nor useless.
     assert 0.15 < mean < 1.5
+    # Offset, height and heading alone: 1 on average, less where both edges are clear.
+    offset, height, _, _, heading = np.mean(parts, axis=0)
+    assert min(offset, height, heading) > 0.05
+    assert max(offset, height, heading) < 1.0
     # 99.9 % of a chi-squared variable of five degrees of freedom are below 20.5.
     assert np.mean(np.array(squares) > 20.5) < 0.03
 

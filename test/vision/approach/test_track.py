@@ -7,7 +7,14 @@ from mvuav_ros.vision.approach.attitude import Derotation
 from mvuav_ros.vision.approach.edges import LevelledFrame
 from mvuav_ros.vision.approach.ground_motion import Registration
 from mvuav_ros.vision.approach.search import LevelledImage
-from mvuav_ros.vision.approach.track import Hypotheses, RunwayTrack, View, Weighed
+from mvuav_ros.vision.approach.track import (
+    EdgeKind,
+    EdgeKinds,
+    Hypotheses,
+    RunwayTrack,
+    View,
+    Weighed,
+)
 
 LEVEL = Derotation(320, 240, 1, 0.0)
 STRIP = np.array([160.0, 60.0, -0.25, 0.25, 20.0, 60.0])
@@ -61,3 +68,17 @@ def test_colour_holds_the_edges_where_the_strips_scatter(monkeypatch):
         track.step(seen, 1)
     assert near_edges(track) == pytest.approx([145, 175], abs=1.0)
     assert track.shape.vanishing_point == pytest.approx(STRIP[:2], abs=3.0)
+
+
+def test_the_kind_of_edge_changes_only_over_several_frames():
+    """One frame without lines says little; many say that the edges are steps now."""
+    kinds = EdgeKinds()
+    for _ in range(10):
+        kinds.take_in({EdgeKind.LINE: 3.0})
+    assert kinds.share(EdgeKind.LINE) > 0.95
+    kinds.take_in({EdgeKind.LINE: -2.0, EdgeKind.STEP: 2.0})
+    assert kinds.share(EdgeKind.LINE) > 0.6
+    for _ in range(10):
+        kinds.take_in({EdgeKind.LINE: -2.0, EdgeKind.STEP: 2.0})
+    assert kinds.share(EdgeKind.STEP) > 0.9
+    assert kinds.likeliest is EdgeKind.STEP
