@@ -64,19 +64,14 @@ class DetectorStatus:
             since = '' if never else f' for {WINDOW:.0f} s'
             problems = [f'no images{since}: {explain_no_images(images)}']
         elif self._answerer.enabled:
-            problems += self._active_problems(images)
+            problems += statistics.problems()
+            if (count := len(images.publishers)) > 1:
+                problems.append(f'{count} publishers on {images.topic}: their images are mixed')
+            problems += filter(None, (self._processor.status, self._processor.frames_problem))
         if problems and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         words = '; '.join([*(problems or [self.state]), *notes])
         return status(level, name, words, self._values(images))
-
-    def _active_problems(self, images: InputState) -> list[str]:
-        count = len(images.publishers)
-        mixed = f'{count} publishers on {images.topic}: their images are mixed' if count > 1 else ''
-        processor = self._processor
-        said = [*self._answerer.statistics.problems(), mixed, processor.status]
-        said.append(processor.frames_problem)
-        return [words for words in said if words]
 
     def _values(self, images: InputState) -> dict[str, str]:
         events, stamps = images.events, self._answerer.stamps

@@ -25,6 +25,9 @@ class Rosbag2Writer:
     """Writes parts NAME_0.mcap, NAME_1.mcap … into a new folder NAME; a context manager.
 
     Ended by an exception it leaves no metadata.yaml, so that it does not look complete.
+
+    Attributes:
+        extras: attachments and metadata that are written at the end of the last part.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class Rosbag2Writer:
         self._folder = folder
         self._split_bytes = split_bytes
         self._records = metadata
+        self.extras: Iterable[Attachment | Metadata] = ()
         self._parts: list[RecordingWriter] = []
         self._topics: dict[tuple[str, str], str] = {}
         self._counts: Counter[tuple[str, str]] = Counter()
@@ -61,6 +65,7 @@ class Rosbag2Writer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._parts[-1].extras = self.extras
         self._parts[-1].__exit__(kind)
         if kind is None or not issubclass(kind, Exception):
             content = yaml.safe_dump(self._metadata(), sort_keys=False)
@@ -90,15 +95,6 @@ class Rosbag2Writer:
         self._parts[-1].write(topic, type, stamp_ns, cdr, schema, qos, publish_ns, sequence)
         self._topics.setdefault((topic, type), qos)
         self._counts[topic, type] += 1
-
-    @property
-    def extras(self) -> Iterable[Attachment | Metadata]:
-        """Attachments and metadata that are written at the end of the last part."""
-        return self._parts[-1].extras
-
-    @extras.setter
-    def extras(self, records: Iterable[Attachment | Metadata]) -> None:
-        self._parts[-1].extras = records
 
     @property
     def moved(self) -> int:
