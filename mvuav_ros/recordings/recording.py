@@ -27,7 +27,8 @@ class TopicInfo:
     qos: str = ''
 
 
-class SkippedChannel(NamedTuple):
+@dataclass(frozen=True)
+class SkippedChannel:
     """A channel that is not read because its messages are not CDR."""
 
     name: str

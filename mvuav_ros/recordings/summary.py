@@ -25,7 +25,7 @@ from mvuav_ros.messages.images import (
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordedMessage
+from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.
@@ -76,14 +76,6 @@ class TopicSummary:
 
 
 @dataclass
-class SkippedSummary:
-    """A channel that was not read, as its messages are not CDR."""
-
-    name: str
-    encoding: str
-
-
-@dataclass
 class RecordingSummary:
     """A whole recording; ``duration_s`` is from the earliest to the latest log stamp.
 
@@ -96,7 +88,7 @@ class RecordingSummary:
     first_stamp_ns: int | None
     last_stamp_ns: int | None
     duration_s: float
-    skipped: list[SkippedSummary]
+    skipped: list[SkippedChannel]
     errors: list[str]
     warnings: list[str]
 
@@ -135,7 +127,7 @@ def summarise(
         first_stamp_ns=min(firsts, default=None),
         last_stamp_ns=max(lasts, default=None),
         duration_s=(max(lasts) - min(firsts)) / _NS if firsts else 0.0,
-        skipped=[SkippedSummary(name, encoding) for name, encoding in recording.skipped],
+        skipped=list(recording.skipped),
         errors=recording.account.errors,
         warnings=recording.account.warnings,
     )

@@ -156,6 +156,14 @@ class FlightSettings(ParameterSet):
         thesis="about 10, by the thesis's camera",
     )
 
+    def _camera(self, usual_fov_deg: float, distortion: str = '') -> PinholeCamera:
+        # With NumPy, which who only asks for --help does not wait for.
+        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
+
+        fov = self.fov_deg or usual_fov_deg
+        lens = parse_distortion(distortion)
+        return PinholeCamera.with_field_of_view(self.width, self.height, fov, lens)
+
     def _check_together(self) -> None:
         if 0.0 < self.fov_deg < 5.0:
             raise ParameterError('fov_deg', f'must be 0 or 5 to 150, not {self.fov_deg:g}')
@@ -217,7 +225,6 @@ class TankerSettings(FlightSettings):
     )
 
     def _check_together(self) -> None:
-        # With NumPy, which who only asks for --help does not wait for.
         from mvuav_ros.simulation.pinhole import CameraError
 
         super()._check_together()
@@ -254,12 +261,7 @@ class TankerSettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
-        from mvuav_ros.simulation.pinhole import PinholeCamera, parse_distortion
-
-        fov = self.fov_deg or VIEW_FOV_DEG[self.actual_view]
-        return PinholeCamera.with_field_of_view(
-            self.width, self.height, fov, parse_distortion(self.distortion)
-        )
+        return self._camera(VIEW_FOV_DEG[self.actual_view], self.distortion)
 
 
 @dataclass(frozen=True)
@@ -295,8 +297,4 @@ class RunwaySettings(FlightSettings):
 
     def camera(self) -> PinholeCamera:
         """The camera that takes the images."""
-        from mvuav_ros.simulation.pinhole import PinholeCamera
-
-        return PinholeCamera.with_field_of_view(
-            self.width, self.height, self.fov_deg or RUNWAY_FOV_DEG
-        )
+        return self._camera(RUNWAY_FOV_DEG)

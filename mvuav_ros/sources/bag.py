@@ -98,7 +98,7 @@ def choose_image_topic(recording: Recording, wanted: str | None = None) -> Topic
         if not recording.topics and not recording.skipped:
             raise RecordingError(f'{recording.path} is empty: nothing was recorded in it')
         names = _listed(topic.name for topic in recording.topics) or 'nothing readable'
-        skipped = _listed(f'{name} ({encoding})' for name, encoding in recording.skipped)
+        skipped = _listed(f'{each.name} ({each.encoding})' for each in recording.skipped)
         raise RecordingError(
             f'{recording.path} has no image topic; it holds {names}'
             + (f'; skipped, as not CDR: {skipped}' if skipped else '')
@@ -161,9 +161,10 @@ class BagImages(FrameSource):
             self._recording.close()
             raise SourceError(str(error)) from error
         self.account = self._recording.account
-        for name, encoding in self._recording.skipped:
-            said = f'{words(name)} is {words(encoding) or "without encoding"}, not CDR: skipped'
-            self.account.note(('skipped', name), said)
+        for each in self._recording.skipped:
+            encoding = words(each.encoding) or 'without encoding'
+            said = f'{words(each.name)} is {encoding}, not CDR: skipped'
+            self.account.note(('skipped', each.name), said)
         self.topic = chosen.name
         self.topics = tuple(topic.name for topic in self._recording.topics)
         # As camera drivers name theirs: beside the image topic or, if compressed, its parent.
