@@ -183,3 +183,8 @@ def collect(accounts: Iterable[Account]) -> None:
     """Add accounts that come from elsewhere, such as another process."""
     if (known := _collected.get()) is not None:
         known += [account for account in accounts if account not in known]
+
+
+def counted(count: int, noun: str) -> str:
+    """'1 message', '2 messages'."""
+    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'

@@ -8,8 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.recording import counted
+from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.remote import is_url
 
 IMAGE_SUFFIXES = frozenset(

@@ -27,13 +27,13 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, unpack
-from mvuav_ros.recordings.recording import TopicInfo
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     Channels,
     ChunkTally,
     RecordingFile,
     StoredMessage,
+    TopicInfo,
 )
 
 MAGIC = b'\x89MCAP0\r\n'

@@ -23,10 +23,15 @@ from mvuav_ros.recordings.layout import (
     start_of,
 )
 from mvuav_ros.recordings.mcap_file import McapFile
-from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel, TopicInfo
 from mvuav_ros.recordings.ros1_file import Ros1File
 from mvuav_ros.recordings.sqlite_file import SqliteFile
-from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile
+from mvuav_ros.recordings.stored_file import (
+    READABLE_FORMATS,
+    RecordedMessage,
+    RecordingFile,
+    SkippedChannel,
+    TopicInfo,
+)
 
 _FORMATS: tuple[tuple[bytes, str, type[RecordingFile]], ...] = (
     (MCAP_START, '.mcap', McapFile),

@@ -19,7 +19,6 @@ from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
 from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, Limit, unpack
-from mvuav_ros.recordings.recording import TopicInfo
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     START_OF_TIME,
@@ -28,6 +27,7 @@ from mvuav_ros.recordings.stored_file import (
     ChunkTally,
     RecordingFile,
     StoredMessage,
+    TopicInfo,
 )
 
 MAGIC = b'#ROSBAG V'

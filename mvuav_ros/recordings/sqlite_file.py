@@ -18,10 +18,15 @@ from urllib.parse import quote
 
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
+from mvuav_ros.recordings.account import counted
 from mvuav_ros.recordings.compression import SIZE_LIMIT
-from mvuav_ros.recordings.recording import TopicInfo, counted
 from mvuav_ros.recordings.sqlite_pages import PageFile
-from mvuav_ros.recordings.stored_file import READABLE_FORMATS, RecordingFile, StoredMessage
+from mvuav_ros.recordings.stored_file import (
+    READABLE_FORMATS,
+    RecordingFile,
+    StoredMessage,
+    TopicInfo,
+)
 
 _FIRST = -(1 << 63)
 _LAST = (1 << 63) - 1

@@ -1,4 +1,4 @@
-"""One file of a recording, whatever its storage: its channels, and the way to wanted messages."""
+"""One file of a recording, whatever its storage: topics, messages, and the way to those wanted."""
 
 from __future__ import annotations
 
@@ -8,16 +8,59 @@ from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Se
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from rosbags.serde import SerdeError
 
-from mvuav_ros.messages.definitions import Ros1Type, UnknownTypeError, ros1_type
+from mvuav_ros.messages.definitions import Ros1Type, Schema, UnknownTypeError, ros1_type
 from mvuav_ros.messages.untrusted import words
-from mvuav_ros.recordings.account import Account
+from mvuav_ros.recordings.account import Account, counted
 from mvuav_ros.recordings.compression import CompressionError, Limit, decompress_message
 from mvuav_ros.recordings.layout import ZSTD_START
-from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo, counted
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a recording.
+
+    ``type`` is written 'pkg/msg/Type'; ``message_count`` is what the recording's index claims,
+    None where there is no index; ``serialization_format`` is 'cdr', or 'ros1' for messages that
+    are converted to CDR while they are read; ``qos`` is the publisher's profiles as rosbag2
+    wrote them (YAML), empty if unknown.
+    """
+
+    name: str
+    type: str
+    message_count: int | None
+    serialization_format: str
+    schema: Schema | None = None
+    qos: str = ''
+
+
+@dataclass(frozen=True)
+class SkippedChannel:
+    """A channel that is not read because its messages are not CDR."""
+
+    name: str
+    encoding: str
+
+
+class RecordedMessage(NamedTuple):
+    """One message; ``stamp_ns`` is when it was logged, ``data`` is CDR with its header.
+
+    A very large message is a view of the chunk that it lies in. ``publish_ns`` and ``sequence``
+    are the publisher's, where the recording has them.
+    """
+
+    topic: str
+    type: str
+    stamp_ns: int
+    data: bytes | memoryview
+    schema: Schema | None = None
+    qos: str = ''
+    publish_ns: int | None = None
+    sequence: int | None = None
+
 
 READABLE_FORMATS = ('cdr', 'ros1')
 UNKNOWN_ROS1 = 'ros1 without a valid definition'

@@ -25,7 +25,7 @@ from mvuav_ros.messages.images import (
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.messages.untrusted import MAX_LINE, words
 from mvuav_ros.recordings.reading import open_recording
-from mvuav_ros.recordings.recording import RecordedMessage, SkippedChannel
+from mvuav_ros.recordings.stored_file import RecordedMessage, SkippedChannel
 from mvuav_ros.vision.image import ImageError
 
 # A gap is an interval this many times the median one.

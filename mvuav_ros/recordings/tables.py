@@ -25,10 +25,10 @@ from mvuav_ros.messages.cdr import view_points
 from mvuav_ros.messages.definitions import decode_message
 from mvuav_ros.messages.sensors import stamp_ns_of
 from mvuav_ros.messages.untrusted import MalformedMessageError
-from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.account import Account, RecordingError, counted
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage, counted
 from mvuav_ros.recordings.remote import write_text
+from mvuav_ros.recordings.stored_file import RecordedMessage
 from mvuav_ros.vision.frames import OPTICAL_FROM_BODY, Matrix, from_unit_quaternion, rpy
 from mvuav_ros.vision.markers.results import TANKER_NAMES, MarkerState
 from mvuav_ros.vision.runway.results import LineRole

@@ -31,7 +31,7 @@ from mvuav_ros.messages.sensors import (
 from mvuav_ros.messages.untrusted import MalformedMessageError, words
 from mvuav_ros.recordings.account import RecordingError
 from mvuav_ros.recordings.reading import Recording, open_recording
-from mvuav_ros.recordings.recording import RecordedMessage, TopicInfo
+from mvuav_ros.recordings.stored_file import RecordedMessage, TopicInfo
 from mvuav_ros.sources.source import (
     EVERYTHING,
     FrameSource,
