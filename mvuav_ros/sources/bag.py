@@ -36,7 +36,6 @@ from mvuav_ros.sources.source import (
     EVERYTHING,
     FrameSource,
     Selection,
-    SourceError,
 )
 from mvuav_ros.vision.camera import CameraModel
 from mvuav_ros.vision.frames import Attitude
@@ -149,17 +148,14 @@ class BagImages(FrameSource):
             topic: needed where the bag has several image topics.
 
         Raises:
-            SourceError: it is not a bag, or the topic cannot be chosen.
+            RecordingError: it is not a bag, or the topic cannot be chosen.
         """
-        try:
-            self._recording = open_recording(path)
-        except RecordingError as error:
-            raise SourceError(str(error)) from error
+        self._recording = open_recording(path)
         try:
             chosen = choose_image_topic(self._recording, topic)
-        except RecordingError as error:
+        except RecordingError:
             self._recording.close()
-            raise SourceError(str(error)) from error
+            raise
         self.account = self._recording.account
         for each in self._recording.skipped:
             encoding = words(each.encoding) or 'without encoding'
@@ -188,7 +184,7 @@ class BagImages(FrameSource):
         A stamp of zero means that the driver did not set one: the time of recording is used.
 
         Raises:
-            SourceError: the bag cannot be read any more.
+            RecordingError: the bag cannot be read any more.
         """
         for item in self.items(camera=True, attitude=True):
             if isinstance(item, EncodedFrame):
@@ -217,17 +213,10 @@ class BagImages(FrameSource):
             and are), and messages.
 
         Raises:
-            SourceError: the bag cannot be read any more.
+            RecordingError: the bag cannot be read any more.
         """
-        try:
-            wanted = self.camera_topic if camera else None, self.imu_topic if attitude else None
-            yield from self._items(selection, others, SynchronizedTopics(self.topic, *wanted))
-        except RecordingError as error:
-            raise SourceError(str(error)) from error
-
-    def _items(
-        self, selection: Selection, others: bool, paired: SynchronizedTopics
-    ) -> Iterator[EncodedFrame | Frame | BadFrame | RecordedMessage]:
+        synchronized = self.camera_topic if camera else None, self.imu_topic if attitude else None
+        paired = SynchronizedTopics(self.topic, *synchronized)
         recording = self._recording
         origin_ns = 0
         is_part = selection.is_part

@@ -14,7 +14,7 @@ import yaml
 from mvuav_ros.messages.images import OPTICAL_FRAME, BadFrame, Frame
 from mvuav_ros.parameters.declaration import ParameterError
 from mvuav_ros.parameters.video_source import VideoSourceParameters
-from mvuav_ros.recordings.account import Account, RecordingError
+from mvuav_ros.recordings.account import Account
 from mvuav_ros.recordings.layout import IMAGE_SUFFIXES, is_bag_file
 from mvuav_ros.recordings.remote import fetch, is_url
 from mvuav_ros.simulation.pinhole import PinholeCamera
@@ -91,9 +91,9 @@ def _remote(url: str, topic: str | None, rate: float | None) -> FrameSource:
     try:
         path = fetch(url, Path(folder.name))
         source = open_source(str(path), topic=topic, rate=rate, cameras=False)
-    except RecordingError as error:
+    except SourceError:
         folder.cleanup()
-        raise SourceError(str(error)) from error
+        raise
     weakref.finalize(source, folder.cleanup)
     return source
 

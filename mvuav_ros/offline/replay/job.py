@@ -505,7 +505,7 @@ def attempt(job: ReplayJob, progress: Progress, stop: Stop, threads: int = 1) ->
     outcome = ReplayOutcome(job.source, job.output)
     try:
         run_job(job, outcome, progress, stop, threads)
-    except (SourceError, RecordingError, ParameterError, OSError) as error:
+    except (SourceError, ParameterError, OSError) as error:
         outcome.failure = ' '.join(str(error).split())
     except Exception as error:
         # A defect of ours costs one recording and not all the others.
