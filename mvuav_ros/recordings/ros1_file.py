@@ -18,7 +18,7 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from mvuav_ros.messages.definitions import Schema
 from mvuav_ros.messages.sensors import normalised_type
 from mvuav_ros.recordings.account import Account, RecordingError
-from mvuav_ros.recordings.compression import SIZE_LIMIT, CompressionError, Limit, unpack
+from mvuav_ros.recordings.compression import SIZE_LIMIT, Limit, Unpacked, unpack
 from mvuav_ros.recordings.stored_file import (
     END_OF_TIME,
     START_OF_TIME,
@@ -177,14 +177,10 @@ class Ros1File(RecordingFile):
                     self._lose('limit', self._limit.reason)
                     position = record.data + record.size
                     continue
-                try:
-                    raw = self._chunk(record, stream, cut=available < record.size)
-                except CompressionError as error:
-                    chunk.reason = str(error)
-                else:
-                    for message in self._records(raw, chunk):
-                        chunk.got += 1
-                        yield message
+                raw, chunk.reason = self._chunk(record, stream, cut=available < record.size)
+                for message in self._records(raw, chunk):
+                    chunk.got += 1
+                    yield message
             elif record.kind in _SINGLE:
                 stream.seek(record.data)
                 yield from self._record(record, memoryview(stream.read(available)), in_index=True)
@@ -194,22 +190,22 @@ class Ros1File(RecordingFile):
             position = record.data + record.size
         chunk.end(self._account)
 
-    def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> memoryview:
-        """What a chunk holds; of one that is cut, what there is of it."""
+    def _chunk(self, record: Record, stream: BinaryIO, *, cut: bool) -> Unpacked:
+        """What a chunk holds; of one that is cut, what there is of it, of a damaged one nothing."""
         try:
             compression = record.header.get_string('compression')
             size = record.header.get_uint32('size')
         except ReaderError:
-            raise CompressionError('its header is damaged') from None
+            return Unpacked(memoryview(b''), 'its header is damaged')
         if size > SIZE_LIMIT:
-            raise CompressionError(f'it is larger than 1 GB ({size} bytes)')
+            return Unpacked(memoryview(b''), f'it is larger than 1 GB ({size} bytes)')
         raw, problem = unpack(stream, record.size, compression, size, size)
         self._limit.spend(len(raw))
         if not problem and len(raw) != size:
             problem = 'its size is wrong'
-        if problem and not cut:
-            raise CompressionError(problem)
-        return raw
+        if cut:
+            problem = ''
+        return Unpacked(raw[: 0 if problem else None], problem)
 
     def _records(self, raw: memoryview, chunk: ChunkTally) -> Iterator[StoredMessage]:
         stream = cast(BinaryIO, _View(raw))

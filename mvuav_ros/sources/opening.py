@@ -25,7 +25,6 @@ from mvuav_ros.sources.files import ImageFolder, VideoFile, is_image_file
 from mvuav_ros.sources.source import FrameSource, SourceError
 from mvuav_ros.sources.v4l2_camera import Camera
 from mvuav_ros.vision.camera import CameraModel
-from mvuav_ros.vision.rig import RigError
 
 
 def open_source(
@@ -176,7 +175,7 @@ def make_flight(kind: str, given: dict[str, object]) -> TankerFlight | RunwayFli
             return TankerFlight(TankerSettings.from_mapping(given))
         if kind == 'runway':
             return RunwayFlight(RunwaySettings.from_mapping(given))
-    except (ParameterError, RigError) as error:
+    except ParameterError as error:
         raise SourceError(f'{PREFIX}{kind}: {error}') from error
     raise SourceError(f'{PREFIX}{kind}: there are sim:tanker and sim:runway')
 
