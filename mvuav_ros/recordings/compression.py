@@ -85,10 +85,6 @@ _MAX_FRAMES = 1 << 8
 _DAMAGE = (zstandard.ZstdError, RuntimeError, OSError, ValueError, EOFError, MemoryError)
 
 
-class CompressionError(ValueError):
-    """Data that cannot be decompressed, with a reason in words."""
-
-
 class Unpacked(NamedTuple):
     """Decompressed data, and in words why they are not all of it; '' if they are."""
 
@@ -126,26 +122,21 @@ def unpack(stream: BinaryIO, length: int, compression: str, size: int, limit: in
     return Unpacked(output.getbuffer()[:limit], problem)
 
 
-def decompress_message(data: bytes | memoryview, left: Limit) -> memoryview:
+def decompress_message(data: bytes | memoryview, left: Limit) -> memoryview | None:
     """Decompress one message of a bag recorded with rosbag2's compression mode MESSAGE.
 
-    Raises:
-        CompressionError: the data is corrupt, or becomes too large.
+    None of one that is corrupt, or becomes too large.
     """
     try:
         size = zstandard.frame_content_size(data)
     except zstandard.ZstdError:
-        raise CompressionError('it cannot be decompressed') from None
-    if size > SIZE_LIMIT:
-        raise CompressionError('it is larger than 1 GB')
-    if left.left <= 0:
-        raise CompressionError(left.reason)
+        return None
+    if size > SIZE_LIMIT or left.left <= 0:
+        return None
     limit = size if size >= 0 else SIZE_LIMIT
     raw, problem = unpack(BytesIO(data), len(data), 'zstd', size, limit)
     left.spend(len(raw))
-    if problem:
-        raise CompressionError(problem)
-    return raw
+    return None if problem else raw
 
 
 def decompress_file(source: Path, target: Path, account: Account, limit: Limit) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from rosbags.serde import SerdeError
 from mvuav_ros.messages.definitions import Ros1Type, Schema, UnknownTypeError, ros1_type
 from mvuav_ros.messages.untrusted import words
 from mvuav_ros.recordings.account import Account, counted
-from mvuav_ros.recordings.compression import CompressionError, Limit, decompress_message
+from mvuav_ros.recordings.compression import Limit, decompress_message
 from mvuav_ros.recordings.layout import ZSTD_START
 
 
@@ -284,17 +285,17 @@ class RecordingFile(ABC):
         self, raw: bytes | memoryview, topic: TopicInfo, converter: Ros1Type | None
     ) -> bytes | memoryview | None:
         """A message of ROS 1, or one that is compressed by itself, as CDR; None if damaged."""
-        data, why = raw, _MALFORMED
-        try:
-            if converter is not None:
+        data: bytes | memoryview | None = raw
+        why = _MALFORMED
+        if converter is not None:
+            data = None
+            with suppress(SerdeError):
                 data = converter.to_cdr(raw)
-            if data[:4] == ZSTD_START:
-                why = _COMPRESSED
-                data = decompress_message(data, self._message_limit)
-        except (SerdeError, CompressionError):
+        if data is not None and data[:4] == ZSTD_START:
+            why, data = _COMPRESSED, decompress_message(data, self._message_limit)
+        if data is None:
             self.sound -= 1
             self._lost[why, topic.name] += 1
-            return None
         return data
 
     def _define(self, number: int, topic: TopicInfo) -> None:
