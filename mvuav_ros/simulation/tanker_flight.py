@@ -263,9 +263,10 @@ class TankerFlight(Flight[TankerTruth]):
     The airframe never hides a light: all of them are drawn on top of it.
 
     Attributes:
-        settings: what was asked for.
         rig: the body's lights.
     """
+
+    settings: TankerSettings
 
     def __init__(self, settings: TankerSettings | None = None) -> None:
         """Prepare a flight, of the default settings if None are given.
@@ -273,8 +274,8 @@ class TankerFlight(Flight[TankerTruth]):
         Raises:
             ParameterError: the rig's file cannot be used, or a schedule names no light of it.
         """
-        self.settings = settings or TankerSettings()
-        super().__init__(self.settings, self.settings.camera(), self.settings.encoding)
+        settings = settings or TankerSettings()
+        super().__init__(settings, settings.camera(), settings.encoding)
         self.rig = _open_rig(self.settings)
         self._failures = self._schedule('failures')
         self._occlusions = self._schedule('occlusions')
